@@ -78,7 +78,7 @@ def task_of(corners: Path, layout: Layout, target: Target) -> dict[str, Any]:
                 if not direct:
                     places[view].append([x, y])
             frame += int(len(part) > 0)
-    cols, along = target.corners_across
+    cols, along = target.corner_counts
     return {
         "width_px": layout.camera.width_px,
         "height_px": layout.camera.height_px,

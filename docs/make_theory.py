@@ -22,7 +22,7 @@ from mirrorcam.optics.design.assess.depth_sigma import depth_sigma_mm
 from mirrorcam.optics.design.assess.layout_metrics import fitted_grid
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
-from mirrorcam.optics.geometry.sub_images import common_region, seen_px
+from mirrorcam.optics.geometry.sub_images import common_region, region_outline_px
 
 DOCS = Path(__file__).parent
 LAYOUT = DOCS.parent / "tests" / "data" / "default_layout.json"
@@ -80,7 +80,7 @@ def sensor(axes: Axes, layout: Layout) -> None:
     for index, name in enumerate(layout.mirror_names):
         outline = layout.outline_px(index)
         axes.add_patch(Polygon(outline, closed=True, facecolor="#dce6f1", edgecolor=MIRROR, linewidth=1.2))
-        axes.add_patch(Polygon(seen_px(layout, region, DEPTH_MM, index), facecolor=COMMON, alpha=0.35))
+        axes.add_patch(Polygon(region_outline_px(layout, region, DEPTH_MM, index), facecolor=COMMON, alpha=0.35))
         u, v = outline.mean(axis=0)
         axes.text(u, v, name, ha="center", va="center", fontsize=11)
     width, height = layout.camera.width_px, layout.camera.height_px

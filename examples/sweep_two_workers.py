@@ -3,7 +3,7 @@
     python examples/sweep_two_workers.py [OUT]
 
 Interrupt it at any time: finished designs are kept, and the next run resumes. With the extra `cluster`,
-`design_on_cluster` in place of `design_here` shares the work among the workers of a Dask scheduler.
+`design_on_cluster` in place of `design_locally` shares the work among the workers of a Dask scheduler.
 """
 
 import sys
@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import mirrorcam
-from mirrorcam.designs.sweep_files import design_here, write_sweep
+from mirrorcam.designs.sweep_files import design_locally, write_sweep
 from mirrorcam.optics.design.spec_grid import grid
 
 
@@ -24,7 +24,7 @@ def main(out: Path) -> None:
         scales_mm=[60.0],
         tradeoffs=[0.1, 0.3, 0.5],
     )
-    sweep = write_sweep(specs, out, partial(design_here, workers=2))
+    sweep = write_sweep(specs, out, partial(design_locally, workers=2))
 
     # OUT/sweep.csv has a row for each design, OUT/layouts its layout, and OUT/pareto.png the figure of all designs.
     for outcome in sweep.outcomes:

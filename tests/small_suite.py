@@ -7,7 +7,7 @@ from pathlib import Path
 
 from mirrorcam.bench.suite_run import Rendered, Workers, planned, render_suite
 from mirrorcam.core.disk.output_folder import output_folder
-from mirrorcam.designs.sweep_files import design_here
+from mirrorcam.designs.sweep_files import design_locally
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.suites.set_work import SetResult, render_on_one_core
 from mirrorcam.render_scenes.suites.suite import Suite
@@ -33,7 +33,7 @@ def here(tasks: Sequence[str]) -> Iterator[tuple[int, SetResult]]:
 
 def workers(*, share_the_folder: bool = True) -> Workers:
     """This process."""
-    return Workers(lambda specs: design_here(specs, 1), here, share_the_folder)
+    return Workers(lambda specs: design_locally(specs, 1), here, share_the_folder)
 
 
 def rendered_into(folder: Path, suite: Suite, by: Workers | None = None) -> Rendered:

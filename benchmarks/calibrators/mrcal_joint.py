@@ -50,7 +50,7 @@ def task_of(corners: SetCorners, folder: Path) -> dict[str, object]:
     reference = bundle.views[order[0]]
     camera = {view: number for number, view in enumerate(order)}
     frames = {frame: number for number, frame in enumerate(sorted({frame for frame, _ in corners.seen}))}
-    cols, along = target.corners_across
+    cols, along = target.corner_counts
     return {
         "width_px": corners.size_px[0],
         "height_px": corners.size_px[1],

@@ -96,12 +96,12 @@ def _in_view(flipped: NDArray[np.uint8], view: VirtualCamera, board: Target) -> 
     shown_by_mirror = view.mask[part.slices] > 0
     picture = np.where(shown_by_mirror, flipped[part.slices], BLANK).astype(np.uint8)
     if isinstance(board, Charuco):
-        found, ids, _, _ = cv2.aruco.CharucoDetector(board.opencv).detectBoard(picture)
+        found, ids, _, _ = cv2.aruco.CharucoDetector(board.opencv_board).detectBoard(picture)
         if ids is None:
             return None
         corner, pixels = np.ravel(ids).astype(np.int64), np.reshape(found, (-1, 2)).astype(np.float64)
     else:
-        shown, found = cv2.findChessboardCornersSB(picture, board.corners_across)
+        shown, found = cv2.findChessboardCornersSB(picture, board.corner_counts)
         if not shown:
             return None
         pixels = np.reshape(found, (-1, 2)).astype(np.float64)

@@ -83,7 +83,7 @@ def _grid(mirror: Mirror, step_mm: float) -> tuple[FloatArray, int]:
         return np.zeros((0, 2)), 0
     apparent = mirror.apparent
     frame = apparent.rig_from_plane
-    area = Polygon((apparent.cut(mirror.usable_normalized) - frame[:3, 3]) @ frame[:3, :2])
+    area = Polygon((apparent.intersect(mirror.usable_normalized) - frame[:3, 3]) @ frame[:3, :2])
     step = min(step_mm, float(np.sqrt(area.area / RAYS_PER_MIRROR)))
     left, bottom, right, top = area.bounds
     grid = np.stack(np.meshgrid(np.arange(left, right, step), np.arange(bottom, top, step)), axis=-1).reshape(-1, 2)

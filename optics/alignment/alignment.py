@@ -2,12 +2,12 @@
 
 It needs only frames of any scene and the nominal layout. There are two sources:
 
-- edges: the borders of each mirror's sub-image. Edges lie on the mirror and hardly move when it turns: a tilt of 0.4
+- edges: the borders of each mirror's sub-image. Edges lie on the mirror and hardly move when it rotates: a tilt of 0.4
   degrees lifts an edge 10 mm from the centre by 0.07 mm, about a pixel. A mirror that is cut 0.1 mm too large or
   shifted by 0.2 mm moves its edges as much. The Cramer-Rao bound for the default device is 0.15 to 0.3 degrees, however
   sharp the edges are, and outer mirrors with two edges on the sensor determine at most one of two axes. Edges do show
   the pose of the camera and misplaced mirrors.
-- scene: the image in a mirror rotates by twice the mirror's turn. Points matched between views of a textured scene
+- scene: the image in a mirror rotates by twice the mirror's rotation. Points matched between views of a textured scene
   determine turns to hundredths of a degree.
 """
 
@@ -53,7 +53,7 @@ MAX_STEP_PX = 8.0
 SEARCH_RANGE_PX, SEARCH_STEP_PX = 40.0, 4.0
 """Range and step of the search for a common shift of all edges."""
 MAX_SIGMA_PX = 3.0
-"""Largest standard deviation of an edge's position from a single station that is reported."""
+"""Maximum standard deviation, to be reported, of an edge's position from a single station."""
 DECENTRING_SIGMA = 1e-3
 """Standard deviation of the decentring terms of a lens."""
 
@@ -67,8 +67,8 @@ class MirrorTilt:
     index
         Index of the mirror.
     right_deg, down_deg
-        Angles between the mirror and its design about the axes of its plane, positive if its view turns right and down,
-        by about twice these angles. NaN if the pictures do not determine them.
+        Angles between the mirror and its design about the axes of its plane, positive if its view rotates right and
+        down, by about twice these angles. NaN if the pictures do not determine them.
     sigma_deg
         Standard deviations of both.
     estimate_deg
@@ -109,9 +109,9 @@ class Alignment:
     mirrors
         Tilt of each mirror.
     camera_shift_mm, camera_shift_sigma_mm
-        Shift (3,) of the pupil in the holder, in rig, and its standard deviations.
-    camera_turn_deg, camera_turn_sigma_deg
-        Rotation vector (3,) of the camera in the holder, in rig, and its standard deviations.
+        Shift (3,) of the pupil in the holder, in the rig frame, and its standard deviations.
+    camera_rotation_deg, camera_rotation_sigma_deg
+        Rotation vector (3,) of the camera in the holder, in the rig frame, and its standard deviations.
     edges
         The fit to edges; None for the source "scene".
     points
@@ -122,36 +122,36 @@ class Alignment:
     mirrors: tuple[MirrorTilt, ...]
     camera_shift_mm: FloatArray
     camera_shift_sigma_mm: FloatArray
-    camera_turn_deg: FloatArray
-    camera_turn_sigma_deg: FloatArray
+    camera_rotation_deg: FloatArray
+    camera_rotation_sigma_deg: FloatArray
     edges: EdgeFit | None = None
     points: int = 0
 
 
-def view_turns(layout: Layout, index: int) -> FloatArray:
-    """Signs (2,): whether a view turns right for a positive tilt about the mirror's y, and down for one about x."""
+def view_rotation_signs(layout: Layout, index: int) -> FloatArray:
+    """Signs (2,): whether a view rotates right for a positive tilt about the mirror's y, and down for one about x."""
     mirror = layout.mirrors[index].apparent
     frame, normal = mirror.rig_from_plane, mirror.normal_in_rig
     ray = frame[:3, 3] / np.linalg.norm(frame[:3, 3])
     signs = np.ones(2)
     for k, (axis, direction) in enumerate(((1, 0), (0, 1))):
         change = np.cross(frame[:3, axis], normal)
-        turned = -2.0 * ((change @ ray) * normal + (normal @ ray) * change)
-        signs[k] = 1.0 if (layout.view_from_rig @ turned)[direction] >= 0.0 else -1.0
+        rotated = -2.0 * ((change @ ray) * normal + (normal @ ray) * change)
+        signs[k] = 1.0 if (layout.view_from_rig @ rotated)[direction] >= 0.0 else -1.0
     return signs
 
 
 def mirror_tilt(layout: Layout, index: int, tilts: FloatArray, covariance: FloatArray, prior_deg: float) -> MirrorTilt:
-    """The tilt of a mirror from its turns (2,) about its own x and y, rad, and their covariance (2, 2).
+    """The tilt of a mirror from its rotations (2,) about its own x and y, rad, and their covariance (2, 2).
 
     `prior_deg` is the standard deviation before the measurement.
     """
-    right, down = view_turns(layout, index)
+    right, down = view_rotation_signs(layout, index)
     sigma = np.degrees(np.sqrt(np.maximum(np.diag(covariance), 0.0)))[::-1]
     value = np.degrees(np.array([right * tilts[1], down * tilts[0]]))
-    known = np.where(sigma < DETERMINED * prior_deg, value, np.nan)
+    determined = np.where(sigma < DETERMINED * prior_deg, value, np.nan)
     deviation, estimate = (float(sigma[0]), float(sigma[1])), (float(value[0]), float(value[1]))
-    return MirrorTilt(index, float(known[0]), float(known[1]), deviation, estimate)
+    return MirrorTilt(index, float(determined[0]), float(determined[1]), deviation, estimate)
 
 
 def mean_grey(frames: Sequence[NDArray[np.uint8]], layout: Layout) -> NDArray[np.float32]:
@@ -165,8 +165,8 @@ def mean_grey(frames: Sequence[NDArray[np.uint8]], layout: Layout) -> NDArray[np
     total = np.zeros(expected, np.float32)
     for frame in frames:
         if frame.shape[:2] != expected:
-            given = f"{frame.shape[1]}x{frame.shape[0]}"
-            raise InputError(f"frame is {given} px, expected {expected[1]}x{expected[0]} of the layout's camera")
+            size = f"{frame.shape[1]}x{frame.shape[0]}"
+            raise InputError(f"frame is {size} px, expected {expected[1]}x{expected[0]} of the layout's camera")
         total += frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_RGB2GRAY)
     return total / np.float32(len(frames))
 
@@ -186,15 +186,15 @@ class EdgeAligner:
         self.layout, self.errors = layout, BuildErrors.of(layout) if errors is None else errors
         self._fitter = EdgeFitter(BuiltDevice(layout, self.errors))
 
-    def align(self, frames: Sequence[NDArray[np.uint8]], near: Alignment | None = None) -> Alignment:
+    def align(self, frames: Sequence[NDArray[np.uint8]], previous: Alignment | None = None) -> Alignment:
         """The alignment measured in the mean of frames (h, w, 3) or (h, w).
 
-        A white sheet in front of the mirrors is best; otherwise, the scene should change between frames. `near` is an
-        earlier alignment of the same device; starting there is ten times as fast.
+        A white sheet in front of the mirrors is best; otherwise, the scene should change between frames. `previous` is
+        an alignment of the same device; starting there is ten times faster.
 
         Raises InputError without frames, and for frames whose size differs from the layout's camera.
         """
-        start = None if near is None or near.edges is None else near.edges.errors
+        start = None if previous is None or previous.edges is None else previous.edges.errors
         fit = self._fitter.fit(mean_grey(frames, self.layout), start)
         device, sigma = fit.device, fit.device.sigma
         covariance = fit.covariance * sigma[:, None] * sigma
@@ -225,7 +225,7 @@ class EdgeFit:
     errors, covariance
         Errors (p,) in units of their prior standard deviations, as in `BuiltDevice`, and their covariance (p, p).
     offset_px
-        Offsets (n, 2) of the edges at the stations from their design, along `out`.
+        Offsets (n, 2) of the edges at the stations from their design, along `outward`.
     station_offset_px, station_sigma_px
         Offset (n, 2) measured at each station alone, and its standard deviation; NaN if it is not determined.
     cost
@@ -242,14 +242,14 @@ class EdgeFit:
     cost: float
 
     @property
-    def seen_points(self) -> tuple[FloatArray, FloatArray]:
+    def edge_positions(self) -> tuple[FloatArray, FloatArray]:
         """Pixels (n, 2) of edges as designed and as measured, for all stations that locate their edge."""
         designed, measured = [], []
         for edge, out_px in enumerate((np.zeros_like(self.stations.gap_px), self.stations.gap_px)):
-            known = np.isfinite(self.station_offset_px[:, edge])
-            at = self.stations.position_px + out_px[:, None] * self.stations.out
-            designed.append(at[known])
-            measured.append((at + self.station_offset_px[:, edge, None] * self.stations.out)[known])
+            valid = np.isfinite(self.station_offset_px[:, edge])
+            position = self.stations.position_px + out_px[:, None] * self.stations.outward
+            designed.append(position[valid])
+            measured.append((position + self.station_offset_px[:, edge, None] * self.stations.outward)[valid])
         return np.concatenate(designed), np.concatenate(measured)
 
 
@@ -284,32 +284,34 @@ class EdgeFitter:
         for right in np.arange(-SEARCH_RANGE_PX, SEARCH_RANGE_PX + 1.0, SEARCH_STEP_PX):
             for down in np.arange(-SEARCH_RANGE_PX, SEARCH_RANGE_PX + 1.0, SEARCH_STEP_PX):
                 shift = np.array([right, down])
-                dark, inside, outside = (self._light_at(smoothed, each, shift) for each in (gap, inner, outer))
+                dark, inside, outside = (self._light_at(smoothed, out_px, shift) for out_px in (gap, inner, outer))
                 bright = np.where(stations.has_neighbour, np.minimum(inside, outside), inside)
                 cost = float(np.nanmean(dark / (bright + 4.0))) + 0.1 * (right**2 + down**2) / SEARCH_RANGE_PX**2
                 if cost < lowest:
                     lowest, best = cost, shift
         _, jacobian = self._offsets(np.zeros(self.device.count))
-        by_pose, offset = jacobian[:, 0, :CAMERA_ERRORS], stations.out @ best
+        d_pose, offset = jacobian[:, 0, :CAMERA_ERRORS], stations.outward @ best
         errors = np.zeros(self.device.count)
-        errors[:CAMERA_ERRORS] = np.linalg.solve(by_pose.T @ by_pose + 0.1 * np.eye(CAMERA_ERRORS), by_pose.T @ offset)
+        errors[:CAMERA_ERRORS] = np.linalg.solve(d_pose.T @ d_pose + 0.1 * np.eye(CAMERA_ERRORS), d_pose.T @ offset)
         return errors
 
     def _light_at(self, image: Any, out_px: FloatArray, shift_px: FloatArray) -> FloatArray:
-        """Light (n,) at distances along `out` from the shifted stations; NaN outside the picture."""
-        at = np.rint(self.stations.position_px + out_px[:, None] * self.stations.out + shift_px).astype(np.int64)
+        """Light (n,) at distances along `outward` from the shifted stations; NaN outside the picture."""
+        pixels = np.rint(self.stations.position_px + out_px[:, None] * self.stations.outward + shift_px).astype(
+            np.int64
+        )
         height, width = image.shape
-        inside = ((at >= 0) & (at < [width, height])).all(axis=1)
-        at = np.clip(at, 0, [width - 1, height - 1])
-        return np.where(inside, image[at[:, 1], at[:, 0]], np.nan)
+        inside = ((pixels >= 0) & (pixels < [width, height])).all(axis=1)
+        pixels = np.clip(pixels, 0, [width - 1, height - 1])
+        return np.where(inside, image[pixels[:, 1], pixels[:, 0]], np.nan)
 
     def _offsets(self, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Offsets (n, 2) of both edges along `out`, and their derivatives (n, 2, p) by the errors."""
+        """Offsets (n, 2) of both edges along `outward`, and their derivatives (n, 2, p) with respect to the errors."""
         stations, offsets, jacobians = self.stations, [], []
-        for points, designed in ((stations.own, 0.0), (stations.other, stations.gap_px)):
+        for points, designed in ((stations.edge, 0.0), (stations.neighbour_edge, stations.gap_px)):
             pixels, jacobian = self.device.pixels_with_jacobian(points, errors)
-            offsets.append(((pixels - stations.position_px) * stations.out).sum(axis=1) - designed)
-            jacobians.append(np.einsum("ni,nip->np", stations.out, jacobian))
+            offsets.append(((pixels - stations.position_px) * stations.outward).sum(axis=1) - designed)
+            jacobians.append(np.einsum("ni,nip->np", stations.outward, jacobian))
         offset, jacobian = np.stack(offsets, axis=1), np.stack(jacobians, axis=1)
         return np.where(np.isfinite(offset), offset, 0.0), np.nan_to_num(jacobian)
 
@@ -317,13 +319,13 @@ class EdgeFitter:
         """Offsets with derivatives, and each station's information (n, 2, 2), score (n, 2) and reduced chi squared."""
         offset, jacobian = self._offsets(errors)
         measured = profiles(image, self.stations, offset, smooth)
-        residual, by_offset = edge_residuals(measured, self.stations, offset, smooth)
+        residual, d_offset = edge_residuals(measured, self.stations, offset, smooth)
         count = np.maximum(measured.weight.sum(axis=1) - 3.0, 1.0)
         chi_squared = (residual**2).sum(axis=1) / count
         # Reduce the weight of stations that the model does not explain.
         weight = 1.0 / np.maximum(chi_squared, 1.0) / (1.0 + np.maximum(chi_squared - MAX_CHI_SQUARED, 0.0))
-        information = by_offset @ np.swapaxes(by_offset, 1, 2) * weight[:, None, None]
-        score = (by_offset @ residual[..., None])[..., 0] * weight[:, None]
+        information = d_offset @ np.swapaxes(d_offset, 1, 2) * weight[:, None, None]
+        score = (d_offset @ residual[..., None])[..., 0] * weight[:, None]
         return offset, jacobian, information, score, chi_squared
 
     def _step(self, image: NDArray[np.float32], errors: FloatArray, smooth: float) -> FloatArray:
@@ -341,17 +343,17 @@ class EdgeFitter:
         # The scatter of the offsets from single stations shows how well the model explains them.
         with np.errstate(divide="ignore", invalid="ignore"):
             diagonal = np.diagonal(information, axis1=1, axis2=2)
-            own, sigma = offset + score / diagonal, 1.0 / np.sqrt(diagonal)
-        known = sigma < MAX_SIGMA_PX
-        known[:, 1] &= self.stations.has_neighbour
+            station_offset, sigma = offset + score / diagonal, 1.0 / np.sqrt(diagonal)
+        valid = sigma < MAX_SIGMA_PX
+        valid[:, 1] &= self.stations.has_neighbour
         return EdgeFit(
             self.device,
             self.stations,
             errors,
             covariance,
             offset,
-            np.where(known, own, np.nan),
-            np.where(known, sigma, np.nan),
+            np.where(valid, station_offset, np.nan),
+            np.where(valid, sigma, np.nan),
             float(np.median(chi_squared)),
         )
 
@@ -398,15 +400,15 @@ class SceneAligner:
         tilts = []
         for k, block in blocks.items():
             rows, plane = centre_rows(names, k), mirrors[k].rig_from_plane[:3, :2]
-            by_centre = plane.T @ rotation_jacobian(layout, names, k)[:, rows]
-            covariance = by_centre @ (block - block @ marginal[np.ix_(rows, rows)] @ block) @ by_centre.T
-            tilts.append(mirror_tilt(layout, k, by_centre @ block @ score[rows], covariance, self.errors.tilt_deg))
+            d_centre = plane.T @ rotation_jacobian(layout, names, k)[:, rows]
+            covariance = d_centre @ (block - block @ marginal[np.ix_(rows, rows)] @ block) @ d_centre.T
+            tilts.append(mirror_tilt(layout, k, d_centre @ block @ score[rows], covariance, self.errors.tilt_deg))
         motions, rows = common_motions(layout)[:, :6], all_centre_rows(layout, names)
         sigmas = np.array([COMMON_DEG] * 3 + [COMMON_MM] * 3)
         common = sigmas * (motions.T @ score[rows])
         covariance = np.eye(6) - motions.T @ marginal[np.ix_(rows, rows)] @ motions
         sigma = sigmas * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        # A common turn of all mirrors is equivalent to the opposite turn of the camera.
+        # A common rotation of all mirrors is equivalent to the opposite rotation of the camera.
         return Alignment(
             "scene", tuple(tilts), -common[3:], sigma[3:], -common[:3], sigma[:3], points=len(matches.frame)
         )

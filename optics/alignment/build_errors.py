@@ -1,4 +1,4 @@
-"""Build errors that move the edges of sub-images: of the camera's pose and lens, and of mirrors' poses and cuts."""
+"""Build errors that move the edges of sub-images: in the camera's pose and lens, and in mirrors' poses and outlines."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from mirrorcam.optics.geometry.layout import Layout
 IntArray = NDArray[np.int64]
 
 CAMERA_ERRORS = 11
-"""Number of camera errors: shift (3), turn (3), focal length (1), principal point (2), first terms of the lens (2)."""
+"""Number of camera errors: shift (3), rotation (3), focal length (1), principal point (2), first lens terms (2)."""
 RIGID_ERRORS = 6
-"""Number of a mirror's rigid-body errors, in its own frame: turns about x, y and the normal (3), and shifts (3)."""
+"""Number of a mirror's rigid-body errors, in its own frame: rotations about x, y and normal (3), shifts (3)."""
 STEP = 1e-3
 """Step of finite differences, in standard deviations."""
 
@@ -31,13 +31,13 @@ class BuildErrors:
     Attributes
     ----------
     tilt_deg, twist_deg
-        Turns of a mirror about each axis of its plane, and about its normal.
+        Rotations of a mirror about each axis of its plane, and about its normal.
     lift_mm, slide_mm
         Shifts of a mirror along its normal, and along each axis of its plane.
     cut_mm
         Shift of each cut edge.
     camera_mm, camera_deg
-        Shifts of the camera along each axis, and its turns about each axis.
+        Shifts of the camera along each axis, and its rotations about each axis.
     focal_percent, centre_px
         Focal length and principal point.
     lens
@@ -97,7 +97,7 @@ class BuiltDevice:
         self._frames = np.array([mirror.rig_from_plane for mirror in apparent])
         self._corners = np.zeros((len(apparent), max(self.edges), 2))
         for k, (mirror, count) in enumerate(zip(apparent, self.edges, strict=True)):
-            on_plane = mirror.cut(layout.mirrors[k].usable_normalized) - self._frames[k, :3, 3]
+            on_plane = mirror.intersect(layout.mirrors[k].usable_normalized) - self._frames[k, :3, 3]
             self._corners[k, :count] = on_plane @ self._frames[k, :3, :2]
         mirrors = [np.concatenate([errors.rigid, np.full(count, errors.cut_mm)]) for count in self.edges]
         self.sigma = np.concatenate([errors.camera, *mirrors])
@@ -129,7 +129,7 @@ class BuiltDevice:
         return self._in_holder(points, np.zeros(self.count))[:, 2]
 
     def pixels_with_jacobian(self, points: EdgePoints, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Pixels (n, 2) of points, and their derivatives (n, 2, p) by the errors, by forward differences."""
+        """Pixels (n, 2) of points, and d pixels / d errors (n, 2, p) by forward differences."""
         pixels = self.pixels(points, errors)
         jacobian = np.zeros((len(pixels), 2, self.count))
         for k in range(CAMERA_ERRORS):
@@ -138,8 +138,8 @@ class BuiltDevice:
         for group in self._error_groups:
             change = (self.pixels(points, _stepped(errors, group)) - pixels) / STEP
             for k in group:
-                own = points.mirror == owner[k]
-                jacobian[own, :, k] = change[own]
+                rows = points.mirror == owner[k]
+                jacobian[rows, :, k] = change[rows]
         return pixels, jacobian
 
     def _in_holder(self, points: EdgePoints, scaled: FloatArray) -> FloatArray:
@@ -147,19 +147,21 @@ class BuiltDevice:
         mirror, edge = points.mirror, points.edge
         following = (edge + 1) % np.array(self.edges)[mirror]
         start, end = self._corners[mirror, edge], self._corners[mirror, following]
-        along = end - start
-        length = np.linalg.norm(along, axis=1, keepdims=True)
-        out = np.column_stack([along[:, 1], -along[:, 0]]) / length
-        out *= np.sign((out * start).sum(axis=1))[:, None]
-        rigid = np.array([scaled[at : at + RIGID_ERRORS] for at in self.starts[:-1]])
+        direction = end - start
+        length = np.linalg.norm(direction, axis=1, keepdims=True)
+        outward = np.column_stack([direction[:, 1], -direction[:, 0]]) / length
+        outward *= np.sign((outward * start).sum(axis=1))[:, None]
+        rigid = np.array([scaled[first : first + RIGID_ERRORS] for first in self.starts[:-1]])
         in_plane = (
-            start + points.fraction[:, None] * along + scaled[self.starts[mirror] + RIGID_ERRORS + edge][:, None] * out
+            start
+            + points.fraction[:, None] * direction
+            + scaled[self.starts[mirror] + RIGID_ERRORS + edge][:, None] * outward
         )
         in_mirror = np.column_stack([in_plane, np.zeros(len(in_plane))])
         rotations = Rotation.from_rotvec(rigid[:, :3]).as_matrix()
-        moved = np.einsum("nij,nj->ni", rotations[mirror], in_mirror) + rigid[mirror, 3:]
+        displaced = np.einsum("nij,nj->ni", rotations[mirror], in_mirror) + rigid[mirror, 3:]
         frames = self._frames[mirror]
-        return np.asarray(np.einsum("nij,nj->ni", frames[:, :3, :3], moved) + frames[:, :3, 3])
+        return np.asarray(np.einsum("nij,nj->ni", frames[:, :3, :3], displaced) + frames[:, :3, 3])
 
 
 def _stepped(errors: FloatArray, indices: IntArray) -> FloatArray:

@@ -16,8 +16,8 @@ from mirrorcam.optics.geometry.layout import Layout
 MARGIN_PX = 24
 """Margin inside an outline that covers the blur of the mirror's edge and errors of its position."""
 CLIPPED, BLACK = 250, 8
-"""Grey levels from which a channel counts as clipped, and below which it counts as black."""
-MAX_CLIPPED, MUCH_CLIPPED = 0.005, 0.05
+"""Grey levels at and above which a channel counts as clipped, and below which it counts as black."""
+MAX_CLIPPED, BADLY_CLIPPED = 0.005, 0.05
 """Clipped fractions above which a frame is a little too bright, and too bright."""
 MAX_BLACK = 0.25
 DARK_GREY, BRIGHT_GREY = 40.0, 200.0
@@ -43,9 +43,9 @@ class SubImage:
 
 
 def sub_image_masks(layout: Layout, margin_px: int = MARGIN_PX) -> list[SubImage | None]:
-    """The pixels of each mirror's sub-image on the sensor, without a margin; None for an empty one."""
+    """The pixels of each mirror's sub-image on the sensor, excluding a margin; None if there are none."""
     camera = layout.camera
-    found: list[SubImage | None] = []
+    sub_images: list[SubImage | None] = []
     for k in range(len(layout.mirrors)):
         outline = layout.outline_px(k, usable=True)
         outline = outline[np.isfinite(outline).all(axis=1)]
@@ -55,11 +55,11 @@ def sub_image_masks(layout: Layout, margin_px: int = MARGIN_PX) -> list[SubImage
         filled = cv2.erode(filled, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=[255])
         rows, columns = np.flatnonzero(filled.any(axis=1)), np.flatnonzero(filled.any(axis=0))
         if not len(rows):
-            found.append(None)
+            sub_images.append(None)
             continue
         window = slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
-        found.append(SubImage(window, np.ascontiguousarray(filled[window])))
-    return found
+        sub_images.append(SubImage(window, np.ascontiguousarray(filled[window])))
+    return sub_images
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,12 @@ class Exposure:
 def measure_exposure(frame: NDArray[np.uint8], sub_images: Sequence[SubImage | None]) -> Exposure:
     """Measure the exposure of a frame (h, w, 3) in RGB, or (h, w), in its sub-images, from every fourth pixel."""
     total = np.zeros(256)
-    for each in sub_images:
-        if each is None:
+    for sub_image in sub_images:
+        if sub_image is None:
             continue
-        part: Any = frame[each.window][::2, ::2]
+        part: Any = frame[sub_image.window][::2, ::2]
         brightest = np.ascontiguousarray(part.max(axis=2) if part.ndim == 3 else part)
-        mask = np.ascontiguousarray(each.mask[::2, ::2])
+        mask = np.ascontiguousarray(sub_image.mask[::2, ::2])
         total += np.asarray(cv2.calcHist([brightest], [0], mask, [256], [0, 256]), dtype=np.float64).ravel()
     fractions = total / max(total.sum(), 1.0)
     cumulative = np.cumsum(fractions)
@@ -105,7 +105,7 @@ def measure_exposure(frame: NDArray[np.uint8], sub_images: Sequence[SubImage | N
 
 
 def _advice(clipped: float, black: float, median: float, high: float) -> str:
-    if clipped > MUCH_CLIPPED:
+    if clipped > BADLY_CLIPPED:
         return f"too bright: {100 * clipped:.0f} % is clipped, halve the exposure"
     if clipped > MAX_CLIPPED:
         return f"a little too bright: {100 * clipped:.1f} % is clipped, expose less"
@@ -125,15 +125,15 @@ def sharpness(grey: NDArray[np.uint8], sub_images: Sequence[SubImage | None]) ->
     for a dark or empty sub-image. The value depends on the scene: compare only values of the same scene.
     """
     values = np.full(len(sub_images), np.nan)
-    for k, each in enumerate(sub_images):
-        if each is None:
+    for k, sub_image in enumerate(sub_images):
+        if sub_image is None:
             continue
-        window: Any = grey[each.window]
-        mean = float(cv2.mean(window, mask=each.mask)[0])
+        window: Any = grey[sub_image.window]
+        mean = float(cv2.mean(window, mask=sub_image.mask)[0])
         if mean < MIN_GREY:
             continue
         detail: Any = cv2.Laplacian(window, cv2.CV_32F)
-        energy: Any = cv2.boxFilter(detail * detail, -1, (16, 16))[::8, ::8][each.mask[::8, ::8] > 0]
+        energy: Any = cv2.boxFilter(detail * detail, -1, (16, 16))[::8, ::8][sub_image.mask[::8, ::8] > 0]
         if len(energy):
             values[k] = np.sqrt(max(float(energy.mean() - np.quantile(energy, NOISE)), 0.0)) / mean
     return values

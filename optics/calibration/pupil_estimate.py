@@ -27,7 +27,7 @@ from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Observ
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.pupil import Pupil, clear_aperture, outline_aperture, segment_share
+from mirrorcam.optics.geometry.pupil import Pupil, clear_aperture, outline_aperture, segment_fraction
 from mirrorcam.optics.geometry.targets import Target
 
 MARGIN_PX = 9.0
@@ -290,7 +290,7 @@ class _Profile:
         radius_mm = 2.0 * np.sqrt(p[5] - MIN_LENS_PX**2) * self.middle
         inside_mm = self.inside_mm + (p[3] + p[4] * self.along) * self.mm_per_px
         share = sum(
-            weight * segment_share((inside_mm + MIN_LENS_PX * node * self.mm_per_px) / radius_mm)
+            weight * segment_fraction((inside_mm + MIN_LENS_PX * node * self.mm_per_px) / radius_mm)
             for node, weight in zip(NODES, WEIGHTS / WEIGHTS.sum(), strict=True)
         )
         return np.asarray(((p[0] + p[1] * self.along + p[2] * self.across) * share - self.light) / self.sigma)

@@ -1,4 +1,4 @@
-"""Cameras of a rig as a calibration file states them: lenses, including sphere models, and poses.
+"""Cameras of a rig as described by a calibration file: lenses, including sphere models, and poses.
 
 A sphere model maps a ray (x, y, z) of length d to normalized coordinates, which a lens then distorts:
 
@@ -23,11 +23,11 @@ from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import Mirror
 
 UNSIZED_PX = 65_535
-"""Picture size assumed for a camera whose file states none."""
-ORTHOGONAL = 1e-4
-"""Largest error of a rotation matrix in a file; files have six digits or more."""
+"""Maximum picture size, assumed for a camera whose file does not state one."""
+MAX_SCALE_ERROR = 1e-4
+"""Maximum deviation of a rotation matrix's singular values from 1; files have six digits or more."""
 PictureFlip = Literal["flipped", "left-right", "top-bottom", "as-is"]
-"""Flip of frames that gave the calibrator's pictures: to upright, as named, or none."""
+"""Flip from frames to the calibrator's pictures: to upright ("flipped"), as named, or none ("as-is")."""
 SphereName = Literal["unified", "extended_unified", "double_sphere"]
 NAMES: dict[SphereName, tuple[str, ...]] = {
     "unified": ("xi",),
@@ -124,8 +124,8 @@ def orthogonal(matrix: object, where: str) -> FloatArray:
     if rotation.shape != (3, 3) or not np.isfinite(rotation).all():
         raise InputError(f"{where}: expected a rotation of 3 x 3 numbers")
     u, scales, vt = np.linalg.svd(rotation)
-    if np.abs(scales - 1.0).max() > ORTHOGONAL:
-        raise InputError(f"{where}: is not a rotation: it scales by {scales.max():.6g} and {scales.min():.6g}")
+    if np.abs(scales - 1.0).max() > MAX_SCALE_ERROR:
+        raise InputError(f"{where}: not a rotation, it scales by {scales.max():.6g} and {scales.min():.6g}")
     return np.asarray(u @ vt)
 
 
@@ -133,7 +133,8 @@ def orthogonal(matrix: object, where: str) -> FloatArray:
 class MirrorProjection:
     """A mirror and its camera as a lens, in the reflection of the rig frame at the apparent mirror.
 
-    Points in that frame are the apparent mirror's images of points in rig, so the camera's pose is the reflection.
+    Points in that frame are the apparent mirror's images of points in the rig frame, so the camera's pose is the
+    reflection.
     Projection is exact, also for second-surface and bent mirrors.
     """
 
@@ -174,7 +175,7 @@ def numbers_of(value: object, where: str, count: int | None = None) -> list[floa
     expected = "numbers" if count is None else f"{count} numbers"
     if not isinstance(value, list | tuple | np.ndarray):
         raise InputError(f"{where}: {str(value)[:40]!r}, expected {expected}")
-    numbers = [number_of(each, where) for each in value]
+    numbers = [number_of(item, where) for item in value]
     if count is not None and len(numbers) != count:
         raise InputError(f"{where}: {len(numbers)} numbers, expected {count}")
     return numbers

@@ -30,7 +30,7 @@ from mirrorcam.optics.design.search import (
 from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, seen_closer_than
+from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, sub_images_closer_than
 from mirrorcam.optics.geometry.sub_images import fields_of_view
 
 NEAR_ITERATIONS = 120
@@ -65,16 +65,16 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     built. For the objective "depth", a second optimisation minimises the standard deviation of depth while keeping the
     pixels and the field of view of the first design.
 
-    The search starts from faceted ellipsoids and keeps the best optimum. If they lead to none, it looks for any
-    feasible layout, then continues from easier specs. Neighbouring mirrors are kept apart from the start, other pairs
-    once they come too close.
+    The search starts from faceted ellipsoids and keeps the best optimum. If they lead to no optimum, it looks for
+    any feasible layout, then continues from easier specs. Neighbouring mirrors are kept apart from the start, other
+    pairs once they come too close.
 
     Parameters
     ----------
     spec
         The requested design; lengths in mm, depths from the pupil along view z.
     calls
-        Runs independent searches, in this process or, with `in_parallel` a worker, in two. The layout is the same.
+        Runs independent searches, in this process or with a worker of `in_parallel` in two. The layout is the same.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def _verified(optimum: _Optimum) -> Layout:
     try:
         require_passed(verdict)
     except InfeasibleDesign as refusal:
-        raise InfeasibleDesign(GAVE_UP, f"the layout found fails verification: {refusal.finding}") from None
+        raise InfeasibleDesign(GAVE_UP, f"the optimised layout fails verification: {refusal.finding}") from None
     return layout.replaced(metrics=evaluate(layout, spec.depths_mm), verdict=verdict)
 
 
@@ -179,9 +179,11 @@ def _stricter(optimum: _Optimum) -> tuple[PairConstraint, ...]:
     """The constraints on pairs, extended by those that the mirrors violate."""
     spec, mirrors = optimum.spec, optimum.mirrors
     violated = {PairConstraint("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
-    violated |= {PairConstraint("seen", i, j) for i, j in seen_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)}
+    violated |= {
+        PairConstraint("seen", i, j) for i, j in sub_images_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)
+    }
     light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2], pupil=spec.camera.pupil)
-    violated |= {PairConstraint(each.leg, each.mirror, each.occluder) for each in light}
+    violated |= {PairConstraint(occlusion.leg, occlusion.mirror, occlusion.occluder) for occlusion in light}
     return optimum.pairs + tuple(sorted(violated - set(optimum.pairs)))
 
 
@@ -207,7 +209,7 @@ def _for_depth(spec: DesignSpec, overlap: _Optimum, calls: Calls) -> _Optimum:
     while True:
         outcome = best_of(calls([(_depth_optimum, (spec, start, pairs, target)) for start in starts]))
         if outcome is None:
-            raise InfeasibleDesign(GAVE_UP, "the search for the least standard deviation of depth found no optimum")
+            raise InfeasibleDesign(GAVE_UP, "the search for the minimum standard deviation of depth found no optimum")
         problem = depth_problem(spec, seed_meeting(spec), pairs, target)
         optimum = _Optimum(spec, problem, pairs, outcome.values)
         starts = [(MEETINGS[0], outcome.values)]
@@ -239,8 +241,11 @@ def _target(overlap: _Optimum) -> OverlapDesign:
     return OverlapDesign(
         fold=float(np.deg2rad(spec.fold_deg)),
         centres=layout.virtual_centres_in_view_mm.reshape(-1, 3) / spec.scale_mm,
-        shares=np.array(
-            [views.pixel_shares(Polygon(region), depth) for region, depth in zip(regions, spec.depths_mm, strict=True)]
+        fractions=np.array(
+            [
+                views.pixel_fractions(Polygon(region), depth)
+                for region, depth in zip(regions, spec.depths_mm, strict=True)
+            ]
         ),
         regions=overlap.values[overlap.problem.regions].reshape(len(spec.depths_mm), -1, 2),
         fields=overlap.problem.fields(spec, overlap.values),
@@ -251,7 +256,7 @@ def _target(overlap: _Optimum) -> OverlapDesign:
 def assessed_parabola(spec: DesignSpec) -> Layout:
     """The faceted parabola of a specification, with its metrics and its verdict, which may fail.
 
-    Raises InputError if there is none for the specification, or a working depth is nearer than its mirrors.
+    Raises InputError if the specification has none, or a working depth is nearer than its mirrors.
     """
     layout = faceted_parabola(spec)
     return layout.replaced(spec=spec, metrics=evaluate(layout, spec.depths_mm), verdict=verify(layout, spec))

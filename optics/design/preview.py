@@ -34,8 +34,8 @@ CHANGES = {
     "robust_tilt_deg": 0.1,
     "robust_offset_mm": 0.002,
 }
-"""Changes that cost about 0.01 of the sensor if mirrors do not adapt: relative for scale, depths and sensor, degrees
-for fold and tilts, scales for lengths, squared scales for areas."""
+"""Changes that cost about 0.01 of the sensor if mirrors do not adapt: relative for scale, depths and sensor, in degrees
+for fold and tilts, relative to the scale for lengths and to its square for areas."""
 
 SIDES = ("left", "top", "right", "bottom")
 
@@ -43,10 +43,10 @@ LOCALITY = 0.03
 """Weight of the distances of the mixed designs, relative to the distance between mixture and specification."""
 
 MIN_WEIGHT = 0.02
-"""Relative weight below which a design is dropped."""
+"""Weight, relative to the largest, below which a design is dropped."""
 
 MAX_INCREASE = 0.03
-"""Largest increase of a mixture's objective over the mean of its designs'; more shows optima of different kinds."""
+"""Maximum increase of a mixture's objective over the mean of its designs'; more shows different kinds of optima."""
 
 MAX_ROUNDS, SHRINK_FACTOR, SENSOR_TOLERANCE = 10, 0.99, 1e-6
 """Rounds in which sub-images that overlap or leave the sensor shrink, the factor, and the sensor's tolerance."""
@@ -56,27 +56,27 @@ def differences(spec: DesignSpec, other: DesignSpec) -> dict[str, float] | None:
     """Signed differences of `other` from `spec`, in multiples of `CHANGES`, for parameters that differ.
 
     Depths count separately ("depths_mm 0"), as do the sensor's borders in normalized coordinates ("camera left"). The
-    fold "auto" differs from none. Returns None if counts, pattern, sides, surface, the number of depths, objective or
+    fold "auto" equals any fold. Returns None if counts, pattern, sides, surface, the number of depths, objective or
     lens model differ, because neither design can then preview the other.
     """
     if _structure(spec) != _structure(other):
         return None
     scale_mm = float(np.sqrt(spec.scale_mm * other.scale_mm))
-    found = {"scale_mm": float(np.log(other.scale_mm / spec.scale_mm))}
+    changes = {"scale_mm": float(np.log(other.scale_mm / spec.scale_mm))}
     if "auto" not in (spec.fold_deg, other.fold_deg):
-        found["fold_deg"] = float(other.fold_deg) - float(spec.fold_deg)
-    for k, (depth, another) in enumerate(zip(spec.depths_mm, other.depths_mm, strict=True)):
-        found[f"depths_mm {k}"] = float(np.log(another / depth))
+        changes["fold_deg"] = float(other.fold_deg) - float(spec.fold_deg)
+    for k, (depth, other_depth) in enumerate(zip(spec.depths_mm, other.depths_mm, strict=True)):
+        changes[f"depths_mm {k}"] = float(np.log(other_depth / depth))
     lengths = ("spacing_mm", "seen_gap_mm", "thickness_mm", "body_clearance_mm", "min_edge_mm", "robust_offset_mm")
-    found |= {name: (getattr(other, name) - getattr(spec, name)) / scale_mm for name in lengths}
-    found["min_area_mm2"] = (other.min_area_mm2 - spec.min_area_mm2) / scale_mm**2
-    found |= {name: getattr(other, name) - getattr(spec, name) for name in ("tradeoff", "robust_tilt_deg")}
-    found["aperture_mm"] = (other.camera.aperture_mm - spec.camera.aperture_mm) / scale_mm
+    changes |= {name: (getattr(other, name) - getattr(spec, name)) / scale_mm for name in lengths}
+    changes["min_area_mm2"] = (other.min_area_mm2 - spec.min_area_mm2) / scale_mm**2
+    changes |= {name: getattr(other, name) - getattr(spec, name) for name in ("tradeoff", "robust_tilt_deg")}
+    changes["aperture_mm"] = (other.camera.aperture_mm - spec.camera.aperture_mm) / scale_mm
     if other.camera != spec.camera:
-        borders, others = sensor_bounds(spec.camera), sensor_bounds(other.camera)
-        shifts = (others - borders) / (borders[1] - borders[0])
-        found |= {f"camera {side}": float(shift) for side, shift in zip(SIDES, shifts.ravel(), strict=True)}
-    in_units = {name: value / CHANGES[name.partition(" ")[0]] for name, value in found.items()}
+        borders, other_borders = sensor_bounds(spec.camera), sensor_bounds(other.camera)
+        shifts = (other_borders - borders) / (borders[1] - borders[0])
+        changes |= {f"camera {side}": float(shift) for side, shift in zip(SIDES, shifts.ravel(), strict=True)}
+    in_units = {name: value / CHANGES[name.partition(" ")[0]] for name, value in changes.items()}
     return {name: value for name, value in in_units.items() if value != 0.0}
 
 
@@ -89,10 +89,10 @@ def preview(spec: DesignSpec, solved: Sequence[Layout]) -> Layout | None:
     """Predict the design of a spec from designs for other specs, in milliseconds.
 
     Virtual centres and corners of sub-images are a weighted mean over the designs whose mean spec comes nearest: linear
-    interpolation between two designs, the nearest design beyond all. The nearest design alone is used if the optima are
-    of different kinds. Scale, fold and sensor are the spec's, and virtual centres follow the search's seed with scale,
-    depths and camera. Sub-images that would overlap or leave the sensor shrink. Nothing is optimised; gaps and light
-    are not checked.
+    interpolation between two designs, and the nearest design outside their range. The nearest design alone is used if
+    the optima are of different kinds. Scale, fold and sensor are the spec's, and virtual centres follow the search's
+    seed with scale, depths and camera. Sub-images that would overlap or leave the sensor shrink. Nothing is optimised;
+    gaps and light are not checked.
 
     Parameters
     ----------
@@ -108,13 +108,13 @@ def preview(spec: DesignSpec, solved: Sequence[Layout]) -> Layout | None:
         comparable, or shrinking does not separate the sub-images.
     """
     specs = ((layout, layout.spec) for layout in solved if layout.spec is not None and layout.spec.fold_deg != "auto")
-    near = [(layout, found) for layout, other in specs if (found := differences(spec, other)) is not None]
+    near = [(layout, change) for layout, other in specs if (change := differences(spec, other)) is not None]
     near.sort(key=lambda pair: _length(pair[1]))
     if not near:
         return None
     if spec.fold_deg == "auto":
         spec = spec.replaced(fold_deg=_spec_of(near[0][0]).fold_deg)
-    weights = _mixture([found for _, found in near])
+    weights = _mixture([change for _, change in near])
     parts = [(layout, weight) for (layout, _), weight in zip(near, weights, strict=True) if weight]
     if len(parts) > 1:
         mixed = _mixed(spec, parts)
@@ -139,22 +139,22 @@ def _mixture(differences: Sequence[dict[str, float]]) -> FloatArray:
 
     They minimise |sum w_k x_k|^2 + (LOCALITY |w_k x_k|)^2 for w >= 0, which prefers near designs.
     """
-    names = sorted({name for each in differences for name in each})
+    names = sorted({name for changes in differences for name in changes})
     count = len(differences)
-    vectors = np.array([[each.get(name, 0.0) for name in names] for each in differences]).reshape(count, -1)
+    vectors = np.array([[changes.get(name, 0.0) for name in names] for changes in differences]).reshape(count, -1)
     lengths = np.linalg.norm(vectors, axis=1)
     if lengths[0] == 0.0:
         return np.eye(count)[0]
-    kept, weights = np.arange(count), np.zeros(count)
+    active, weights = np.arange(count), np.zeros(count)
     penalty = 1e3 * lengths[0]
     while True:
-        system = np.vstack([vectors[kept].T, LOCALITY * np.diag(lengths[kept]), np.full((1, len(kept)), penalty)])
+        system = np.vstack([vectors[active].T, LOCALITY * np.diag(lengths[active]), np.full((1, len(active)), penalty)])
         solution, _ = nnls(system, np.append(np.zeros(len(system) - 1), penalty))
         large = solution >= MIN_WEIGHT * solution.max()
         if large.all():
-            weights[kept] = solution / solution.sum()
+            weights[active] = solution / solution.sum()
             return weights
-        kept = kept[large]
+        active = active[large]
 
 
 def _mixed(spec: DesignSpec, parts: Sequence[tuple[Layout, float]]) -> Layout | None:
@@ -162,13 +162,13 @@ def _mixed(spec: DesignSpec, parts: Sequence[tuple[Layout, float]]) -> Layout | 
     low, high = sensor_rectangle(spec.camera)
     centres, corners = np.zeros((len(parts[0][0].mirrors), 3)), np.zeros(())
     for layout, weight in parts:
-        own = _spec_of(layout)
-        at_fold = spec if own.fold_deg == spec.fold_deg else spec.replaced(fold_deg=own.fold_deg)
-        shift = seed_meeting(at_fold).centres - seed_meeting(own).centres
-        centres += weight * (layout.virtual_centres_in_view_mm.reshape(-1, 3) / own.scale_mm + shift)
-        own_low, own_high = sensor_rectangle(own.camera)
+        solved = _spec_of(layout)
+        at_fold = spec if solved.fold_deg == spec.fold_deg else spec.replaced(fold_deg=solved.fold_deg)
+        shift = seed_meeting(at_fold).centres - seed_meeting(solved).centres
+        centres += weight * (layout.virtual_centres_in_view_mm.reshape(-1, 3) / solved.scale_mm + shift)
+        solved_low, solved_high = sensor_rectangle(solved.camera)
         outlines = np.array([mirror.apparent.outline_normalized for mirror in layout.mirrors])
-        corners = corners + weight * (low + (outlines - own_low) * (high - low) / (own_high - own_low))
+        corners = corners + weight * (low + (outlines - solved_low) * (high - low) / (solved_high - solved_low))
     centres += spec.view_from_rig[:, 2] - [0.0, 0.0, 1.0] - centres[list(spec.arrangement.inner)].mean(axis=0)
     corners = np.clip(corners, *sensor_bounds(spec.camera))
     made_by = {
@@ -177,12 +177,12 @@ def _mixed(spec: DesignSpec, parts: Sequence[tuple[Layout, float]]) -> Layout | 
         "designs": " ".join(layout.identity for layout, _ in parts),
     }
     try:
-        return layout_of(spec, mirrors_of(spec, centres * spec.scale_mm, _apart_on_sensor(spec, corners)), made_by)
+        return layout_of(spec, mirrors_of(spec, centres * spec.scale_mm, _separated_on_sensor(spec, corners)), made_by)
     except InfeasibleDesign:
         return None
 
 
-def _apart_on_sensor(spec: DesignSpec, corners: FloatArray) -> FloatArray:
+def _separated_on_sensor(spec: DesignSpec, corners: FloatArray) -> FloatArray:
     """Shrink sub-images (n, sides, 2) that leave the sensor or meet another.
 
     Raises InfeasibleDesign if that is not enough.
@@ -190,13 +190,13 @@ def _apart_on_sensor(spec: DesignSpec, corners: FloatArray) -> FloatArray:
     sensor = sensor_polygon(spec.camera).buffer(SENSOR_TOLERANCE)
     for _ in range(MAX_ROUNDS):
         polygons = shapely.polygons(corners)
-        wrong = ~shapely.covered_by(polygons, sensor)
-        meeting = STRtree(polygons).query(polygons, predicate="intersects")
-        wrong[meeting[0, meeting[0] != meeting[1]]] = True
-        if not wrong.any():
+        is_wrong = ~shapely.covered_by(polygons, sensor)
+        touching = STRtree(polygons).query(polygons, predicate="intersects")
+        is_wrong[touching[0, touching[0] != touching[1]]] = True
+        if not is_wrong.any():
             return corners
         centroids = corners.mean(axis=1, keepdims=True)
-        corners = centroids + np.where(wrong, SHRINK_FACTOR, 1.0)[:, None, None] * (corners - centroids)
+        corners = centroids + np.where(is_wrong, SHRINK_FACTOR, 1.0)[:, None, None] * (corners - centroids)
     raise InfeasibleDesign("spacing", "interpolated sub-images overlap")
 
 
@@ -204,12 +204,14 @@ def _cost(layout: Layout) -> float:
     """The objective of a layout, for a pinhole camera; from its figures if it has them."""
     spec = _spec_of(layout)
     if layout.metrics:
-        shares = [layout.metrics[f"pixel_efficiency_{depth_mm:g}mm"].value for depth_mm in spec.depths_mm]
+        efficiencies = [layout.metrics[f"pixel_efficiency_{depth_mm:g}mm"].value for depth_mm in spec.depths_mm]
     else:
         views = fields_of_view(layout)
-        shares = [
-            views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm) if depth_mm > views.reach_mm else 0.0
+        efficiencies = [
+            views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm)
+            if depth_mm > views.mirror_depth_mm
+            else 0.0
             for depth_mm in spec.depths_mm
         ]
     grid_cost = spec.tradeoff * (grid_error(layout) / REFERENCE_GRID_ERROR) ** 2
-    return float(grid_cost + (1.0 - spec.tradeoff) * (1.0 - np.mean(shares)))
+    return float(grid_cost + (1.0 - spec.tradeoff) * (1.0 - np.mean(efficiencies)))

@@ -20,7 +20,7 @@ from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 
 MET, CLEARLY_MISSED = 1e-5, 1e-3
-"""Violations, in scales, up to which a limit counts as met, and beyond which it counts as clearly missed."""
+"""Violations, in units of the design scale, up to which a limit is met, and beyond which it is clearly missed."""
 
 MEETINGS = (1.0, 3.0)
 """Depths where the chief rays of the seeds meet, relative to the working depth; the best optimum is kept."""
@@ -31,33 +31,33 @@ CONTINUATION = (0.0, 0.3, 0.6, 0.8, 1.0)
 
 def _refusal(
     spec: DesignSpec,
-    missed: dict[str, float],
+    violations: dict[str, float],
     mirrors: tuple[FloatArray, FloatArray],
     regions: FloatArray | None = None,
 ) -> InfeasibleDesign:
     """The error that names the constraint with the largest violation and, by `least_violation`, its location."""
-    worst = max(ELASTIC, key=lambda family: missed[family] * SLACK_WEIGHTS[family])
-    by_mm = missed[worst] * spec.scale_mm
+    worst = max(ELASTIC, key=lambda family: violations[family] * SLACK_WEIGHTS[family])
+    excess_mm = violations[worst] * spec.scale_mm
     depths = ", ".join(f"{depth:g}" for depth in spec.depths_mm)
     finding = {
-        "spacing": f"mirrors cannot be {spec.spacing_mm:g} mm apart, they come {by_mm:.3g} mm too close",
-        "seen gap": f"sub-images cannot be {_seen_gap_text(spec)} apart, they come {by_mm:.3g} mm too close",
-        "occlusion": f"mirrors of {spec.thickness_mm:g} mm reach {by_mm:.3g} mm into the light between pupil and scene",
-        "body": f"mirrors or their light come {by_mm:.3g} mm too close to the camera's body, which needs a clearance "
-        f"of {spec.body_clearance_mm:g} mm",
-        "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors, they reach {by_mm:.3g} mm past it",
-        "overlap": f"the views share no region at {depths} mm that {MIN_EFFICIENCY:.0%} of the sensor sees, "
-        f"the best region exceeds some views by {missed['overlap']:.0%} of a sub-image",
+        "spacing": f"mirrors cannot be {spec.spacing_mm:g} mm apart: they come {excess_mm:.3g} mm too close",
+        "seen gap": f"sub-images cannot be {_gap_text(spec)} apart: they come {excess_mm:.3g} mm too close",
+        "occlusion": f"mirrors of {spec.thickness_mm:g} mm reach {excess_mm:.3g} mm into light between pupil and scene",
+        "body": f"mirrors or their light come {excess_mm:.3g} mm too close to the camera's body, which needs "
+        f"a clearance of {spec.body_clearance_mm:g} mm",
+        "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors: they reach {excess_mm:.3g} mm past it",
+        "overlap": f"the views share no region at {depths} mm that {MIN_EFFICIENCY:.0%} of the sensor sees: "
+        f"the best region exceeds some views by {violations['overlap']:.0%} of a sub-image",
         "size": f"mirrors cannot have edges of {spec.min_edge_mm:g} mm and {spec.min_area_mm2:g} mm² on this sensor",
     }[worst]
     return InfeasibleDesign(worst, finding, least_violation(spec, worst, mirrors, regions))
 
 
-def _seen_gap_text(spec: DesignSpec) -> str:
+def _gap_text(spec: DesignSpec) -> str:
     if spec.robust_tilt_deg == 0.0 == spec.robust_offset_mm:
         return f"{spec.seen_gap_mm:g} mm"
-    moved = f"tilts of {spec.robust_tilt_deg:g}° and offsets of {spec.robust_offset_mm:g} mm"
-    return f"{spec.seen_gap_mm:g} mm and {SAFE_SIGMAS:g} sigma of {moved}"
+    tolerances = f"tilts of {spec.robust_tilt_deg:g}° and offsets of {spec.robust_offset_mm:g} mm"
+    return f"{spec.seen_gap_mm:g} mm and {SAFE_SIGMAS:g} sigma of {tolerances}"
 
 
 def _working_depth_mm(spec: DesignSpec) -> float:
@@ -66,7 +66,7 @@ def _working_depth_mm(spec: DesignSpec) -> float:
 
 
 def check_at_once(spec: DesignSpec) -> None:
-    """Raise InfeasibleDesign for specs that are infeasible without a search.
+    """Raise InfeasibleDesign for specs that are clearly infeasible, without a search.
 
     These have a depth nearer than the centres of the seed's mirrors, gaps wider than the sensor, or mirrors so thick
     that they reach the pupil.
@@ -74,28 +74,28 @@ def check_at_once(spec: DesignSpec) -> None:
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
     start = (seed.centres, seed.corners)
     points_mm = seed.chief_points(spec.view_from_rig) * spec.scale_mm
-    beyond_mm = float(points_mm[:, 2].max()) - min(spec.depths_mm)
-    if beyond_mm >= 0:
-        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": beyond_mm / spec.scale_mm}, start)
+    excess_mm = float(points_mm[:, 2].max()) - min(spec.depths_mm)
+    if excess_mm >= 0:
+        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": excess_mm / spec.scale_mm}, start)
     low, high = sensor_bounds(spec.camera)
-    beyond = spec.seen_gap_mm / spec.scale_mm - float(np.linalg.norm(high - low))
-    if beyond >= 0:
-        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"seen gap": beyond}, start)
+    excess = spec.seen_gap_mm / spec.scale_mm - float(np.linalg.norm(high - low))
+    if excess >= 0:
+        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"seen gap": excess}, start)
     # The angle of incidence of the optical axis is 90 degrees minus half the fold.
     cosine = float(np.sqrt((1.0 - spec.view_from_rig[2, 2]) / 2.0))
-    before_mm = 0.0
+    glass_mm = 0.0
     if spec.is_second_surface:
-        before_mm = spec.thickness_mm * cosine / np.sqrt(spec.refractive_index**2 - 1.0 + cosine**2)
-    past_mm = before_mm - spec.scale_mm * cosine
-    if past_mm >= 0:
-        where = past_the_pupil(spec, seed, past_mm)
+        glass_mm = spec.thickness_mm * cosine / np.sqrt(spec.refractive_index**2 - 1.0 + cosine**2)
+    excess_mm = glass_mm - spec.scale_mm * cosine
+    if excess_mm >= 0:
+        violation = past_the_pupil(spec, seed, excess_mm)
         raise InfeasibleDesign(
-            "occlusion", f"mirrors of {spec.thickness_mm:g} mm reach {past_mm:.3g} mm past the pupil", where
+            "occlusion", f"mirrors of {spec.thickness_mm:g} mm reach {excess_mm:.3g} mm past the pupil", violation
         )
 
 
 def _easier(spec: DesignSpec, fraction: float) -> DesignSpec:
-    """An easier spec: scales gaps, thickness, sizes, nearness, trade-off and tolerances by a fraction from 0 to 1."""
+    """An easier spec: fraction 1 keeps gaps, thickness, sizes, depths, trade-off and tolerances, 0 relaxes them."""
     return spec.replaced(
         spacing_mm=fraction * spec.spacing_mm,
         seen_gap_mm=fraction * spec.seen_gap_mm,
@@ -134,10 +134,10 @@ def best_from_seeds(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: 
 
 @dataclass(frozen=True)
 class _Detour:
-    """The values with the least violation near a start, by family; without violation, also the optimum near them."""
+    """The values with the smallest violation near a start, by family; without violation, also the optimum near them."""
 
     feasible: SolverOutcome
-    missed: dict[str, float]
+    violations: dict[str, float]
     optimum: SolverOutcome | None
     mirrors: tuple[FloatArray, FloatArray]
     regions: FloatArray
@@ -148,11 +148,11 @@ def detour_from(
 ) -> _Detour:
     """Minimise the violation near given values, or near the seed whose chief rays meet at a relative depth."""
     problem = overlap_problem(spec, seed_meeting(spec, meeting), pairs)
-    feasible, missed = problem.solver.find_feasible(start)
-    met = feasible.solved and max(missed.values()) <= MET
-    optimum = problem.solver.optimise(feasible.values) if met else None
+    feasible, violations = problem.solver.find_feasible(start)
+    is_met = feasible.solved and max(violations.values()) <= MET
+    optimum = problem.solver.optimise(feasible.values) if is_met else None
     mirrors, regions = problem.solution(feasible.values), problem.outlines(spec, feasible.values)
-    return _Detour(feasible, missed, optimum, mirrors, regions)
+    return _Detour(feasible, violations, optimum, mirrors, regions)
 
 
 def best_from_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome:
@@ -161,29 +161,29 @@ def best_from_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls
     Raises InfeasibleDesign if both seeds lead to points that clearly violate a constraint, or no start leads to an
     optimum.
     """
-    found: list[_Detour] = []
+    candidates: list[_Detour] = []
     with closing(_detours(spec, pairs, calls)) as detours:
         for detour in detours:
             if not detour.feasible.solved:
                 continue
-            found.append(detour)
+            candidates.append(detour)
             if detour.optimum is not None and detour.optimum.solved:
                 return detour.optimum
-            if len(found) == len(MEETINGS) and _violated(found) > CLEARLY_MISSED:
+            if len(candidates) == len(MEETINGS) and _violation(candidates) > CLEARLY_MISSED:
                 break
-    if not found or _violated(found) <= MET:
+    if not candidates or _violation(candidates) <= MET:
         raise InfeasibleDesign(GAVE_UP, "the search found no layout that meets all constraints")
-    best = min(found, key=lambda detour: sum(detour.missed[name] * SLACK_WEIGHTS[name] for name in ELASTIC))
-    raise _refusal(spec, best.missed, best.mirrors, best.regions)
+    best = min(candidates, key=lambda detour: sum(detour.violations[name] * SLACK_WEIGHTS[name] for name in ELASTIC))
+    raise _refusal(spec, best.violations, best.mirrors, best.regions)
 
 
-def _violated(detours: Iterable[_Detour]) -> float:
-    """The largest violation of the best of the detours."""
-    return min(max(detour.missed.values()) for detour in detours)
+def _violation(detours: Iterable[_Detour]) -> float:
+    """The largest violation in the detour where it is smallest."""
+    return min(max(detour.violations.values()) for detour in detours)
 
 
 def _detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> Generator[_Detour, None, None]:
-    """Search for feasible points from each seed, then from the end of a continuation, which takes long."""
+    """Search for feasible points from each seed, then from the end of a continuation, which takes longest."""
     with closing(calls([(detour_from, (spec, meeting, pairs)) for meeting in MEETINGS])) as near_seeds:
         yield from near_seeds
     yield detour_from(spec, MEETINGS[0], pairs, _continued(spec, pairs))

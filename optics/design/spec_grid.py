@@ -38,7 +38,7 @@ def grid(
     scales_mm: Sequence[float],
     tradeoffs: Sequence[float],
 ) -> tuple[DesignSpec, ...]:
-    """All combinations of counts (rows, cols), depths, scales and tradeoffs, in this order, the last varying fastest.
+    """All combinations of counts (rows, cols), depths, scales and trade-offs, in this order, the last varying fastest.
 
     All other fields are taken from `common`. Raises InputError for an invalid or duplicate value.
     """
@@ -94,25 +94,25 @@ def summary_figures(outcome: Outcome) -> dict[str, float | None]:
     disparity and finite for an infinite range.
     """
     values = {name: metric.value for name, metric in outcome.metrics.items() if metric.known}
-    shares = [values.get(f"pixel_efficiency_{depth_mm:g}mm") for depth_mm in outcome.spec.depths_mm]
-    known = [share for share in shares if share is not None]
-    across, upwards = values.get("fov_x_deg"), values.get("fov_y_deg")
+    efficiencies = [values.get(f"pixel_efficiency_{depth_mm:g}mm") for depth_mm in outcome.spec.depths_mm]
+    defined = [efficiency for efficiency in efficiencies if efficiency is not None]
+    fov_x, fov_y = values.get("fov_x_deg"), values.get("fov_y_deg")
     nearest_mm, farthest_mm = values.get("depth_nearest_mm"), values.get("depth_farthest_mm")
     diagonal = depth_of_field = None
-    if across is not None and upwards is not None:
-        halves = [math.tan(math.radians(angle) / 2.0) for angle in (across, upwards)]
+    if fov_x is not None and fov_y is not None:
+        halves = [math.tan(math.radians(angle) / 2.0) for angle in (fov_x, fov_y)]
         diagonal = 2.0 * math.degrees(math.atan(math.hypot(*halves)))
     if nearest_mm is not None and farthest_mm is not None:
         depth_of_field = 1e3 / nearest_mm - 1e3 / farthest_mm
     return {
-        "pixel_efficiency_mean": sum(known) / len(known) if known else None,
+        "pixel_efficiency_mean": sum(defined) / len(defined) if defined else None,
         "fov_diagonal_deg": diagonal,
         "depth_of_field_per_m": depth_of_field,
     }
 
 
 def pareto_front(points: Sequence[tuple[float, float]]) -> list[int]:
-    """Indices of the Pareto-optimal points (greater coordinates are better), by increasing first coordinate.
+    """Indices of the Pareto-optimal points (larger coordinates are better), by increasing first coordinate.
 
     Only the first of equal points is included.
     """

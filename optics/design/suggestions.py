@@ -24,7 +24,7 @@ DIGITS = 3
 """Significant digits of a suggested value."""
 
 INTERIOR = 2e-3
-"""Margin, in scales, of the nearest value in all constraints: the solver needs some space around an optimum."""
+"""Margin, in units of the scale, of the nearest value in all constraints: the solver needs space around an optimum."""
 
 OVERSHOOTS = (0.002, 0.1, 0.3)
 """Fractions of the change by which to exceed the nearest value, tried in order until a design is found."""
@@ -33,11 +33,11 @@ FIRST_CHANGE = 0.9
 """Start of the search for the smallest change, where a design is likely."""
 
 EASY_FOLD_DEG = 100.0
-SCALE_FACTOR, DEPTH_FACTOR, ROOMY_DEPTH = 4.0, 4.0, 4.0
-"""Largest factors of scale and depths to try; nearest depth, in scales, that leaves enough room."""
+SCALE_FACTOR, DEPTH_FACTOR, SUFFICIENT_DEPTH = 4.0, 4.0, 4.0
+"""Maximum factors of scale and depths to try; nearest depth, relative to the scale, that leaves enough room."""
 
 NEGLIGIBLE, LARGE_SCALE = 0.02, 60.0
-"""Negligible fraction of a thickness; scale, in gaps and thicknesses, at which these are small."""
+"""Negligible fraction of a thickness; scale, relative to gaps and thicknesses, at which these are small."""
 
 MAX_ITERATIONS = 220
 """Iteration limit of the search for the nearest value."""
@@ -47,8 +47,8 @@ MAX_ITERATIONS = 220
 class Suggestion:
     """A feasible spec that differs in one parameter from an infeasible one, and its design.
 
-    `change` is the relative size of the change: relative to the larger value for lengths, to its range for the fold,
-    and to their number for rows and columns.
+    `change` is the relative size of the change: for lengths, relative to the larger value; for the fold, to its range;
+    for rows and columns, to their number.
     """
 
     parameter: str
@@ -64,7 +64,7 @@ class _Parameter:
     Attributes
     ----------
     name : field of the spec.
-    relieves : constraints that it relieves.
+    relieves : constraints that its change relieves.
     limit : its limit for a spec.
     inverse : whether the numbers of a design's program depend linearly on its inverse, instead of on its value.
     """
@@ -83,16 +83,16 @@ class _Parameter:
 
 
 def _larger_scale_mm(spec: DesignSpec) -> float:
-    """Largest scale to try; it makes gaps and glass small in comparison."""
+    """Maximum scale to try; gaps and glass are small in comparison."""
     return max(SCALE_FACTOR * spec.scale_mm, LARGE_SCALE * max(spec.spacing_mm, spec.seen_gap_mm, spec.thickness_mm))
 
 
 def _smaller_scale_mm(spec: DesignSpec) -> float:
-    return min(spec.scale_mm, *spec.depths_mm) / ROOMY_DEPTH
+    return min(spec.scale_mm, *spec.depths_mm) / SUFFICIENT_DEPTH
 
 
 def _farther_mm(spec: DesignSpec) -> tuple[float, ...]:
-    factor = max(DEPTH_FACTOR, ROOMY_DEPTH * spec.scale_mm / min(spec.depths_mm))
+    factor = max(DEPTH_FACTOR, SUFFICIENT_DEPTH * spec.scale_mm / min(spec.depths_mm))
     return tuple(factor * depth_mm for depth_mm in spec.depths_mm)
 
 
@@ -141,22 +141,24 @@ def suggestions(
     """
     violated = ALL if refusal.constraint == GAVE_UP else {refusal.constraint}
     searches: list[Call] = [
-        (_with_one_changed, (spec, index)) for index, each in enumerate(PARAMETERS) if violated & each.relieves
+        (_with_one_changed, (spec, index))
+        for index, parameter in enumerate(PARAMETERS)
+        if violated & parameter.relieves
     ]
     if violated & FEWER_RELIEVES:
         searches += [(_with_fewer, (spec, name)) for name in _reducible_counts(spec)]
     if spec.fold_deg != "auto" and violated & FOLD_RELIEVES:
         searches.append((_with_fold, (spec,)))
-    with closing(calls(searches)) as found:
-        for suggestion in found:
+    with closing(calls(searches)) as results:
+        for suggestion in results:
             if suggestion is not None:
                 yield suggestion
 
 
 def _reducible_counts(spec: DesignSpec) -> Iterator[str]:
     if spec.pattern is None:
-        for name, count, other in (("rows", spec.rows, spec.cols), ("cols", spec.cols, spec.rows)):
-            if count > MIRRORS.min and (count - 1) * other > 1:
+        for name, count, other_count in (("rows", spec.rows, spec.cols), ("cols", spec.cols, spec.rows)):
+            if count > MIRRORS.min and (count - 1) * other_count > 1:
                 yield name
 
 
@@ -176,7 +178,7 @@ def _with_one_changed(spec: DesignSpec, index: int) -> Suggestion | None:
         return None
     easy = _with_value(spec, parameter.name, limit)
     seed, pairs = seed_meeting(easy), neighbour_pairs(spec.arrangement)
-    program, changed = (overlap_draft(each, seed, pairs)[0].program for each in (spec, easy))
+    program, changed = (overlap_draft(end, seed, pairs)[0].program for end in (spec, easy))
     outcome = _nearest(Solver(relaxed_program(program, changed, FIRST_CHANGE), SLACK_WEIGHTS, MAX_ITERATIONS))
     if outcome is None:
         return None
@@ -191,7 +193,7 @@ def _with_one_changed(spec: DesignSpec, index: int) -> Suggestion | None:
 
 
 def _with_fold(spec: DesignSpec) -> Suggestion | None:
-    """The suggestion of another fold, to a tenth of a degree; None if changing it alone does not help."""
+    """The suggestion of a different fold, to a tenth of a degree; None if changing it alone does not help."""
     requested = float(spec.fold_deg)
     easy = spec.replaced(fold_deg=EASY_FOLD_DEG)
     draft, _ = overlap_draft(easy, seed_meeting(easy), neighbour_pairs(spec.arrangement))
@@ -222,8 +224,8 @@ def _designed(spec: DesignSpec, values: FloatArray) -> Layout | None:
 
 def _nearest(solver: Solver) -> SolverOutcome | None:
     """The smallest change that meets all constraints; None if the search finds none."""
-    outcome, missed = solver.find_relaxed(INTERIOR)
-    return outcome if outcome.solved and max(missed.values()) <= MET else None
+    outcome, violations = solver.find_relaxed(INTERIOR)
+    return outcome if outcome.solved and max(violations.values()) <= MET else None
 
 
 def _with_value(spec: DesignSpec, parameter: str, value: FloatArray) -> DesignSpec:

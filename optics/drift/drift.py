@@ -1,4 +1,4 @@
-"""Detection of mirrors that turned or shifted since the calibration: sequential likelihood-ratio tests of the mirrors.
+"""Detection of mirrors that rotated or shifted since the calibration: sequential likelihood-ratio tests of the mirrors.
 
 Under the null hypothesis, errors of the calibration (its covariance), small motions of every mirror (FLOOR_DEG,
 FLOOR_MM) and any common motion of all mirrors explain the matched points. Under the alternative, one mirror also moved
@@ -34,27 +34,27 @@ from mirrorcam.optics.drift.scene_fit import SceneFit, SceneInformation, paramet
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 MIN_MIRRORS = 3
-"""With two mirrors, a turn of one cannot be distinguished from a turn of the camera in front of both."""
+"""With two mirrors, a rotation of one cannot be distinguished from a rotation of the camera in front of both."""
 RECORDINGS = 10_000
 """At most one false alarm in this many recordings without drift."""
 FLOOR_DEG, FLOOR_MM = 0.001, 0.006
-"""Standard deviations of motions that do not count as drift: holders bend as much, and matching has common errors of
-some hundredths of a pixel."""
+"""Standard deviations of motions that do not count as drift: holders bend by this much, and matching has common errors
+of some hundredths of a pixel."""
 MOVED_DEG, MOVED_MM = 1.0, 1.0
-"""Standard deviations of the turn and the shift of a mirror that moved."""
-TURN_SIGMAS_DEG = np.geomspace(0.005, 5.0, 13).tolist()
-"""Standard deviations of turns over which the likelihood is averaged."""
+"""Standard deviations of the rotation and the shift of a mirror that moved."""
+ROTATION_SIGMAS_DEG = np.geomspace(0.005, 5.0, 13).tolist()
+"""Standard deviations of rotations over which the likelihood is averaged."""
 TARGET_DEG = 0.02
-"""A turn that the test should detect."""
+"""A rotation that the test should detect."""
 DETECTION_SIGMAS = 1.64
-"""Turns that exceed the threshold by this many standard deviations are detected in 19 of 20 recordings."""
+"""Rotations that exceed the threshold by this many standard deviations are detected in 19 of 20 recordings."""
 MIN_POINTS = 30
-"""Smallest number of points in a mirror for a test."""
+"""Minimum number of points in a mirror for a test."""
 MAX_SIGMA_PX = 0.2
-"""Largest scatter of a frame's matches after fitting the motions of mirrors; larger scatter means wrong matches."""
+"""Maximum scatter of a frame's matches after fitting the motions of mirrors; larger scatter means wrong matches."""
 UNDETERMINED_DEG = 90.0
 MIN_EXPLAINED = 0.25
-"""Smallest fraction of a frame's clear corners that other views must show if the frame matches the layout."""
+"""Minimum fraction of a frame's textured corners that other views show if the frame matches the layout."""
 
 
 def shows_drift(layout: Layout) -> bool:
@@ -70,16 +70,16 @@ class MirrorMove:
     ----------
     index
         Index of the mirror.
-    turn_deg
-        Rotation vector (3,) in rig, without the turn about the normal.
+    rotation_deg
+        Rotation vector (3,) in the rig frame, without the rotation about the normal.
     shift_mm
         Shift along the normal, towards the pupil.
-    turn_sigma_deg
-        Standard deviation of the turn in its worst direction.
+    rotation_sigma_deg
+        Standard deviation of the rotation in its worst direction.
     statistic
         Logarithm of the likelihood ratio, in units of the threshold.
     detectable_deg
-        Turn that is detected in 19 of 20 recordings, whatever its direction.
+        Rotation that is detected in 19 of 20 recordings, whatever its direction.
     points
         Number of points that the mirror shows.
     moved
@@ -87,9 +87,9 @@ class MirrorMove:
     """
 
     index: int
-    turn_deg: FloatArray
+    rotation_deg: FloatArray
     shift_mm: float
-    turn_sigma_deg: float
+    rotation_sigma_deg: float
     statistic: float
     detectable_deg: float
     points: int
@@ -101,9 +101,9 @@ class MirrorMove:
         return self.detectable_deg < UNDETERMINED_DEG
 
     @property
-    def size_deg(self) -> float:
-        """The turn's angle."""
-        return float(np.linalg.norm(self.turn_deg))
+    def angle_deg(self) -> float:
+        """The rotation's angle."""
+        return float(np.linalg.norm(self.rotation_deg))
 
 
 @dataclass(frozen=True)
@@ -120,23 +120,23 @@ class Drift:
         Changes (g,) of the parameters of the moved mirrors.
     covariance
         Covariance (g, g) of the parameters after these changes.
-    common_turn_deg, common_turn_sigma_deg
-        Rotation vector (3,) in rig of all mirrors together, and its standard deviations; it is poorly observable.
+    common_rotation_deg, common_rotation_sigma_deg
+        Rotation vector (3,) in the rig frame of all mirrors together, and its standard deviations; poorly observable.
     frames, points
         Number of frames, and of the points matched in them.
     sigma_px
         Standard deviation of a match, per axis.
     mismatched
-        Whether most frames have clear detail that does not match this layout: few of their corners are found in other
-        views, or no motion of mirrors explains the matches.
+        Whether most frames have detail that does not match this layout: few of their textured corners are found in
+        other views, or no motion of mirrors explains the matches.
     """
 
     mirrors: tuple[MirrorMove, ...]
     names: tuple[str, ...]
     change: FloatArray
     covariance: FloatArray
-    common_turn_deg: FloatArray
-    common_turn_sigma_deg: FloatArray
+    common_rotation_deg: FloatArray
+    common_rotation_sigma_deg: FloatArray
     frames: int
     points: int
     sigma_px: float
@@ -149,7 +149,7 @@ class Drift:
 
     @property
     def undetermined(self) -> tuple[MirrorMove, ...]:
-        """The mirrors that show too few points to detect a turn of TARGET_DEG."""
+        """The mirrors that show too few points to detect a rotation of TARGET_DEG."""
         return tuple(mirror for mirror in self.mirrors if mirror.detectable_deg > TARGET_DEG)
 
 
@@ -163,10 +163,10 @@ def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
     small = covariance_of_centres(
         {k: motion_covariance(mirror, FLOOR_DEG, FLOOR_MM) for k, mirror in enumerate(mirrors)}, names
     )
-    moved = covariance_of_centres(
+    large = covariance_of_centres(
         {k: motion_covariance(mirror, MOVED_DEG, MOVED_MM) for k, mirror in enumerate(mirrors)}, names
     )
-    prior = calibrated + common + small + moved
+    prior = calibrated + common + small + large
     matches = explained_matches(layout, matches, prior)
     points = np.bincount(matches.view, minlength=len(mirrors))
     if (points >= MIN_POINTS).sum() < 2:
@@ -178,11 +178,11 @@ def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
 
 def explained_matches(layout: Layout, matches: MatchedPoints, prior: FloatArray) -> MatchedPoints:
     """The points of frames whose matches some motion of the mirrors explains; other frames have wrong matches."""
-    kept = np.zeros(len(matches.point), dtype=bool)
+    is_explained = np.zeros(len(matches.point), dtype=bool)
     for frame in np.unique(matches.frame):
         rows = matches.frame[matches.point] == frame
-        kept[rows] = SceneFit(layout, matches.where(rows), prior).solve().sigma_px <= MAX_SIGMA_PX
-    return matches.where(kept)
+        is_explained[rows] = SceneFit(layout, matches.where(rows), prior).solve().sigma_px <= MAX_SIGMA_PX
+    return matches.where(is_explained)
 
 
 def _undetermined(layout: Layout, names: tuple[str, ...], points: list[int], matches: MatchedPoints) -> Drift:
@@ -196,8 +196,8 @@ def _undetermined(layout: Layout, names: tuple[str, ...], points: list[int], mat
         names=names,
         change=np.zeros(len(names)),
         covariance=calibration_covariance(layout, names),
-        common_turn_deg=np.zeros(3),
-        common_turn_sigma_deg=np.full(3, COMMON_DEG),
+        common_rotation_deg=np.zeros(3),
+        common_rotation_sigma_deg=np.full(3, COMMON_DEG),
         frames=0,
         points=len(matches.frame),
         sigma_px=0.0,
@@ -206,9 +206,9 @@ def _undetermined(layout: Layout, names: tuple[str, ...], points: list[int], mat
 
 
 def _mismatched(matches: MatchedPoints) -> bool:
-    """Whether most frames have few explained matches in comparison with their clear corners."""
-    explained = np.bincount(matches.frame, minlength=len(matches.clear))
-    mismatched = (matches.clear >= MIN_POINTS) & (explained < MIN_EXPLAINED * matches.clear)
+    """Whether most frames have few explained matches in comparison with their textured corners."""
+    explained = np.bincount(matches.frame, minlength=len(matches.textured))
+    mismatched = (matches.textured >= MIN_POINTS) & (explained < MIN_EXPLAINED * matches.textured)
     return bool(2 * mismatched.sum() > len(mismatched))
 
 
@@ -219,9 +219,9 @@ def deflated(scene: SceneInformation) -> tuple[FloatArray, FloatArray]:
     """
     scale = np.sqrt(np.maximum(np.diag(scene.information), 1e-300))
     values, vectors = np.linalg.eigh(scene.information / np.outer(scale, scale))
-    kept = values > 1e-6 * values[-1]
-    white = (vectors[:, kept] / np.sqrt(values[kept])).T / scale
-    inflation = max(1.0, float(np.trace(white @ scene.scatter @ white.T)) / int(kept.sum()))
+    regular = values > 1e-6 * values[-1]
+    whitening = (vectors[:, regular] / np.sqrt(values[regular])).T / scale
+    inflation = max(1.0, float(np.trace(whitening @ scene.scatter @ whitening.T)) / int(regular.sum()))
     return scene.information / inflation, scene.gradient / inflation
 
 
@@ -233,7 +233,7 @@ class _Marginal:
     information: FloatArray
 
     def gain(self, rows: IntArray, block: FloatArray) -> float:
-        """Twice the log-likelihood ratio of another motion of the parameters `rows` with covariance `block` (3, 3)."""
+        """Twice the log-likelihood ratio of a further motion of parameters `rows` with covariance `block` (3, 3)."""
         system = np.eye(3) + self.information[np.ix_(rows, rows)] @ block
         score = self.score[rows]
         return float(score @ block @ np.linalg.solve(system, score) - np.linalg.slogdet(system)[1])
@@ -254,28 +254,28 @@ class _Test:
 
     def run(self) -> Drift:
         """Add moved mirrors until the largest likelihood ratio is below the threshold."""
-        moved: dict[int, FloatArray] = {}
+        moved_blocks: dict[int, FloatArray] = {}
         gains = dict.fromkeys(range(len(self.layout.mirrors)), 0.0)
-        tested = [k for k in range(len(self.layout.mirrors)) if self.scene.seen[k] >= MIN_POINTS]
-        while len(moved) < len(tested) - 1:
-            marginal = self._marginal(moved)
-            rest = [k for k in tested if k not in moved]
-            gains |= {k: self._mean_gain(marginal, k) for k in rest}
-            best = max(rest, key=lambda k: gains[k])
+        tested = [k for k in range(len(self.layout.mirrors)) if self.scene.point_counts[k] >= MIN_POINTS]
+        while len(moved_blocks) < len(tested) - 1:
+            marginal = self._marginal(moved_blocks)
+            candidates = [k for k in tested if k not in moved_blocks]
+            gains |= {k: self._mean_gain(marginal, k) for k in candidates}
+            best = max(candidates, key=lambda k: gains[k])
             if gains[best] <= self.limit:
                 break
-            moved[best] = self._likeliest(marginal, best)
-        marginal, own = self._marginal(moved), covariance_of_centres(moved, self.names)
-        turn, sigma = self._common_turn(marginal)
+            moved_blocks[best] = self._likeliest(marginal, best)
+        marginal, motions = self._marginal(moved_blocks), covariance_of_centres(moved_blocks, self.names)
+        rotation, sigma = self._common_rotation(marginal)
         return Drift(
             mirrors=tuple(
-                self._move(k, moved, gains.get(k, 0.0) / self.limit) for k in range(len(self.layout.mirrors))
+                self._move(k, moved_blocks, gains.get(k, 0.0) / self.limit) for k in range(len(self.layout.mirrors))
             ),
             names=self.names,
-            change=own @ marginal.score,
-            covariance=self._covariance(own),
-            common_turn_deg=turn,
-            common_turn_sigma_deg=sigma,
+            change=motions @ marginal.score,
+            covariance=self._covariance(motions),
+            common_rotation_deg=rotation,
+            common_rotation_sigma_deg=sigma,
             frames=self.scene.frames,
             points=self.scene.points,
             sigma_px=self.scene.sigma_px,
@@ -286,80 +286,80 @@ class _Test:
         """Threshold for twice the log-likelihood ratio: chance exceeds it in at most one of RECORDINGS cases."""
         return 2.0 * float(np.log(RECORDINGS * len(self.layout.mirrors)))
 
-    def _marginal(self, moved: dict[int, FloatArray]) -> _Marginal:
-        """Score and information, given that some mirrors may have moved."""
-        prior = self.calibrated + self.small + self.common + covariance_of_centres(moved, self.names)
+    def _marginal(self, moved_blocks: dict[int, FloatArray]) -> _Marginal:
+        """Score and information, given that some mirrors may have moved with prior covariances (3, 3)."""
+        prior = self.calibrated + self.small + self.common + covariance_of_centres(moved_blocks, self.names)
         system = np.eye(len(prior)) + self.information @ prior
-        found = np.linalg.solve(system, np.column_stack([self.gradient, self.information]))
-        return _Marginal(np.asarray(found[:, 0], np.float64), np.asarray(found[:, 1:], np.float64))
+        solution = np.linalg.solve(system, np.column_stack([self.gradient, self.information]))
+        return _Marginal(np.asarray(solution[:, 0], np.float64), np.asarray(solution[:, 1:], np.float64))
 
     def _mean_gain(self, marginal: _Marginal, k: int) -> float:
-        """Twice the logarithm of the likelihood ratio for a moved mirror, averaged over TURN_SIGMAS_DEG."""
+        """Twice the logarithm of the likelihood ratio for a moved mirror, averaged over ROTATION_SIGMAS_DEG."""
         rows = centre_rows(self.names, k)
         gains = np.array(
-            [marginal.gain(rows, hinged_covariance(self.layout.mirrors[k], turn)) for turn in TURN_SIGMAS_DEG]
+            [marginal.gain(rows, hinged_covariance(self.layout.mirrors[k], sigma)) for sigma in ROTATION_SIGMAS_DEG]
         )
         return 2.0 * float(logsumexp(gains / 2.0) - np.log(len(gains)))
 
     def _likeliest(self, marginal: _Marginal, k: int) -> FloatArray:
-        """The prior covariance (3, 3) of a mirror's motion with the greatest likelihood (empirical Bayes).
+        """The prior covariance (3, 3) of a mirror's motion with the largest likelihood (empirical Bayes).
 
-        Over a short range of depths, points hardly distinguish a turn from a shift; this prior bounds the shift by the
-        turn.
+        Over a short range of depths, points hardly distinguish a rotation from a shift; this prior bounds the shift by
+        the rotation.
         """
         rows = centre_rows(self.names, k)
-        motions = [hinged_covariance(self.layout.mirrors[k], turn) for turn in TURN_SIGMAS_DEG]
+        motions = [hinged_covariance(self.layout.mirrors[k], sigma) for sigma in ROTATION_SIGMAS_DEG]
         return max(motions, key=lambda block: marginal.gain(rows, block))
 
-    def _common_turn(self, marginal: _Marginal) -> tuple[FloatArray, FloatArray]:
+    def _common_rotation(self, marginal: _Marginal) -> tuple[FloatArray, FloatArray]:
         """Rotation vector (3,) of all mirrors together, and standard deviations (3,), deg."""
         motions, rows = common_motions(self.layout), all_centre_rows(self.layout, self.names)
-        spread = np.eye(motions.shape[1]) - motions.T @ marginal.information[np.ix_(rows, rows)] @ motions
-        found = motions.T @ marginal.score[rows]
-        return COMMON_DEG * found[:3], COMMON_DEG * np.sqrt(np.maximum(np.diag(spread)[:3], 0.0))
+        covariance = np.eye(motions.shape[1]) - motions.T @ marginal.information[np.ix_(rows, rows)] @ motions
+        common = motions.T @ marginal.score[rows]
+        return COMMON_DEG * common[:3], COMMON_DEG * np.sqrt(np.maximum(np.diag(covariance)[:3], 0.0))
 
-    def _move(self, k: int, moved: dict[int, FloatArray], statistic: float) -> MirrorMove:
+    def _move(self, k: int, moved_blocks: dict[int, FloatArray], statistic: float) -> MirrorMove:
         """The motion of one mirror, assuming that it and the moved mirrors may have moved."""
-        without = self._marginal({m: block for m, block in moved.items() if m != k})
-        block = moved[k] if k in moved else self._likeliest(without, k)
-        marginal = self._marginal(moved | {k: block})
+        without_mirror = self._marginal({m: block for m, block in moved_blocks.items() if m != k})
+        block = moved_blocks[k] if k in moved_blocks else self._likeliest(without_mirror, k)
+        marginal = self._marginal(moved_blocks | {k: block})
         rows, mirror = centre_rows(self.names, k), self.layout.mirrors[k]
-        by_centre = rotation_jacobian(self.layout, self.names, k)[:, rows]
+        d_centre = rotation_jacobian(self.layout, self.names, k)[:, rows]
         change = block @ marginal.score[rows]
-        spread = by_centre @ (block - block @ marginal.information[np.ix_(rows, rows)] @ block) @ by_centre.T
+        covariance = d_centre @ (block - block @ marginal.information[np.ix_(rows, rows)] @ block) @ d_centre.T
         return MirrorMove(
             index=k,
-            turn_deg=np.degrees(by_centre @ change),
+            rotation_deg=np.degrees(d_centre @ change),
             shift_mm=float(mirror.normal_in_rig @ change) / 2.0,
-            turn_sigma_deg=float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(spread)[-1], 0.0)))),
+            rotation_sigma_deg=float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(covariance)[-1], 0.0)))),
             statistic=statistic,
-            detectable_deg=self._detectable_deg(without, k),
-            points=int(self.scene.seen[k]),
-            moved=k in moved,
+            detectable_deg=self._detectable_deg(without_mirror, k),
+            points=int(self.scene.point_counts[k]),
+            moved=k in moved_blocks,
         )
 
     def _detectable_deg(self, marginal: _Marginal, k: int) -> float:
-        """The turn about a mirror's centre that is detected in 19 of 20 recordings, in the worst direction.
+        """The rotation about a mirror's centre that is detected in 19 of 20 recordings, in the worst direction.
 
-        Chi squared grows by `rate` per squared turn; averaging over sizes of motion raises the threshold.
+        Chi squared grows by `rate` per squared rotation; averaging over sizes of motion raises the threshold.
         """
         rows, mirror = centre_rows(self.names, k), self.layout.mirrors[k]
         changes = np.linalg.svd(mirror.normal_in_rig[None])[2][1:] @ centre_changes(mirror)
         rate = float(np.linalg.eigvalsh(changes @ marginal.information[np.ix_(rows, rows)] @ changes.T)[0])
-        if self.scene.seen[k] < MIN_POINTS or rate <= 0.0:
+        if self.scene.point_counts[k] < MIN_POINTS or rate <= 0.0:
             return UNDETERMINED_DEG
-        threshold = self.limit + 3.0 * np.log(self.limit) + 2.0 * np.log(len(TURN_SIGMAS_DEG))
+        threshold = self.limit + 3.0 * np.log(self.limit) + 2.0 * np.log(len(ROTATION_SIGMAS_DEG))
         return min(float(np.degrees((np.sqrt(threshold) + DETECTION_SIGMAS) / np.sqrt(rate))), UNDETERMINED_DEG)
 
-    def _covariance(self, own: FloatArray) -> FloatArray:
+    def _covariance(self, motions: FloatArray) -> FloatArray:
         """Covariance of the parameters once the moved mirrors' changes are applied (Joseph's form)."""
-        identity = np.eye(len(own))
-        prior = self.calibrated + self.small + self.common + own
-        gain = own @ np.linalg.inv(identity + self.information @ prior)
+        identity = np.eye(len(motions))
+        prior = self.calibrated + self.small + self.common + motions
+        gain = motions @ np.linalg.inv(identity + self.information @ prior)
         residual = identity - gain @ self.information
         # Small motions of other mirrors propagate into the moved mirrors, as noise does.
         noise = self.information + self.information @ self.small @ self.information
-        return np.asarray(residual @ (self.calibrated + own) @ residual.T + gain @ noise @ gain.T)
+        return np.asarray(residual @ (self.calibrated + motions) @ residual.T + gain @ noise @ gain.T)
 
 
 def resolved_layout(layout: Layout, drift: Drift, source: str) -> Layout:
@@ -372,14 +372,14 @@ def resolved_layout(layout: Layout, drift: Drift, source: str) -> Layout:
         mirror = mirrors[move.index]
         change = drift.change[centre_rows(drift.names, move.index)]
         mirrors[move.index] = moved_to(mirror, mirror.virtual_centre_in_rig_mm + change)
-    moved = ", ".join(layout.mirror_names[move.index] for move in drift.moved)
+    moved_names = ", ".join(layout.mirror_names[move.index] for move in drift.moved)
     return layout.replaced(
         mirrors=tuple(mirrors),
         metrics={},
         verdict={},
         uncertainty=_uncertainty(layout, drift),
         provenance=layout.provenance
-        | {"resolved_from": layout.identity, "resolved_mirrors": moved, "resolved_by": source},
+        | {"resolved_from": layout.identity, "resolved_mirrors": moved_names, "resolved_by": source},
     )
 
 

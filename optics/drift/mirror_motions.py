@@ -20,7 +20,7 @@ def centre_rows(names: tuple[str, ...], k: int) -> IntArray:
 
 
 def rotation_jacobian(layout: Layout, names: tuple[str, ...], k: int) -> FloatArray:
-    """Derivatives (3, g) of a mirror's rotation vector w in rig, rad, by the parameters.
+    """Derivatives (3, g) of a mirror's rotation vector w, rad, rig frame, with respect to the parameters.
 
     For the virtual centre c = -2 d n, w = n x dn, and the part of dn normal to n is -dc / (2 d).
     """
@@ -40,19 +40,21 @@ def centre_changes(mirror: Mirror) -> FloatArray:
     )
 
 
-def motion_covariance(mirror: Mirror, turn_deg: float, shift_mm: float) -> FloatArray:
-    """Covariance (3, 3) of the virtual centre of a mirror that turns about its centre and shifts along its normal."""
+def motion_covariance(mirror: Mirror, sigma_deg: float, sigma_mm: float) -> FloatArray:
+    """Covariance (3, 3) of the virtual centre of a mirror that rotates about its centre and shifts along its normal."""
     n, changes = mirror.normal_in_rig, centre_changes(mirror)
-    return np.asarray(np.deg2rad(turn_deg) ** 2 * changes.T @ changes + (2.0 * shift_mm) ** 2 * np.outer(n, n))
+    return np.asarray(np.deg2rad(sigma_deg) ** 2 * changes.T @ changes + (2.0 * sigma_mm) ** 2 * np.outer(n, n))
 
 
-def hinged_covariance(mirror: Mirror, turn_deg: float) -> FloatArray:
-    """Covariance (3, 3) of the virtual centre of a mirror that turns about a point on or near it.
+def hinged_covariance(mirror: Mirror, sigma_deg: float) -> FloatArray:
+    """Covariance (3, 3) of the virtual centre of a mirror that rotates about a point on or near it.
 
-    The mirror's centre shifts by about half its size times the turn.
+    The mirror's centre shifts by about half its size times the rotation.
     """
     from_centre = mirror.outline_in_rig_mm - mirror.outline_in_rig_mm.mean(axis=0)
-    return motion_covariance(mirror, turn_deg, float(np.linalg.norm(from_centre, axis=1).mean()) * np.deg2rad(turn_deg))
+    return motion_covariance(
+        mirror, sigma_deg, float(np.linalg.norm(from_centre, axis=1).mean()) * np.deg2rad(sigma_deg)
+    )
 
 
 def covariance_of_centres(blocks: dict[int, FloatArray], names: tuple[str, ...]) -> FloatArray:

@@ -21,11 +21,11 @@ STEPS = 8
 CONVERGED_PX = 1e-3
 MAX_DISTANCE_MM = 1e6
 LOSS_SIGMAS = 4.0
-"""Scale of Geman and McClure's loss in standard deviations; larger residuals have little weight."""
+"""Scale of Geman and McClure's loss, in standard deviations; larger residuals have little weight."""
 MIN_SIGMA_PX = 0.02
-"""Lower limit of the standard deviation of a match, due to interpolation and slanted surfaces."""
+"""Minimum standard deviation of a match, due to interpolation and slanted surfaces."""
 TWIST_SIZE, TWIST_SIGMA = 6, 0.05
-"""Rotation vector, rad, and shift, in TWIST_LENGTH_MM, of the scene during the readout; their standard deviation."""
+"""Components of the scene's twist during readout: rotation, rad, and shift / TWIST_LENGTH_MM; standard deviation."""
 TWIST_LENGTH_MM = 400.0
 
 
@@ -45,7 +45,7 @@ class SceneInformation:
         Sum (g, g) of the outer products of the cells' contributions to h.
     sigma_px
         Standard deviation of a match, per axis.
-    seen
+    point_counts
         Number (m,) of points that each mirror shows.
     frames, points
         Number of frames and points.
@@ -56,7 +56,7 @@ class SceneInformation:
     gradient: FloatArray
     scatter: FloatArray
     sigma_px: float
-    seen: IntArray
+    point_counts: IntArray
     frames: int
     points: int
 
@@ -68,24 +68,24 @@ class _State:
     change: FloatArray
     twist: FloatArray
     ray: FloatArray
-    inverse_mm: FloatArray
+    inverse_distance_per_mm: FloatArray
     origin: FloatArray
 
     @property
     def points(self) -> FloatArray:
-        return self.origin + self.ray / self.inverse_mm[:, None]
+        return self.origin + self.ray / self.inverse_distance_per_mm[:, None]
 
 
 @dataclass(frozen=True)
 class _Linearized:
-    """Residuals (n, 2), derivatives by the changes and twists (n, 2, g + 6 f) and by the observed point (n, 2, 3).
+    """Residuals (n, 2), derivatives with respect to changes and twists (n, 2, g + 6 f), and to the point (n, 2, 3).
 
     For a point behind its mirror, the residual is NaN and the derivatives are 0.
     """
 
     residual: FloatArray
-    by_shared: FloatArray
-    by_point: FloatArray
+    d_shared: FloatArray
+    d_point: FloatArray
 
 
 class SceneFit:
@@ -120,11 +120,11 @@ class SceneFit:
             start[rows] = mirror.apparent.virtual_centre_in_rig_mm
             direction[rows] = rays[rows] @ mirror.reflection
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-        across = np.eye(3) - direction[:, :, None] * direction[:, None, :]
+        projection = np.eye(3) - direction[:, :, None] * direction[:, None, :]
         count = len(matches.frame)
         normal, rhs = np.zeros((count, 3, 3)), np.zeros((count, 3))
-        np.add.at(normal, matches.point, across)
-        np.add.at(rhs, matches.point, np.einsum("nij,nj->ni", across, start))
+        np.add.at(normal, matches.point, projection)
+        np.add.at(rhs, matches.point, np.einsum("nij,nj->ni", projection, start))
         points = np.linalg.solve(normal + 1e-12 * np.eye(3), rhs[..., None])[..., 0]
         first = np.unique(matches.point, return_index=True)[1]
         origin = start.mean(axis=0)
@@ -140,29 +140,29 @@ class SceneFit:
         estimate = _changed(self.layout, self.all_names, self.columns, state.change)
         time = (matches.pixels[:, 1] / self.height_px - 0.5)[:, None]
         point, twist = points[matches.point], state.twist[matches.frame[matches.point]]
-        scale = 1.0 / state.inverse_mm[matches.point, None]
-        moved = point + time * (np.cross(twist[:, :3], point) + twist[:, 3:] * TWIST_LENGTH_MM)
-        count = len(moved)
+        scale = 1.0 / state.inverse_distance_per_mm[matches.point, None]
+        displaced = point + time * (np.cross(twist[:, :3], point) + twist[:, 3:] * TWIST_LENGTH_MM)
+        count = len(displaced)
         observations = Observations(np.zeros(count, np.int64), matches.view, np.arange(count), matches.pixels)
-        residual, by_global, by_frame = residuals_with_jacobians(estimate, observations, Board.rigid(moved))
-        by_moved = by_frame[:, :, 3:6]
-        by_shared = np.zeros((count, 2, len(self.columns) + TWIST_SIZE * self.frames))
-        by_shared[:, :, : len(self.columns)] = by_global[:, :, self.columns]
-        by_rotation = np.cross(point[:, None, :], by_moved)
-        by_twist = time[:, :, None] * np.concatenate([by_rotation, TWIST_LENGTH_MM * by_moved], axis=2)
+        residual, d_global, d_frame = residuals_with_jacobians(estimate, observations, Board.rigid(displaced))
+        d_displaced = d_frame[:, :, 3:6]
+        d_shared = np.zeros((count, 2, len(self.columns) + TWIST_SIZE * self.frames))
+        d_shared[:, :, : len(self.columns)] = d_global[:, :, self.columns]
+        d_rotation = np.cross(point[:, None, :], d_displaced)
+        d_twist = time[:, :, None] * np.concatenate([d_rotation, TWIST_LENGTH_MM * d_displaced], axis=2)
         columns = len(self.columns) + TWIST_SIZE * matches.frame[matches.point][:, None] + np.arange(TWIST_SIZE)
-        np.put_along_axis(by_shared, np.broadcast_to(columns[:, None, :], (count, 2, TWIST_SIZE)), by_twist, axis=2)
+        np.put_along_axis(d_shared, np.broadcast_to(columns[:, None, :], (count, 2, TWIST_SIZE)), d_twist, axis=2)
         basis = _basis(state.ray)[matches.point] * np.stack([scale, scale, -scale], axis=1)
-        by_point = np.einsum("nij,nkj->nik", by_moved, basis)
-        lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(by_shared).all(axis=(1, 2)))
-        residual[lost], by_shared[lost], by_point[lost] = np.nan, 0.0, 0.0
-        return _Linearized(residual, by_shared, by_point)
+        d_point = np.einsum("nij,nkj->nik", d_displaced, basis)
+        invalid = ~(np.isfinite(residual).all(axis=1) & np.isfinite(d_shared).all(axis=(1, 2)))
+        residual[invalid], d_shared[invalid], d_point[invalid] = np.nan, 0.0, 0.0
+        return _Linearized(residual, d_shared, d_point)
 
     def _weights(self, residual: FloatArray) -> tuple[float, FloatArray]:
         """Standard deviation of a match per axis, and weights (n,) of the observations by each view's scatter."""
         matches = self.matches
-        lost = np.isnan(residual[:, 0])
-        squares = np.where(lost, 1e6, (residual**2).sum(axis=1))
+        invalid = np.isnan(residual[:, 0])
+        squares = np.where(invalid, 1e6, (residual**2).sum(axis=1))
         views = np.bincount(matches.point, minlength=len(matches.frame))[matches.point]
         # Each point takes three degrees of freedom.
         unbiased = squares * 2.0 * views / np.maximum(2.0 * views - 3.0, 1.0)
@@ -171,63 +171,63 @@ class SceneFit:
         for view in np.unique(matches.view):
             rows = matches.view == view
             sigma[rows] = max(_sigma(unbiased[rows]), 0.7 * overall)
-        return overall, np.where(lost, 0.0, 1.0 / (sigma * (1.0 + squares / (LOSS_SIGMAS * sigma) ** 2)) ** 2)
+        return overall, np.where(invalid, 0.0, 1.0 / (sigma * (1.0 + squares / (LOSS_SIGMAS * sigma) ** 2)) ** 2)
 
     def _reduced(self, linear: _Linearized, weight: FloatArray) -> tuple[FloatArray, ...]:
         """The Schur complement: H, each point's contribution to the gradient, and factors that recover the points."""
         matches, count, residual = self.matches, len(self.matches.frame), np.nan_to_num(linear.residual)
-        weighted = linear.by_point * weight[:, None, None]
-        hessians, cross = np.zeros((count, 3, 3)), np.zeros((count, 3, linear.by_shared.shape[2]))
-        np.add.at(hessians, matches.point, np.einsum("nki,nkj->nij", weighted, linear.by_point))
-        np.add.at(cross, matches.point, np.einsum("nki,nkg->nig", weighted, linear.by_shared))
+        weighted = linear.d_point * weight[:, None, None]
+        hessians, cross = np.zeros((count, 3, 3)), np.zeros((count, 3, linear.d_shared.shape[2]))
+        np.add.at(hessians, matches.point, np.einsum("nki,nkj->nij", weighted, linear.d_point))
+        np.add.at(cross, matches.point, np.einsum("nki,nkg->nig", weighted, linear.d_shared))
         rhs = np.zeros((count, 3))
         np.add.at(rhs, matches.point, np.einsum("nki,nk->ni", weighted, residual))
         hessians += 1e-9 * np.trace(hessians, axis1=1, axis2=2)[:, None, None] * np.eye(3) + 1e-30 * np.eye(3)
         eliminated = np.linalg.solve(hessians, np.concatenate([cross, rhs[..., None]], axis=2))
-        jacobian = linear.by_shared.reshape(-1, linear.by_shared.shape[2])
+        jacobian = linear.d_shared.reshape(-1, linear.d_shared.shape[2])
         whitened = jacobian * np.repeat(np.sqrt(weight), 2)[:, None]
         information = whitened.T @ whitened - np.einsum("pig,pih->gh", cross, eliminated[:, :, :-1], optimize=True)
         gradients = np.zeros((count, jacobian.shape[1]))
-        np.add.at(gradients, matches.point, np.einsum("nkg,nk,n->ng", linear.by_shared, residual, weight))
+        np.add.at(gradients, matches.point, np.einsum("nkg,nk,n->ng", linear.d_shared, residual, weight))
         gradients -= np.einsum("pig,pi->pg", eliminated[:, :, :-1], rhs)
         return (information + information.T) / 2.0, gradients, eliminated
 
     def _step(self, state: _State, linear: _Linearized, weight: FloatArray) -> tuple[_State, float]:
-        """A Gauss-Newton step, and the 90th percentile of its shifts of pixels."""
-        known = len(self.columns)
+        """The state after a Gauss-Newton step, and the 90th percentile of the pixels' shifts."""
+        count = len(self.columns)
         information, gradients, eliminated = self._reduced(linear, weight)
         prior = np.zeros_like(information)
-        prior[:known, :known] = self.prior
-        prior[known:, known:] = TWIST_SIGMA**2 * np.eye(len(prior) - known)
+        prior[:count, :count] = self.prior
+        prior[count:, count:] = TWIST_SIGMA**2 * np.eye(len(prior) - count)
         old = np.concatenate([state.change, state.twist.ravel()])
         rhs = information @ old - gradients.sum(axis=0)
         new = prior @ np.linalg.solve(np.eye(len(prior)) + information @ prior, rhs)
         step = new - old
         point_step = -eliminated[:, :, -1] - eliminated[:, :, :-1] @ step
-        shift = linear.by_shared @ step + np.einsum("nij,nj->ni", linear.by_point, point_step[self.matches.point])
+        shift = linear.d_shared @ step + np.einsum("nij,nj->ni", linear.d_point, point_step[self.matches.point])
         basis = _basis(state.ray)
         ray = state.ray + np.einsum("pi,pij->pj", np.clip(point_step[:, :2], -0.1, 0.1), basis[:, :2])
-        inverse = state.inverse_mm * np.exp(np.clip(point_step[:, 2], -0.5, 0.5))
-        moved = replace(
+        inverse_distance = state.inverse_distance_per_mm * np.exp(np.clip(point_step[:, 2], -0.5, 0.5))
+        updated = replace(
             state,
-            change=new[:known],
-            twist=new[known:].reshape(-1, TWIST_SIZE),
+            change=new[:count],
+            twist=new[count:].reshape(-1, TWIST_SIZE),
             ray=ray / np.linalg.norm(ray, axis=1, keepdims=True),
-            inverse_mm=np.clip(inverse, 1.0 / MAX_DISTANCE_MM, 1.0),
+            inverse_distance_per_mm=np.clip(inverse_distance, 1.0 / MAX_DISTANCE_MM, 1.0),
         )
-        return moved, float(np.quantile(np.linalg.norm(shift, axis=1), 0.9))
+        return updated, float(np.quantile(np.linalg.norm(shift, axis=1), 0.9))
 
     def _information(self, state: _State) -> SceneInformation:
-        linear, known = self._linearized(state), len(self.columns)
+        linear, count = self._linearized(state), len(self.columns)
         sigma, weight = self._weights(linear.residual)
         information, gradients, _ = self._reduced(linear, weight)
-        twist = information[known:, known:] + np.eye(len(information) - known) / TWIST_SIGMA**2
-        eliminated = np.linalg.solve(twist, information[known:, :known])
-        reduced = information[:known, :known] - information[:known, known:] @ eliminated
-        by_point = gradients[:, :known] - gradients[:, known:] @ eliminated
-        gradient = by_point.sum(axis=0) - eliminated.T @ (state.twist.ravel() / TWIST_SIGMA**2)
+        twist = information[count:, count:] + np.eye(len(information) - count) / TWIST_SIGMA**2
+        eliminated = np.linalg.solve(twist, information[count:, :count])
+        reduced = information[:count, :count] - information[:count, count:] @ eliminated
+        point_gradients = gradients[:, :count] - gradients[:, count:] @ eliminated
+        gradient = point_gradients.sum(axis=0) - eliminated.T @ (state.twist.ravel() / TWIST_SIGMA**2)
         cells = np.unique(self.matches.cell)
-        sums = np.stack([by_point[self.matches.cell == cell].sum(axis=0) for cell in cells])
+        sums = np.stack([point_gradients[self.matches.cell == cell].sum(axis=0) for cell in cells])
         sums -= sums.mean(axis=0)
         return SceneInformation(
             names=self.names,
@@ -235,7 +235,7 @@ class SceneFit:
             gradient=reduced @ state.change - gradient,
             scatter=sums.T @ sums * (len(cells) / max(len(cells) - 1, 1)),
             sigma_px=sigma,
-            seen=np.bincount(self.matches.view, minlength=len(self.layout.mirrors)),
+            point_counts=np.bincount(self.matches.view, minlength=len(self.layout.mirrors)),
             frames=len(np.unique(self.matches.frame)),
             points=len(self.matches.frame),
         )

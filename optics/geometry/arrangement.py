@@ -22,15 +22,15 @@ RING_VIEWS = Bounds(3, MAX_VIEWS)
 MIN_SEPARATION = 1e-3
 """Smallest distance between two positions of a pattern, relative to its size."""
 DISTANCE_TOLERANCE = 1e-6
-"""Difference, in steps, up to which two distances are equal."""
+"""Difference, in steps, up to which two distances count as equal."""
 MAX_NEIGHBOUR_STEPS = 1.2
 """Largest distance between neighbours, in steps."""
 
 
 class Pattern(Value):
-    """Positions of views that form no rectangular grid, in any unit: only their shape matters.
+    """Positions of views that do not form a rectangular grid, in any unit: only their shape matters.
 
-    Designs keep the shape, but scale it across and down independently, as with the two spacings of a grid.
+    Designs keep the shape, but scale it independently along x and y, as with the two spacings of a grid.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Pattern(Value):
         distances = _distances(self.positions)
         i, j = np.unravel_index(int(distances.argmin()), distances.shape)
         if distances[i, j] <= MIN_SEPARATION * np.ptp(self.positions, axis=0).max():
-            raise ValueError(f"pattern {self.name} has positions {i} and {j} in the same place, expected them apart")
+            raise ValueError(f"pattern {self.name} has coincident positions {i} and {j}, expected distinct ones")
         return self
 
     @classmethod
@@ -132,9 +132,9 @@ class Arrangement:
         A step is the mean distance to the nearest view: adjacent views of a grid are 1 apart.
         """
         if self.pattern is None:
-            across = np.tile(np.arange(self.cols) - (self.cols - 1) / 2.0, self.rows)
-            down = np.repeat(np.arange(self.rows) - (self.rows - 1) / 2.0, self.cols)
-            return np.column_stack([across, down])
+            x = np.tile(np.arange(self.cols) - (self.cols - 1) / 2.0, self.rows)
+            y = np.repeat(np.arange(self.rows) - (self.rows - 1) / 2.0, self.cols)
+            return np.column_stack([x, y])
         centred = self.pattern.positions - self.pattern.positions.mean(axis=0)
         return np.asarray((centred / _distances(centred).min(axis=1).mean()).round(12) + 0.0)
 
@@ -146,7 +146,7 @@ class Arrangement:
 
     @cached_property
     def extent(self) -> FloatArray:
-        """Size (2,) of the arrangement, in steps across and down."""
+        """Size (2,) of the arrangement along x and y, in steps."""
         return np.asarray(np.ptp(self.steps, axis=0))
 
     @property
@@ -171,8 +171,8 @@ class Arrangement:
     def fitted(self, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Fit the arrangement to virtual centres (..., n, 3), in view axes, by least squares.
 
-        The fitted positions lie in a plane normal to the view axis. Their origin and one spacing each along x and y
-        are fitted.
+        The fitted positions lie in a plane normal to the view axis. Their origin and the two spacings along
+        x and y are fitted.
 
         Returns
         -------
@@ -186,10 +186,10 @@ class Arrangement:
             if steps.any():
                 # Sum line by line: then all lines of a grid have a weight of exactly 1.
                 lines, members, counts = np.unique(steps, return_inverse=True, return_counts=True)
-                along = np.stack(
+                line_means = np.stack(
                     [centres[..., members == line, axis].mean(axis=-1) for line in range(len(lines))], axis=-1
                 )
                 weighted = lines * (counts / counts.max())
-                spacings[..., axis] = along @ weighted / (weighted @ lines)
+                spacings[..., axis] = line_means @ weighted / (weighted @ lines)
                 positions[..., axis] += spacings[..., axis, None] * steps
         return positions, spacings

@@ -59,7 +59,7 @@ class Camera(Value):
     focus_mm : float
         Distance in focus, along the axis from the pupil.
     body_mm : tuple, optional
-        Bounding box of the body: least and greatest corner, (x, y, z) each, with the pupil at the origin.
+        Bounding box of the body: minimum and maximum corner, (x, y, z) each, with the pupil at the origin.
     """
 
     name: Name = "camera"
@@ -81,18 +81,18 @@ class Camera(Value):
 
     @field_validator("distortion")
     @classmethod
-    def _check_distortion(cls, distortion: FloatArray, others: ValidationInfo) -> FloatArray:
-        if others.data.keys() >= {"lens_model", "lens_grid"}:  # else refused already
-            lens_of(others.data["lens_model"], distortion, others.data["lens_grid"])
+    def _check_distortion(cls, distortion: FloatArray, info: ValidationInfo) -> FloatArray:
+        if info.data.keys() >= {"lens_model", "lens_grid"}:  # else refused already
+            lens_of(info.data["lens_model"], distortion, info.data["lens_grid"])
         return distortion
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.body_mm is not None and not all(low < high for low, high in zip(*self.body_mm, strict=True)):
-            raise ValueError(f"body_mm {self.body_mm}, expected the box's least corner, then its greatest")
+            raise ValueError(f"body_mm {self.body_mm}, expected the box's minimum corner, then its maximum corner")
         if self.width_px * self.height_px > LARGEST_PICTURE_PX:
-            most = LARGEST_PICTURE_PX // 1_000_000
-            raise ValueError(f"{self.width_px}x{self.height_px} px, expected {most} megapixels or fewer")
+            megapixels = LARGEST_PICTURE_PX // 1_000_000
+            raise ValueError(f"{self.width_px}x{self.height_px} px, expected {megapixels} megapixels or fewer")
         return self
 
     @classmethod
@@ -165,12 +165,12 @@ class Camera(Value):
 
     @property
     def is_undistorted(self) -> bool:
-        """Whether the lens images straight lines as straight lines."""
+        """Whether the lens images straight lines as straight lines, without distortion."""
         return self.lens.is_identity
 
     @cached_property
     def valid_radius(self) -> float:
-        """Normalized radius up to which the lens is defined (infinite if it never folds)."""
+        """Normalized radius up to which the lens is defined; infinite if the distortion is monotonic."""
         return self.lens.valid_radius
 
     def pixels_from_normalized(self, normalized: FloatArray) -> FloatArray:
@@ -217,8 +217,8 @@ class Camera(Value):
         normalized = np.column_stack(self.lens.undistorted_estimate(*normalized.T))
         for _ in range(20):
             points = np.column_stack([normalized, np.ones(len(normalized))])
-            found, d_points, _ = self.project_with_jacobians(points)
-            error = target - found
+            projected, d_points, _ = self.project_with_jacobians(points)
+            error = target - projected
             if np.nanmax(np.abs(error), initial=0.0) < 1e-11 * max(self.width_px, self.height_px):
                 break
             normalized += _newton_step(d_points[:, :, :2], error)
@@ -228,18 +228,18 @@ class Camera(Value):
         return normalized.reshape(shape)
 
     def unproject(self, pixels: FloatArray) -> FloatArray:
-        """Viewing rays (..., 3) with z = 1, in rig, of pixels (..., 2)."""
+        """Viewing rays (..., 3) with z = 1, in the rig frame, of pixels (..., 2)."""
         normalized = self.normalized_from_pixels(pixels)
         return np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
 
 
-def _newton_step(by_point: FloatArray, error: FloatArray) -> FloatArray:
-    """Newton steps (n, 2) for errors (n, 2) with derivatives (n, 2, 2); NaN where a derivative is singular."""
+def _newton_step(jacobian: FloatArray, error: FloatArray) -> FloatArray:
+    """Newton steps (n, 2) for errors (n, 2) with Jacobians (n, 2, 2); NaN where a Jacobian is singular."""
     try:
-        return np.asarray(np.linalg.solve(by_point, error[:, :, None])[:, :, 0])
+        return np.asarray(np.linalg.solve(jacobian, error[:, :, None])[:, :, 0])
     except np.linalg.LinAlgError:
         with np.errstate(invalid="ignore"):  # some are not finite
-            singular = np.linalg.det(by_point) == 0.0
-        regular = np.where(singular[:, None, None], np.eye(2), by_point)
+            singular = np.linalg.det(jacobian) == 0.0
+        regular = np.where(singular[:, None, None], np.eye(2), jacobian)
         steps = np.linalg.solve(regular, error[:, :, None])[:, :, 0]
         return np.where(singular[:, None], np.nan, steps)

@@ -11,13 +11,13 @@ from mirrorcam.core.names import Name
 from mirrorcam.core.values import Value
 
 _Size = Annotated[float, PART_MM.limits]
-_Place = Annotated[float, PART_OFFSET_MM.limits]
+_Offset = Annotated[float, PART_OFFSET_MM.limits]
 ViewAngle = Annotated[float, Field(gt=1, lt=179)]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 class Lips(Value):
-    """A body that screws press against pads at its front, sides and end."""
+    """A body that screws press against pads on its front, sides and end."""
 
     kind: Literal["lips"] = "lips"
     lip_mm: float = PART_MM.field(description="how far pads may reach over the front from its upper and lower edges")
@@ -32,7 +32,7 @@ class BoardHoles(Value):
     """A bare board, screwed to posts behind it."""
 
     kind: Literal["board"] = "board"
-    holes_mm: tuple[tuple[_Place, _Place], ...] = Field(
+    holes_mm: tuple[tuple[_Offset, _Offset], ...] = Field(
         min_length=2, description="hole centres from the lens axis: x right, y down as in the image"
     )
     hole_mm: float = PART_MM.field(description="diameter of the holes")
@@ -68,8 +68,8 @@ class CameraBody(Value):
         exclude_if=lambda foot: foot is None,
         description="the monitor clip, folded against the scene side of the body: its size along x, y and z",
     )
-    lens_x_mm: float = PART_OFFSET_MM.field(0.0, "lens axis from the middle of the body, along the image's x")
-    lens_y_mm: float = PART_OFFSET_MM.field(0.0, "lens axis from the middle of the body, along the image's y")
+    lens_x_mm: float = PART_OFFSET_MM.field(0.0, "lens axis from the centre of the body, along the image's x")
+    lens_y_mm: float = PART_OFFSET_MM.field(0.0, "lens axis from the centre of the body, along the image's y")
     pupil_behind_front_mm: float = PART_OFFSET_MM.field(
         description="distance of the entrance pupil behind the front of the body; negative: in front of it"
     )
@@ -83,14 +83,14 @@ class CameraBody(Value):
         default=0.0,
         ge=PART_OFFSET_MM.min,
         le=PART_OFFSET_MM.max,
-        exclude_if=lambda place: place == 0.0,
-        description="where the cable leaves the back, from the middle of the body along the image's y",
+        exclude_if=lambda offset: offset == 0.0,
+        description="where the cable leaves the back, from the centre of the body along the image's y",
     )
     cable_thick_mm: float = Field(
         default=0.0,
         ge=PART_GAP_MM.min,
         le=PART_GAP_MM.max,
-        exclude_if=lambda thick: thick == 0.0,
+        exclude_if=lambda thickness: thickness == 0.0,
         description="thickness of a ribbon whose width along x is cable_mm; 0: the cable is round",
     )
     rest_mm: tuple[_Size, _Size] | None = Field(
@@ -110,15 +110,15 @@ class CameraBody(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        known = type(self).model_fields.keys() - {"name", "guessed"}
-        if unknown := [name for name in self.guessed if name.partition(".")[0] not in known]:
-            raise ValueError(f"guessed: {unknown[0]} is no dimension of a body")
+        fields = type(self).model_fields.keys() - {"name", "guessed"}
+        if unknown := [name for name in self.guessed if name.partition(".")[0] not in fields]:
+            raise ValueError(f"guessed: {unknown[0]} is not a dimension of a body")
         if self.end_radius_mm > min(self.width_mm, self.height_mm) / 2.0:
             raise ValueError(
                 f"end_radius_mm {self.end_radius_mm:g}, expected at most half of {self.width_mm:g} x {self.height_mm:g}"
             )
         if self.rest_mm is not None and self.held_by.kind != "board":
-            raise ValueError("rest_mm is given for a body held by lips, expected it only for a lens on a board")
+            raise ValueError("rest_mm is given for a body held by lips, but applies only to a lens on a board")
         if self.rest_mm is not None and not self.rest_mm[0] < self.rest_mm[1] <= self.lens_protrusion_mm:
             raise ValueError(
                 f"rest_mm {self.rest_mm[0]:g} to {self.rest_mm[1]:g}, expected increasing values of at most "
@@ -133,7 +133,7 @@ class CameraBody(Value):
 
     @property
     def box_mm(self) -> Box:
-        """Bounding box of the body without lens ring, foot and hinge: least and greatest corner, mm.
+        """Bounding box of the body without lens ring, foot and hinge: minimum and maximum corner, mm.
 
         As in `Camera.body_mm`, the entrance pupil is the origin; the front lies at z = `pupil_behind_front_mm`.
         """

@@ -1,6 +1,6 @@
 """The camera library: optics and bodies of common cameras as published, with their sources.
 
-Each camera is a TOML file in `optics/geometry/cameras/`. It holds the published figures next to the optics that follow
+Each camera is a TOML file in `optics/geometry/cameras/`. It holds the published figures next to the optics derived
 from them, so that the two can be compared, and lists unpublished figures as guessed.
 """
 
@@ -74,7 +74,7 @@ class CameraProfile(Value):
     published : PublishedFigures
         The maker's figures for the optics.
     set_aside : dict
-        Figures of `published` that the optics do not follow, each with the reason.
+        Figures of `published` that the optics deliberately contradict, each with the reason.
     guessed : tuple of str
         Unpublished fields of `optics`; `body.guessed` lists those of the body.
     notes : str
@@ -100,10 +100,10 @@ class CameraProfile(Value):
             return data
         data = with_tuples(data)
         optics, body = data.get("optics"), data.get("body")
-        named = {"name": data["name"]} if "name" in data else {}
+        name = {"name": data["name"]} if "name" in data else {}
         if isinstance(optics, dict):
             optics = (
-                named
+                name
                 | {f"c{axis}_px": (optics.get(size, 0) - 1) / 2.0 for axis, size in _AXES if _is_size(optics, size)}
                 | optics
             )
@@ -111,13 +111,13 @@ class CameraProfile(Value):
                 optics = {"fy_px": optics["fx_px"]} | optics
             data["optics"] = optics
         if isinstance(body, dict):
-            data["body"] = named | _view_of(optics) | body
+            data["body"] = name | _view_of(optics) | body
         return data
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.optics is not None and self.optics.body_mm is not None:
-            raise ValueError("optics.body_mm is given, expected only [body], from which it follows")
+            raise ValueError("optics.body_mm is given, but it follows from [body]")
         if unknown := [name for name in self.guessed if self.optics is None or name not in Camera.model_fields]:
             raise ValueError(f"guessed: {unknown[0]} is not a field of the optics")
         if unknown := [name for name in self.set_aside if getattr(self.published, name, None) is None]:
@@ -164,10 +164,10 @@ def _view_of(optics: Any) -> dict[str, Any]:
     if not isinstance(optics, dict) or not all(_is_size(optics, size) for _, size in _AXES):
         return {}
     focal = [optics.get(f"f{axis}_px") for axis, _ in _AXES]
-    if not all(isinstance(each, int | float) and each > 0 for each in focal):
+    if not all(isinstance(f, int | float) and f > 0 for f in focal):
         return {}
     sizes = (optics[size] for _, size in _AXES)
-    angles = (2.0 * math.atan(size / each / 2.0) for size, each in zip(sizes, focal, strict=True))
+    angles = (2.0 * math.atan(size / f / 2.0) for size, f in zip(sizes, focal, strict=True))
     return {"field_of_view_deg": tuple(round(math.degrees(angle), 1) for angle in angles)}
 
 
@@ -197,13 +197,13 @@ def read_profile(name: str) -> CameraProfile:
 
 
 def named_camera(name: str) -> Camera:
-    """Optics of a library camera by name; never reads another file, whatever the name.
+    """Optics of a library camera by name; never reads any other file.
 
     Raises InputError for an unknown name and a camera without optics.
     """
     if name not in camera_names():
-        known = ", ".join(camera_names())
-        raise InputError(f"camera {shortened(name, 40)!r}: expected one of {known}, or a table of its figures")
+        names = ", ".join(camera_names())
+        raise InputError(f"camera {shortened(name, 40)!r}: expected one of {names}, or a table of its figures")
     return library()[name].camera
 
 
@@ -241,8 +241,8 @@ def profile_of(camera: Camera) -> CameraProfile | None:
 
 def _path(name: str, *suffixes: str) -> Path:
     if not name.lower().endswith(suffixes):
-        known = ", ".join(camera_names())
-        raise InputError(f"camera {shortened(name, 40)!r}: expected one of {known}, or a {' or '.join(suffixes)} file")
+        names = ", ".join(camera_names())
+        raise InputError(f"camera {shortened(name, 40)!r}: expected one of {names}, or a {' or '.join(suffixes)} file")
     return Path(name)
 
 

@@ -36,7 +36,7 @@ FIRST_FOLD_DEG = 110.0
 
 
 def box_corners(low: ArrayLike, high: ArrayLike) -> FloatArray:
-    """Corners (8, 3) of the box with the given least and greatest corners (3,)."""
+    """Corners (8, 3) of the box with the given minimum and maximum corners (3,)."""
     (a, b, c), (d, e, f) = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     return np.array([[x, y, z] for x in (a, d) for y in (b, e) for z in (c, f)])
 
@@ -88,8 +88,8 @@ class DesignSpec(Value):
     )
     objective: Literal["overlap", "depth"] = Field(
         default="overlap",
-        description="overlap: most pixels that all views share; depth: least standard deviation of depth, with 99 % "
-        "of the pixels and of the field of view of the design for overlap",
+        description="overlap: most pixels on the region all views see; depth: smallest standard deviation of depth, "
+        "with 99 % of the pixels and of the field of view of the design for overlap",
     )
     robust_tilt_deg: float = TOLERANCE_DEG.field(
         0.0,
@@ -112,9 +112,9 @@ class DesignSpec(Value):
 
     @cached_property
     def view_from_rig(self) -> FloatArray:
-        """The rotation (3, 3) from rig to view axes: the views look along (0, sin fold, cos fold) in rig, x stays x.
+        """Rotation (3, 3) from rig frame to view axes; the views look along (0, sin fold, cos fold), x is unchanged.
 
-        The fold "auto" stands for `FIRST_FOLD_DEG` here.
+        For the fold "auto", the rotation is that of `FIRST_FOLD_DEG`.
         """
         fold = np.deg2rad(FIRST_FOLD_DEG if self.fold_deg == "auto" else self.fold_deg)
         cosine, sine = np.cos(fold).round(15) + 0.0, np.sin(fold)
@@ -134,7 +134,7 @@ class DesignSpec(Value):
         return written if self.pattern is None else {k: v for k, v in written.items() if k not in ("rows", "cols")}
 
     @cached_property
-    def kept_free_in_rig_mm(self) -> FloatArray:
+    def keep_out_in_rig_mm(self) -> FloatArray:
         """Corners (8, 3) of the box around the camera and its clip; (0, 3) if the camera's body is unknown."""
         if self.camera.body_mm is None:
             return np.zeros((0, 3))
@@ -150,7 +150,7 @@ class DesignSpec(Value):
         if len(set(self.depths_mm)) != len(self.depths_mm):
             raise ValueError(f"depths_mm {self.depths_mm} contains a depth twice")
         if self.objective == "depth" and self.robust_tilt_deg > 0.0:
-            raise ValueError("robust_tilt_deg is given with the objective depth, expected it only with overlap")
+            raise ValueError("robust_tilt_deg is given with the objective depth, but applies only to overlap")
         return self
 
 
@@ -159,16 +159,16 @@ GAVE_UP = "every"
 
 
 class InfeasibleDesign(InputError):
-    """No layout meets the spec; the message names the constraint that cannot be met and the violation.
+    """No layout meets the spec; the message names the constraint that cannot be met and by how much.
 
-    `where` holds the mirrors that violate the spec least, if the search found any, and where they violate it.
+    `violation` holds the mirrors with the smallest violation, if the search found any, and where it occurs.
     """
 
-    def __init__(self, constraint: str, finding: str, where: LeastViolation | None = None) -> None:
+    def __init__(self, constraint: str, finding: str, violation: LeastViolation | None = None) -> None:
         super().__init__(f"infeasible design, {constraint} constraint: {finding}")
         self.constraint = constraint
         self.finding = finding
-        self.where = where
+        self.violation = violation
 
     def __reduce__(self) -> tuple[type[Self], tuple[str, str, LeastViolation | None]]:
-        return type(self), (self.constraint, self.finding, self.where)
+        return type(self), (self.constraint, self.finding, self.violation)

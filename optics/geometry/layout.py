@@ -55,17 +55,17 @@ class Layout(Value):
     rows, cols : int
         Number of mirrors along t and s; for a pattern, 1 and the number of mirrors.
     pattern : Pattern or None
-        Positions of views that form no rectangular grid, in the order of the mirrors.
+        Positions of views that do not form a rectangular grid, in the order of the mirrors.
     camera : Camera
-        The base camera, at the origin of rig.
+        The base camera, at the origin of the rig frame.
     mirrors : tuple of Mirror
-        Row by row, in rig, mm.
+        Row by row, in the rig frame, mm.
     view_from_rig : ndarray
-        Rotation (3, 3) from rig to view axes: x right, y down, z forward to the scene.
+        Rotation (3, 3) from the rig frame to view axes: x right, y down, z forward to the scene.
     spec : DesignSpec or None
         The specification that the layout was designed for.
     metrics : dict of str to Metric
-        Figures of merit of these mirrors. A layout whose mirrors moved has none until it is evaluated again.
+        Figures of merit of these mirrors. They are dropped when mirrors move, until the layout is evaluated again.
     verdict : dict of str to Metric
         Figures that a specification limits, with their limits, as `verify` measured them.
     provenance : dict of str to str
@@ -108,7 +108,7 @@ class Layout(Value):
 
     @cached_property
     def identity(self) -> str:
-        """Hash (16 hexadecimal digits) of camera, mirrors and view axes. Nothing else changes it, not even names."""
+        """Hash (16 hexadecimal digits) of camera, mirrors and view axes. Nothing else affects it, not even names."""
         hashed = self.model_dump(
             mode="json",
             include={"rows", "cols", "camera", "mirrors", "view_from_rig"},
@@ -142,7 +142,7 @@ class Layout(Value):
         return self.arrangement.central_index
 
     def project(self, points_in_rig: FloatArray, mirror_index: int) -> FloatArray:
-        """Pixels (..., 2) at which points (..., 3) in rig appear in one mirror, as if its outline had no limits.
+        """Pixels (..., 2) of points (..., 3) in the rig frame in one mirror, as if its outline had no limits.
 
         Exact, also for second-surface and bent mirrors (`Mirror.image_of`).
         """
@@ -155,11 +155,13 @@ class Layout(Value):
         """
         mirror = self.mirrors[mirror_index].apparent
         corners = self.mirrors[mirror_index].usable_normalized if usable else mirror.outline_normalized
-        along = np.linspace(0.0, 1.0, points_per_edge, endpoint=False)[None, :, None]
-        edges = (corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along).reshape(-1, 2)
+        fractions = np.linspace(0.0, 1.0, points_per_edge, endpoint=False)[None, :, None]
+        edges = (corners[:, None] * (1.0 - fractions) + np.roll(corners, -1, axis=0)[:, None] * fractions).reshape(
+            -1, 2
+        )
         if not mirror.curvature_per_m.any():
             return self.camera.pixels_from_normalized(edges)
-        on_plane = mirror.cut(edges)
+        on_plane = mirror.intersect(edges)
         return self.camera.project(on_plane + mirror.sag_mm(on_plane)[:, None] * mirror.normal_in_rig)
 
     def with_surface(self, surface: Literal["first", "second"], thickness_mm: float | None = None) -> Self:
@@ -188,7 +190,7 @@ class Layout(Value):
 
 
 def working_distance_mm(layout: Layout) -> float | None:
-    """Distance of the calibration's boards or, without a calibration, the mean of the depths of the design."""
+    """Distance of the calibration's boards; without a calibration, the mean depth of the design."""
     measured = layout.metrics.get(WORKING_DISTANCE)
     if measured is not None and measured.known:
         return measured.value
@@ -196,7 +198,7 @@ def working_distance_mm(layout: Layout) -> float | None:
 
 
 def working_range_mm(layout: Layout) -> tuple[float, float] | None:
-    """Least and greatest distance of the working volume around the boards and the depths of the design."""
+    """Minimum and maximum distance of the working volume around the boards and the depths of the design."""
     depths = [] if layout.spec is None else list(layout.spec.depths_mm)
     measured = layout.metrics.get(WORKING_DISTANCE)
     if measured is not None and measured.known:

@@ -1,4 +1,4 @@
-"""Layouts of devices that gravity deforms: the motion of each mirror for gravity in the camera's frame."""
+"""Layouts of devices that gravity deforms: the motion of each mirror under gravity given in the camera's frame."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MAX_G = 3.0  # 1 g is a unit vector; a robot that accelerates may exceed it
 
 
 class MirrorMotion(Value):
-    """Motion of one mirror relative to the camera: matrices (3, 3) to multiply gravity by, in g, in rig.
+    """Motion of one mirror relative to the camera: matrices (3, 3) that multiply gravity (in g, rig frame).
 
     Attributes
     ----------
@@ -70,19 +70,19 @@ def layout_in_pose(
     table : GravityTable
         Motions of its mirrors under gravity.
     gravity_in_rig : (3,) array
-        Gravity in the pose, in g, in rig: (0, 1, 0) if the image is upright.
+        Gravity in the pose, in g, in the rig frame: (0, 1, 0) if the image is upright.
     calibrated_in_rig : (3,) array or None
         Gravity during the calibration; None for a nominal layout, which describes the device without gravity.
 
     Returns
     -------
     Layout
-        The layout with each mirror moved by the difference, without metrics.
+        The layout with each mirror moved by the difference between the two motions, without metrics.
 
     Raises
     ------
     InputError
-        If the table is for other mirrors, or a gravity is not a vector of at most 3 g.
+        If the table is for other mirrors, or gravity is not a vector with a norm of at most 3 g.
     """
     if set(table.mirrors) != set(layout.mirror_names):
         raise InputError(
@@ -103,11 +103,13 @@ def layout_in_pose(
 def _gravity(vector: FloatArray) -> FloatArray:
     gravity = np.asarray(vector, dtype=np.float64)
     if gravity.shape != (3,) or not np.isfinite(gravity).all() or np.linalg.norm(gravity) > MAX_G:
-        raise InputError(f"gravity {gravity.tolist()}, expected a vector of 3 numbers, at most {MAX_G:g} g long")
+        raise InputError(
+            f"gravity {gravity.tolist()}, expected a vector of 3 numbers with a norm of at most {MAX_G:g} g"
+        )
     return gravity
 
 
-def image_shifts_px(layout: Layout, moved: Layout, depth_mm: float) -> list[FloatArray]:
+def image_shifts_px(layout: Layout, displaced: Layout, depth_mm: float) -> list[FloatArray]:
     """Shifts (n, 2), px, of the scene's image in each sub-image between a layout and one with moved mirrors.
 
     The scene points lie at `depth_mm` in view axes, where the layout shows them at the corners and at the centre of
@@ -120,7 +122,7 @@ def image_shifts_px(layout: Layout, moved: Layout, depth_mm: float) -> list[Floa
         corners = mirror.usable_normalized
         normalized = np.vstack([corners, corners.mean(axis=0)])
         rays = np.column_stack([normalized, np.ones(len(normalized))]) @ apparent.reflection.T
-        start = apparent.virtual_centre_in_rig_mm
-        points = start + ((depth_mm - start @ forward) / (rays @ forward))[:, None] * rays
-        shifts.append(moved.project(points, index) - layout.project(points, index))
+        centre = apparent.virtual_centre_in_rig_mm
+        points = centre + ((depth_mm - centre @ forward) / (rays @ forward))[:, None] * rays
+        shifts.append(displaced.project(points, index) - layout.project(points, index))
     return shifts

@@ -23,7 +23,7 @@ FAMILIES = tuple(name for name in NAMES if not name.endswith(tuple(f"_{count}" f
 
 
 def dictionary(name: str, markers: int | None = None) -> cv2.aruco.Dictionary:
-    """The dictionary with a name of `NAMES`, or its first `markers` markers."""
+    """The dictionary with a name in `NAMES`, or its first `markers` markers."""
     full = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
     if markers is None:
         return full
@@ -31,8 +31,8 @@ def dictionary(name: str, markers: int | None = None) -> cv2.aruco.Dictionary:
 
 
 def canonical_name(name: str) -> str | None:
-    """The name of `NAMES` that equals `name` up to case; None if there is none."""
-    return next((known for known in NAMES if known.lower() == name.lower()), None)
+    """The name in `NAMES` that equals `name` except for case; None if there is none."""
+    return next((candidate for candidate in NAMES if candidate.lower() == name.lower()), None)
 
 
 def family(name: str) -> str:
@@ -42,7 +42,7 @@ def family(name: str) -> str:
 
 def smallest(name: str, markers: int) -> str:
     """The smallest dictionary of a family with at least `markers` markers."""
-    return min((each for each in NAMES if family(each) == family(name) and count(each) >= markers), key=count)
+    return min((other for other in NAMES if family(other) == family(name) and count(other) >= markers), key=count)
 
 
 def count(name: str) -> int:
@@ -59,7 +59,7 @@ def modules(name: str) -> int:
 def white_modules(name: str) -> NDArray[np.bool_]:
     """Masks (count, modules, modules) of the white modules of all markers, including their black borders."""
     side, markers = modules(name), dictionary(name)
-    drawn = [markers.generateImageMarker(number, side, borderBits=1) for number in range(count(name))]
-    white = np.array(drawn) > 0
+    images = [markers.generateImageMarker(number, side, borderBits=1) for number in range(count(name))]
+    white = np.array(images) > 0
     white.flags.writeable = False
     return white

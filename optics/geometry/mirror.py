@@ -14,22 +14,22 @@ from mirrorcam.core.bounds import LENGTH_MM, OFFSET_MM, REFRACTIVE_INDEX
 from mirrorcam.core.values import FloatArray, Shaped, Value, Vector3
 from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays, plane_axes
 from mirrorcam.optics.geometry.mirror_imaging import images
-from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
+from mirrorcam.optics.geometry.plate import rise_mm, solve_tangent_in_air, tangent_in_glass
 from mirrorcam.optics.geometry.transforms import rigid
 
 ON_PLANE_TOLERANCE_MM = 1e-6
-NEARLY_FLAT = 0.1
-"""Largest ratio of distance to radius of curvature for which the image in a bent mirror is single and nearly flat."""
+MAX_DISTANCE_TO_RADIUS = 0.1
+"""Ratio of distance to radius of curvature up to which the image in a bent mirror is single and nearly flat."""
 
 
 def reflect(points_in_rig: FloatArray, virtual_centre: FloatArray) -> FloatArray:
     """Reflect points (..., 3) at the plane of a virtual centre c, by x - 2 (x.c / |c|^2 - 1/2) c; broadcasts."""
     squared = np.sum(virtual_centre * virtual_centre, axis=-1, keepdims=True)
-    along = np.sum(points_in_rig * virtual_centre, axis=-1, keepdims=True) / squared
-    return points_in_rig - 2.0 * (along - 0.5) * virtual_centre
+    fraction = np.sum(points_in_rig * virtual_centre, axis=-1, keepdims=True) / squared
+    return points_in_rig - 2.0 * (fraction - 0.5) * virtual_centre
 
 
-def cut(normalized: FloatArray, virtual_centre: FloatArray) -> FloatArray:
+def intersect_plane(normalized: FloatArray, virtual_centre: FloatArray) -> FloatArray:
     """Points (..., 3) where viewing rays (normalized coordinates (..., 2)) meet the plane of a virtual centre (3,)."""
     rays = np.concatenate([normalized, np.ones((*np.shape(normalized)[:-1], 1))], axis=-1)
     return rays * (0.5 * (virtual_centre @ virtual_centre) / (rays @ virtual_centre))[..., None]
@@ -65,14 +65,16 @@ class Mirror(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.distance_mm < 1e-3:
-            raise ValueError(f"virtual centre {self.virtual_centre_in_rig_mm.tolist()} lies in the pupil")
+            raise ValueError(f"virtual centre {self.virtual_centre_in_rig_mm.tolist()} coincides with the pupil")
         if self.is_second_surface and self.distance_mm <= self.front_mm:
             past_mm = self.front_mm - self.distance_mm
-            raise ValueError(f"second-surface mirror reaches {past_mm:.3g} mm past the pupil, expected it in front")
-        curvature, limit = float(np.abs(self.curvature_per_m).max()), 1e3 * NEARLY_FLAT / self.distance_mm
+            raise ValueError(
+                f"second-surface mirror reaches {past_mm:.3g} mm past the pupil, but must lie in front of it"
+            )
+        curvature, limit = float(np.abs(self.curvature_per_m).max()), 1e3 * MAX_DISTANCE_TO_RADIUS / self.distance_mm
         if curvature > limit:
             raise ValueError(
-                f"curvature_per_m reaches {curvature:.3g}, expected a nearly flat mirror: {limit:.3g} at most"
+                f"curvature_per_m reaches {curvature:.3g}, expected a nearly flat mirror: at most {limit:.3g}"
             )
         outline = self.outline_in_rig_mm
         if len(outline) < 3:
@@ -113,8 +115,8 @@ class Mirror(Value):
         """The second-surface mirror whose `apparent` mirror has this virtual centre (3,) and this outline (n, 3)."""
         distance_mm = float(np.linalg.norm(apparent_centre_in_rig_mm)) / 2.0
         normal = -apparent_centre_in_rig_mm / (2.0 * distance_mm)
-        across = apparent_outline_in_rig_mm.mean(axis=0) + distance_mm * normal
-        tangent = np.array(np.linalg.norm(across) / distance_mm)
+        offset = apparent_outline_in_rig_mm.mean(axis=0) + distance_mm * normal
+        tangent = np.array(np.linalg.norm(offset) / distance_mm)
         rise = float(rise_mm(tangent, thickness_mm, refractive_index))
         return cls(
             virtual_centre_in_rig_mm=apparent_centre_in_rig_mm * (1.0 + rise / distance_mm),
@@ -125,18 +127,18 @@ class Mirror(Value):
         )
 
     @cached_property
-    def _chief(self) -> tuple[FloatArray, float]:
-        """Vector (3,), mm, from the plane's point nearest to the pupil to the outline's centre; chief ray's tangent."""
-        across = self.outline_in_rig_mm.mean(axis=0) + self.distance_mm * self.normal_in_rig
-        across_mm = float(np.linalg.norm(across))
+    def _central_ray(self) -> tuple[FloatArray, float]:
+        """Vector (3,), mm, from the plane's point nearest to the pupil to the outline's centre; its ray's tangent."""
+        offset = self.outline_in_rig_mm.mean(axis=0) + self.distance_mm * self.normal_in_rig
+        lateral_mm = float(np.linalg.norm(offset))
         if not self.is_second_surface:
-            return across, across_mm / self.distance_mm
+            return offset, lateral_mm / self.distance_mm
         air_mm = self.distance_mm - self.thickness_mm
-        return across, float(outer_tangent(across_mm, air_mm, self.thickness_mm, self.refractive_index))
+        return offset, float(solve_tangent_in_air(lateral_mm, air_mm, self.thickness_mm, self.refractive_index))
 
     @cached_property
     def apparent(self) -> Mirror:
-        """The first-surface mirror that images the chief ray, through the centre of the outline, as this one does.
+        """The first-surface mirror that reflects the chief ray through the outline's centre as this mirror does.
 
         A first-surface mirror is its own apparent mirror. For a second-surface mirror, plane and outline move towards
         the pupil by t (1 - tan' / tan), to where the extended incoming and outgoing chief rays meet. Rays at other
@@ -144,7 +146,7 @@ class Mirror(Value):
         """
         if not self.is_second_surface:
             return self
-        rise = float(rise_mm(np.array(self._chief[1]), self.thickness_mm, self.refractive_index))
+        rise = float(rise_mm(np.array(self._central_ray[1]), self.thickness_mm, self.refractive_index))
         return Mirror(
             virtual_centre_in_rig_mm=self.virtual_centre_in_rig_mm * (1.0 - rise / self.distance_mm),
             outline_in_rig_mm=self.outline_in_rig_mm + rise * self.normal_in_rig,
@@ -172,16 +174,16 @@ class Mirror(Value):
         """
         if not self.is_second_surface:
             return self.outline_normalized
-        across, tangent = self._chief
-        inner = float(inner_tangent(np.array(tangent), self.refractive_index))
-        across_mm = float(np.linalg.norm(across))
-        shift = self.thickness_mm * inner * across / across_mm if across_mm > 0 else across
+        offset, tangent = self._central_ray
+        in_glass = float(tangent_in_glass(np.array(tangent), self.refractive_index))
+        lateral_mm = float(np.linalg.norm(offset))
+        shift = self.thickness_mm * in_glass * offset / lateral_mm if lateral_mm > 0 else offset
         shift = shift @ self.rig_from_plane[:3, :2]
-        shown = Polygon(self.outline_in_plane_mm + shift).intersection(Polygon(self.outline_in_plane_mm - shift))
-        if shown.area <= 0.0:
+        usable = Polygon(self.outline_in_plane_mm + shift).intersection(Polygon(self.outline_in_plane_mm - shift))
+        if usable.area <= 0.0:
             return np.zeros((0, 2))
         frame = self.apparent.rig_from_plane
-        points = np.array(shown.exterior.coords)[:-1] @ frame[:3, :2].T + frame[:3, 3]
+        points = np.array(usable.exterior.coords)[:-1] @ frame[:3, :2].T + frame[:3, 3]
         return points[:, :2] / points[:, 2:]
 
     @property
@@ -226,7 +228,7 @@ class Mirror(Value):
         return reflect(points_in_rig, self.virtual_centre_in_rig_mm)
 
     def image_of(self, points_in_rig: FloatArray) -> FloatArray:
-        """Images (..., 3) in rig, mm, of points in front of the mirror, as seen from the pupil; exact in direction.
+        """Images (..., 3) in the rig frame, mm, of points in front of the mirror; exact in direction from the pupil.
 
         NaN for points that are not in front of a second-surface or bent mirror; see `optics.geometry.mirror_imaging`.
         """
@@ -247,9 +249,9 @@ class Mirror(Value):
         xx, yy, xy = self.curvature_per_m / 1e3
         return np.asarray((xx * x**2 + yy * y**2) / 2.0 + xy * x * y)
 
-    def cut(self, normalized: FloatArray) -> FloatArray:
-        """Points (..., 3) in rig, mm, where viewing rays (normalized coordinates (..., 2)) meet the plane."""
-        return cut(normalized, self.virtual_centre_in_rig_mm)
+    def intersect(self, normalized: FloatArray) -> FloatArray:
+        """Points (..., 3) in the rig frame, mm, where viewing rays (normalized coordinates (..., 2)) meet the plane."""
+        return intersect_plane(normalized, self.virtual_centre_in_rig_mm)
 
     @cached_property
     def outline_normalized(self) -> FloatArray:
@@ -273,7 +275,7 @@ class Mirror(Value):
         return (self.outline_in_rig_mm - matrix[:3, 3]) @ matrix[:3, :2]
 
     def moved(self, rotation: FloatArray, translation_mm: FloatArray) -> Self:
-        """The mirror moved as a rigid body: rotated (3, 3) about its outline's mean, then shifted by (3,), in rig."""
+        """The mirror moved rigidly in the rig frame: rotated (3, 3) about its outline's mean, then shifted (3,), mm."""
         centre = self.outline_in_rig_mm.mean(axis=0)
         normal = rotation @ self.normal_in_rig
         # The frame's x axis follows the rig's, not the mirror, so the mirror also rotates within its frame.

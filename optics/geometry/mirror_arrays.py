@@ -1,4 +1,4 @@
-"""Mirrors as component-first arrays with a column for each point seen in a mirror; quantities broadcast."""
+"""Mirrors as component-first arrays with one column per point and its mirror; quantities broadcast."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mirrorcam.core.values import FloatArray
 
 @dataclass(frozen=True)
 class MirrorArrays:
-    """The mirrors in which points (3, n) are seen; n may be 1 if all points are seen in one mirror.
+    """The mirrors in which points (3, n) are imaged; n may be 1 if all points are imaged in one mirror.
 
     Attributes
     ----------
@@ -32,14 +32,14 @@ class MirrorArrays:
 
 @dataclass(frozen=True)
 class ImageDerivatives:
-    """Derivatives of `a` functions of each point's image.
+    """Derivatives of k functions of each point's image.
 
     Attributes
     ----------
-    point : derivatives (a, 3, n) with respect to the point.
-    centre : derivatives (a, 3, n) with respect to the virtual centre.
-    thickness : derivatives (a, n) with respect to the thickness.
-    curvature : derivatives (a, 3, n) with respect to the curvature, or (a, 0, n) for mirrors treated as flat.
+    point : derivatives (k, 3, n) with respect to the point.
+    centre : derivatives (k, 3, n) with respect to the virtual centre.
+    thickness : derivatives (k, n) with respect to the thickness.
+    curvature : derivatives (k, 3, n) with respect to the curvature, or (k, 0, n) for mirrors treated as flat.
     """
 
     point: FloatArray
@@ -53,11 +53,11 @@ class MirrorImages(Protocol):
 
     @property
     def image_mm(self) -> FloatArray:
-        """Images (3, n) of the points as seen from the pupil; NaN where there is none."""
+        """Images (3, n) of the points, exact in their directions from the pupil; NaN where there is none."""
         ...
 
-    def vjp(self, by_image: FloatArray) -> ImageDerivatives:
-        """Vector-Jacobian product: pull derivatives (a, 3, n) with respect to the image back to the inputs."""
+    def vjp(self, d_image: FloatArray) -> ImageDerivatives:
+        """Vector-Jacobian product: pull derivatives (k, 3, n) with respect to the image back to the inputs."""
         ...
 
 
@@ -82,8 +82,8 @@ def plane_of(centre_mm: FloatArray) -> tuple[FloatArray, FloatArray]:
     return -centre_mm / length, length / 2.0
 
 
-def plane_vjp(by_normal: FloatArray, by_distance: FloatArray, plane: tuple[FloatArray, FloatArray]) -> FloatArray:
-    """Pull derivatives by the normal (a, 3, n) and the distance (a, n) back to the virtual centre (a, 3, n)."""
+def plane_vjp(d_normal: FloatArray, d_distance: FloatArray, plane: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Pull derivatives with respect to normal (k, 3, n) and distance (k, n) back to the virtual centre (k, 3, n)."""
     normal, distance_mm = plane
-    across = by_normal - dot(by_normal, normal)[:, None] * normal
-    return np.asarray(across / (-2.0 * distance_mm) - 0.5 * by_distance[:, None] * normal)
+    tangential = d_normal - dot(d_normal, normal)[:, None] * normal
+    return np.asarray(tangential / (-2.0 * distance_mm) - 0.5 * d_distance[:, None] * normal)

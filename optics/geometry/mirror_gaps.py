@@ -53,7 +53,7 @@ def stacked(arrays: Sequence[FloatArray]) -> FloatArray:
 
 
 def _min_gaps_mm(mirrors: Sequence[Mirror]) -> FloatArray:
-    """Lower bounds (n, n) of the distances between solids, mm: the largest distance along the normal of a face."""
+    """Lower bounds (n, n) on the distances between solids, mm: the largest separation along the normal of a face."""
     corners = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
     faces = [mirror.solid.half_spaces for mirror in mirrors]
     normals, offsets = stacked([normals for normals, _ in faces]), stacked([offsets for _, offsets in faces])
@@ -94,18 +94,18 @@ def area_mm2(mirror: Mirror) -> float:
     return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0)
 
 
-def _seen_gaps(mirrors: Sequence[Mirror]) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+def _sub_image_gaps(mirrors: Sequence[Mirror]) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
     """All pairs i < j and the distances between their sub-images, in normalized coordinates."""
     sub_images = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in mirrors])
     first, second = np.triu_indices(len(sub_images), 1)
     return first, second, shapely.distance(sub_images[first], sub_images[second])
 
 
-def seen_closer_than(mirrors: Sequence[Mirror], gap: float) -> list[tuple[int, int]]:
+def sub_images_closer_than(mirrors: Sequence[Mirror], gap: float) -> list[tuple[int, int]]:
     """Pairs i < j of mirrors whose sub-images are less than `gap` apart, in normalized coordinates."""
-    return [(int(i), int(j)) for i, j, distance in zip(*_seen_gaps(mirrors), strict=True) if distance < gap]
+    return [(int(i), int(j)) for i, j, distance in zip(*_sub_image_gaps(mirrors), strict=True) if distance < gap]
 
 
-def smallest_seen_gap(mirrors: Sequence[Mirror]) -> float:
+def smallest_sub_image_gap(mirrors: Sequence[Mirror]) -> float:
     """Smallest distance between any two sub-images, in normalized coordinates; infinite for a single mirror."""
-    return float(_seen_gaps(mirrors)[2].min(initial=np.inf))
+    return float(_sub_image_gaps(mirrors)[2].min(initial=np.inf))

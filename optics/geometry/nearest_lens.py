@@ -1,4 +1,4 @@
-"""Conversion of a camera to another lens model: exact where the model contains its lens, else a fit with its error."""
+"""Conversion of a camera to another lens model: exact if the model includes its lens, else a fit with its error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mirrorcam.core.bounds import FOCAL_PX
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera
-from mirrorcam.optics.geometry.lenses.families import NUMBERED, LensName
+from mirrorcam.optics.geometry.lenses.families import FIXED_SIZE_FAMILIES, LensName
 from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 
 SAMPLES = 40  # along each side of the fitted part of the picture
@@ -28,23 +28,23 @@ def with_lens(camera: Camera, model: LensName) -> Camera:
     if model == camera.lens_model:
         return camera
     common = "fisheye" not in (model, camera.lens_model)
-    kept = dict(zip(camera.lens.names, camera.distortion, strict=True)) if common else {}
+    coefficients = dict(zip(camera.lens.names, camera.distortion, strict=True)) if common else {}
     grid = None if model != "spline" else LensGrid.covering(_border(camera))
-    names = NUMBERED[model].NAMES if grid is None else Spline(np.zeros(0), grid).names
-    return camera.replaced(lens_model=model, lens_grid=grid, distortion=[kept.get(name, 0.0) for name in names])
+    names = FIXED_SIZE_FAMILIES[model].NAMES if grid is None else Spline(np.zeros(0), grid).names
+    return camera.replaced(lens_model=model, lens_grid=grid, distortion=[coefficients.get(name, 0.0) for name in names])
 
 
 def _border(camera: Camera) -> FloatArray:
     """Normalized coordinates (n, 2) of the sensor's border, where the lens is defined."""
-    along = np.linspace(-0.5, 0.5, SAMPLES)
-    x, y = along * camera.width_px, along * camera.height_px
+    fractions = np.linspace(-0.5, 0.5, SAMPLES)
+    x, y = fractions * camera.width_px, fractions * camera.height_px
     edges = [np.column_stack(np.broadcast_arrays(*edge)) for edge in ((x[0], y), (x[-1], y), (x, y[0]), (x, y[-1]))]
     centre = np.array([camera.width_px - 1.0, camera.height_px - 1.0]) / 2.0
     normalized = camera.normalized_from_pixels(np.concatenate(edges) + centre)
-    known = np.isfinite(normalized).all(axis=1)
-    if not known.any():
+    valid = np.isfinite(normalized).all(axis=1)
+    if not valid.any():
         raise InputError(f"camera {camera.name}: its lens is not defined at the border of the sensor")
-    return np.asarray(normalized[known])
+    return np.asarray(normalized[valid])
 
 
 def nearest_lens(
@@ -61,7 +61,7 @@ def nearest_lens(
     model
         The other lens model.
     part
-        First and last pixel (2,) of the part; by default of the picture.
+        First and last pixel (2,) of the part; by default, the entire picture.
     zero
         Coefficients to fix at zero.
 
@@ -74,10 +74,10 @@ def nearest_lens(
         part = np.zeros(2), np.array([camera.width_px - 1.0, camera.height_px - 1.0])
     pixels = np.stack(np.meshgrid(*np.linspace(*part, SAMPLES).T), axis=-1).reshape(-1, 2)
     normalized = camera.normalized_from_pixels(pixels)
-    known = np.isfinite(normalized).all(axis=1)
-    if not known.any():
+    valid = np.isfinite(normalized).all(axis=1)
+    if not valid.any():
         raise InputError(f"camera {camera.name}: its lens is not defined from pixel {part[0]} to {part[1]}")
-    rays, pixels = np.column_stack([normalized[known], np.ones(known.sum())]), pixels[known]
+    rays, pixels = np.column_stack([normalized[valid], np.ones(valid.sum())]), pixels[valid]
     fitted = with_lens(camera, model)
     names = fitted.intrinsic_names
     fitted = fitted.with_intrinsics(np.where([name in zero for name in names], 0.0, fitted.intrinsics))
@@ -88,10 +88,10 @@ def nearest_lens(
         try:
             best = fitted.with_intrinsics(_least_squares(fitted, free, rays, pixels))
         except (ValueError, np.linalg.LinAlgError):  # not finite, or not a valid camera
-            raise InputError(f"camera {camera.name}: no {model} lens fits its own, expected another model") from None
+            raise InputError(f"camera {camera.name}: no {model} lens fits its own, choose a different model") from None
         error_px = _max_error_px(best, rays, pixels)
     if not np.isfinite(error_px):
-        raise InputError(f"camera {camera.name}: no {model} lens fits its own, expected another model")
+        raise InputError(f"camera {camera.name}: no {model} lens fits its own, choose a different model")
     return best, error_px
 
 
@@ -112,14 +112,20 @@ def _least_squares(start: Camera, free: Sequence[int], rays: FloatArray, pixels:
         return np.concatenate([errors.ravel(), prior @ values])
 
     def jacobian(values: FloatArray) -> FloatArray:
-        by_free = camera(values).project_with_jacobians(rays)[2][:, :, free].reshape(-1, len(free))
-        return np.concatenate([by_free, prior])
+        d_free = camera(values).project_with_jacobians(rays)[2][:, :, free].reshape(-1, len(free))
+        return np.concatenate([d_free, prior])
 
-    lower = np.where(np.isin(free, [0, 1]), FOCAL_PX.min, -np.inf)
-    found = least_squares(
-        residuals, start.intrinsics[free], jac=jacobian, bounds=(lower, np.inf), x_scale="jac", xtol=1e-12, ftol=1e-12
+    min_values = np.where(np.isin(free, [0, 1]), FOCAL_PX.min, -np.inf)
+    fit = least_squares(
+        residuals,
+        start.intrinsics[free],
+        jac=jacobian,
+        bounds=(min_values, np.inf),
+        x_scale="jac",
+        xtol=1e-12,
+        ftol=1e-12,
     )
-    return camera(found.x).intrinsics
+    return camera(fit.x).intrinsics
 
 
 def _max_error_px(camera: Camera, rays: FloatArray, pixels: FloatArray) -> float:

@@ -16,7 +16,7 @@ from mirrorcam.optics.geometry.mirror_gaps import stacked
 from mirrorcam.optics.geometry.sub_images import covers_sensor, sub_image_polygons
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
 
-DRAWS = 20  # attempts to draw mirrors that do not overlap in the image and a lens that covers the sensor
+DRAWS = 20  # attempts to sample mirrors that do not overlap in the image and a lens that covers the sensor
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Perturbations:
         Error (n,) of the thickness of the sheet from which all mirrors of a device are cut.
     camera_shifts_mm
         Position (n, 3) of the pupil in the frame of the holder (the rig as designed).
-    camera_turns_rad
+    camera_rotations_rad
         Rotation vector (n, 3) of holder_from_camera.
     """
 
@@ -50,30 +50,30 @@ class Perturbations:
     shifts_mm: FloatArray
     thickness_mm: FloatArray
     camera_shifts_mm: FloatArray
-    camera_turns_rad: FloatArray
+    camera_rotations_rad: FloatArray
 
 
 def draw_perturbations(
     tolerances: Tolerances, mirrors: int, devices: int, random: np.random.Generator
 ) -> Perturbations:
-    """Draw devices from normal distributions.
+    """Sample devices from normal distributions.
 
-    For one state of the generator, scaled tolerances give scaled draws, and the first devices do not depend on the
+    For one state of the generator, scaled tolerances give scaled samples, and the first devices do not depend on the
     number of devices.
     """
-    # Thickness and camera have their own generator, so that the other draws do not depend on them.
-    placed = random.spawn(1)[0].standard_normal((devices, 7))
-    drawn = random.standard_normal((devices, 8 + 3 * mirrors))
-    by_mirror = drawn[:, 8:].reshape(devices, mirrors, 3)
+    # Thickness and camera have their own generator, so that the other samples do not depend on them.
+    camera_draws = random.spawn(1)[0].standard_normal((devices, 7))
+    draws = random.standard_normal((devices, 8 + 3 * mirrors))
+    mirror_draws = draws[:, 8:].reshape(devices, mirrors, 3)
     return Perturbations(
-        focal=tolerances.focal_percent / 100.0 * drawn[:, 0],
-        centre_px=tolerances.centre_px * drawn[:, 1:3],
-        lens=np.array(tolerances.distortion_mean) + np.array(tolerances.distortion_sigma) * drawn[:, 3:8],
-        tilts_rad=np.deg2rad(tolerances.tilt_deg) * by_mirror[..., :2],
-        shifts_mm=tolerances.offset_mm * by_mirror[..., 2],
-        thickness_mm=tolerances.sheet_thickness_mm * placed[:, 0],
-        camera_shifts_mm=tolerances.camera_offset_mm * placed[:, 1:4],
-        camera_turns_rad=np.deg2rad(tolerances.camera_turn_deg) * placed[:, 4:],
+        focal=tolerances.focal_percent / 100.0 * draws[:, 0],
+        centre_px=tolerances.centre_px * draws[:, 1:3],
+        lens=np.array(tolerances.distortion_mean) + np.array(tolerances.distortion_sigma) * draws[:, 3:8],
+        tilts_rad=np.deg2rad(tolerances.tilt_deg) * mirror_draws[..., :2],
+        shifts_mm=tolerances.offset_mm * mirror_draws[..., 2],
+        thickness_mm=tolerances.sheet_thickness_mm * camera_draws[:, 0],
+        camera_shifts_mm=tolerances.camera_offset_mm * camera_draws[:, 1:4],
+        camera_rotations_rad=np.deg2rad(tolerances.camera_turn_deg) * camera_draws[:, 4:],
     )
 
 
@@ -126,7 +126,7 @@ def perturbed_mirrors(layout: Layout, perturbations: Perturbations) -> Devices:
     """Perturb the mirrors: tilt each about the centre of its outline, then shift it along its nominal normal.
 
     The back of a mirror rests on its seat. A thicker first-surface mirror therefore reflects nearer to the pupil; a
-    thicker second-surface mirror reflects at the same place, behind more glass.
+    thicker second-surface mirror reflects in the same plane, behind more glass.
     """
     shape = perturbations.shifts_mm.shape
     normals = np.array([mirror.normal_in_rig for mirror in layout.mirrors])
@@ -136,10 +136,12 @@ def perturbed_mirrors(layout: Layout, perturbations: Perturbations) -> Devices:
         [mirror.outline_in_rig_mm - mirror.outline_in_rig_mm.mean(axis=0) for mirror in layout.mirrors]
     )
     thicknesses = np.array([mirror.thickness_mm for mirror in layout.mirrors])
-    lifted = np.array([not mirror.is_second_surface for mirror in layout.mirrors])
+    is_raised = np.array([not mirror.is_second_surface for mirror in layout.mirrors])
     vectors = (frames[:, :3, :2] @ perturbations.tilts_rad[..., None])[..., 0]
     rotations = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(*shape, 3, 3)
-    shifts = (perturbations.shifts_mm + np.where(lifted, perturbations.thickness_mm[:, None], 0.0))[..., None] * normals
+    shifts = (perturbations.shifts_mm + np.where(is_raised, perturbations.thickness_mm[:, None], 0.0))[
+        ..., None
+    ] * normals
     return Devices(
         normals=(rotations @ normals[..., None])[..., 0],
         centroids_mm=centroids + shifts,
@@ -147,7 +149,7 @@ def perturbed_mirrors(layout: Layout, perturbations: Perturbations) -> Devices:
         outlines_mm=from_centroid @ np.swapaxes(rotations, -1, -2) + centroids[:, None] + shifts[..., None, :],
         thicknesses_mm=thicknesses + perturbations.thickness_mm[:, None],
         pupils_mm=perturbations.camera_shifts_mm,
-        holder_from_camera=Rotation.from_rotvec(perturbations.camera_turns_rad).as_matrix(),
+        holder_from_camera=Rotation.from_rotvec(perturbations.camera_rotations_rad).as_matrix(),
     )
 
 
@@ -179,13 +181,13 @@ def _built(layout: Layout, perturbations: Perturbations) -> Layout:
 
 
 def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Generator) -> Layout:
-    """Draw a device built from a layout at random; draw again (up to 20 times) if it is physically impossible.
+    """Sample a device built from a layout; sample again (up to 20 times) if it is physically impossible.
 
     Parameters
     ----------
     layout : design with flat mirrors.
     tolerances : standard deviations.
-    random : generator to draw from.
+    random : random generator.
 
     Returns
     -------
@@ -194,7 +196,7 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
 
     Raises
     ------
-    InputError : all draws are impossible (the message names the tolerance), or a mirror is bent.
+    InputError : all samples are impossible (the message names the tolerance), or a mirror is bent.
     """
     named = zip(layout.mirror_names, layout.mirrors, strict=True)
     if bent := [name for name, mirror in named if mirror.curvature_per_m.any()]:
@@ -209,15 +211,17 @@ def draw_as_built(layout: Layout, tolerances: Tolerances, random: np.random.Gene
                 reason = f"focal_percent {tolerances.focal_percent}: {error.reason}"
             continue
         if not covers_sensor(built.camera):
-            reason = f"distortion_mean {list(tolerances.distortion_mean)}: the lens model folds before the sensor ends"
-        elif lost := [k for k, shown in enumerate(sub_image_polygons(built)) if shown.is_empty]:
+            reason = (
+                f"distortion_mean {list(tolerances.distortion_mean)}: the distortion is not monotonic on the sensor"
+            )
+        elif invisible := [k for k, sub_image in enumerate(sub_image_polygons(built)) if sub_image.is_empty]:
             reason = (
                 f"{workmanship(tolerances)}, focal_percent {tolerances.focal_percent}, "
-                f"centre_px {tolerances.centre_px}: mirror {built.mirror_names[lost[0]]} lies outside the sensor"
+                f"centre_px {tolerances.centre_px}: mirror {built.mirror_names[invisible[0]]} lies outside the sensor"
             )
         else:
             return built
-    raise InputError(f"tolerances {reason} (in each of {DRAWS} draws), expected smaller ones")
+    raise InputError(f"tolerances {reason} (in each of {DRAWS} draws), reduce the tolerances")
 
 
 def workmanship(tolerances: Tolerances) -> str:

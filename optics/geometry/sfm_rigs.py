@@ -33,7 +33,7 @@ class SfmCamera:
     Attributes
     ----------
     name : str
-        Folder of its pictures; the cameras are sorted by name.
+        Name of the folder with its pictures; the cameras are sorted by name.
     model : str
         COLMAP's name of the lens model.
     width_px, height_px : int
@@ -52,10 +52,10 @@ class SfmCamera:
     camera_from_world: FloatArray
 
 
-def _pose(camera_from: FloatArray) -> list[float]:
+def _pose(transform: FloatArray) -> list[float]:
     """Format a rigid transform (4, 4) in mm for COLMAP: quaternion w, x, y, z and translation in metres."""
-    quaternion = Rotation.from_matrix(camera_from[:3, :3]).as_quat(canonical=True, scalar_first=True)
-    return [*quaternion.tolist(), *(camera_from[:3, 3] / 1000.0).tolist()]
+    quaternion = Rotation.from_matrix(transform[:3, :3]).as_quat(canonical=True, scalar_first=True)
+    return [*quaternion.tolist(), *(transform[:3, 3] / 1000.0).tolist()]
 
 
 def rig_config(cameras: Sequence[SfmCamera], reference: int) -> str:

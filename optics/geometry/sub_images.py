@@ -22,7 +22,7 @@ from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil, edge_clearance
 
 POINTS_PER_EDGE = 32
 MAX_FRACTION = 10.0
-"""Limit on the position of an unvignetted border, in distances from its edge to the centre of the outline."""
+"""Limit on the shift of an unvignetted border, as a multiple of the distance from its edge to the outline's centre."""
 
 
 def clipped(polygon: FloatArray, heights: FloatArray) -> FloatArray:
@@ -30,39 +30,39 @@ def clipped(polygon: FloatArray, heights: FloatArray) -> FloatArray:
 
     Returns (0, 2) if nothing remains.
     """
-    points, kept = _cut(polygon, heights)
-    return points[kept]
+    points, is_corner = _clip(polygon, heights)
+    return points[is_corner]
 
 
-def each_clipped(polygons: FloatArray, heights: FloatArray) -> FloatArray:
+def clipped_polygons(polygons: FloatArray, heights: FloatArray) -> FloatArray:
     """Clip convex polygons (m, n, 2) to the positive sides of lines, given signed distances (m, n) of their corners.
 
-    Returns (m, most, 2) with `most` from 3 to n + 1. Polygons with fewer corners repeat the last, in the input as in
+    Returns (m, k, 2) with k from 3 to n + 1. Polygons with fewer corners repeat the last, in the input as in
     the result; all corners of an empty polygon are zero.
     """
-    points, kept = _cut(polygons, heights)
-    count = kept.sum(axis=1)
-    order = np.argsort(~kept, axis=1, kind="stable")
+    points, is_corner = _clip(polygons, heights)
+    count = is_corner.sum(axis=1)
+    order = np.argsort(~is_corner, axis=1, kind="stable")
     index = np.minimum(np.arange(max(count.max(), 3)), np.maximum(count - 1, 0)[:, None])
     parts = np.take_along_axis(points, np.take_along_axis(order, index, axis=1)[..., None], axis=1)
     return np.asarray(np.where((count > 0)[:, None, None], parts, 0.0))
 
 
-def _cut(polygons: FloatArray, heights: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+def _clip(polygons: FloatArray, heights: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Candidate corners (..., 2 n, 2) of clipped polygons (..., n, 2), in order, and the mask of actual corners."""
-    previous, before = np.roll(polygons, 1, axis=-2), np.roll(heights, 1, axis=-1)
+    previous, previous_heights = np.roll(polygons, 1, axis=-2), np.roll(heights, 1, axis=-1)
     inside = heights > 0.0
-    crosses = (before > 0.0) != inside
-    drop = np.where(crosses, before - heights, 1.0)
-    crossings = previous + (polygons - previous) * before[..., None] / drop[..., None]
+    crosses = (previous_heights > 0.0) != inside
+    drop = np.where(crosses, previous_heights - heights, 1.0)
+    crossings = previous + (polygons - previous) * previous_heights[..., None] / drop[..., None]
     points = np.stack([crossings, polygons], axis=-2).reshape(*polygons.shape[:-2], -1, 2)
     return points, np.stack([crosses, inside], axis=-1).reshape(*heights.shape[:-1], -1)
 
 
 def _subdivided(polygon: FloatArray, per_edge: int = POINTS_PER_EDGE) -> FloatArray:
-    along = np.linspace(0.0, 1.0, per_edge, endpoint=False)[None, :, None]
+    fractions = np.linspace(0.0, 1.0, per_edge, endpoint=False)[None, :, None]
     following = np.roll(polygon, -1, axis=0)
-    return (polygon[:, None] * (1.0 - along) + following[:, None] * along).reshape(-1, 2)
+    return (polygon[:, None] * (1.0 - fractions) + following[:, None] * fractions).reshape(-1, 2)
 
 
 def vertices(polygon: Polygon) -> FloatArray:
@@ -71,7 +71,7 @@ def vertices(polygon: Polygon) -> FloatArray:
 
 
 def _sensor_border(camera: Camera) -> FloatArray:
-    """The sensor's border (n, 2) in normalized coordinates; not finite where the lens folds inside the sensor."""
+    """The sensor's border (n, 2) in normalized coordinates; not finite where the distortion is not monotonic."""
     w, h = camera.width_px - 0.5, camera.height_px - 0.5
     border = np.array([[-0.5, -0.5], [w, -0.5], [w, h], [-0.5, h]])
     return camera.normalized_from_pixels(border if camera.is_undistorted else _subdivided(border))
@@ -85,19 +85,21 @@ def covers_sensor(camera: Camera) -> bool:
 def sensor_polygon(camera: Camera) -> Polygon:
     """The sensor, out to the edges of its outermost pixels, in normalized (undistorted) coordinates.
 
-    Raises InputError if the lens folds inside the sensor.
+    Raises InputError if the distortion is not monotonic on the sensor.
     """
     normalized = _sensor_border(camera)
     if not np.isfinite(normalized).all():
-        raise InputError(f"camera {camera.name}: distortion {camera.distortion.tolist()} folds inside the sensor")
+        raise InputError(
+            f"camera {camera.name}: distortion {camera.distortion.tolist()} is not monotonic on the sensor"
+        )
     return Polygon(normalized)
 
 
 def sub_image_polygons(layout: Layout, pupil: Pupil = PINHOLE) -> list[Polygon]:
     """The part of each sub-image on the sensor that shows the scene unvignetted, in normalized coordinates."""
     sensor = sensor_polygon(layout.camera)
-    shown = [sensor.intersection(Polygon(outline)) for outline in unvignetted_outlines_of(layout.mirrors, pupil)]
-    return [part if isinstance(part, Polygon) else Polygon() for part in shown]
+    parts = [sensor.intersection(Polygon(outline)) for outline in unvignetted_outlines_of(layout.mirrors, pupil)]
+    return [part if isinstance(part, Polygon) else Polygon() for part in parts]
 
 
 @dataclass(frozen=True)
@@ -107,33 +109,35 @@ class FieldsOfView:
     Attributes
     ----------
     layout : layout of the mirrors.
-    reach_mm : greatest depth of the mirrors' solids.
+    mirror_depth_mm : maximum depth of the mirrors' solids.
     origins_mm : points (m, 3) where the rays leave their mirrors, mirror by mirror.
     directions : directions (m, 3) of the rays, not normalized.
-    corners_of : slices of the rays by mirror, for mirrors that show the scene.
+    corner_slices : slices of the rays by mirror, for mirrors that show the scene.
     sub_images : part of each sub-image that shows the scene, see `sub_image_polygons`.
     """
 
     layout: Layout
-    reach_mm: float
+    mirror_depth_mm: float
     origins_mm: FloatArray
     directions: FloatArray
-    corners_of: dict[int, slice]
+    corner_slices: dict[int, slice]
     sub_images: tuple[Polygon, ...]
 
     def footprints(self, depth_mm: float) -> list[Polygon]:
-        """The region of the plane at a depth that each view sees; empty if it sees nothing.
+        """The region of the plane at a depth that each view sees; empty if it sees none.
 
         Raises InputError for a depth nearer than the mirrors.
         """
-        if depth_mm <= self.reach_mm:
-            raise InputError(f"depth {depth_mm:g} mm is nearer than the mirrors, which reach {self.reach_mm:.1f} mm")
+        if depth_mm <= self.mirror_depth_mm:
+            raise InputError(
+                f"depth {depth_mm:g} mm is nearer than the mirrors, which reach {self.mirror_depth_mm:.1f} mm"
+            )
         steps = (depth_mm - self.origins_mm[:, 2]) / self.directions[:, 2]
         corners = (self.origins_mm + steps[:, None] * self.directions)[:, :2]
-        counts = [part.stop - part.start for part in self.corners_of.values()]
+        counts = [part.stop - part.start for part in self.corner_slices.values()]
         rings = shapely.linearrings(corners, indices=np.repeat(np.arange(len(counts)), counts))
         footprints = [Polygon()] * len(self.layout.mirrors)
-        for k, polygon in zip(self.corners_of, shapely.polygons(rings), strict=True):
+        for k, polygon in zip(self.corner_slices, shapely.polygons(rings), strict=True):
             footprints[k] = polygon
         return footprints
 
@@ -145,9 +149,9 @@ class FieldsOfView:
 
     def pixel_efficiency(self, region: Polygon, depth_mm: float) -> float:
         """Fraction of the sensor's pixels that see a region of the plane at a depth, over all sub-images."""
-        return float(self.pixel_shares(region, depth_mm).sum())
+        return float(self.pixel_fractions(region, depth_mm).sum())
 
-    def pixel_shares(self, region: Polygon, depth_mm: float) -> FloatArray:
+    def pixel_fractions(self, region: Polygon, depth_mm: float) -> FloatArray:
         """Fractions (m,) of the sensor's pixels that see a region of the plane at a depth, by sub-image."""
         if region.is_empty:
             return np.zeros(len(self.layout.mirrors))
@@ -164,24 +168,26 @@ def fields_of_view(layout: Layout, pupil: Pupil = PINHOLE) -> FieldsOfView:
     Rays that are not reflected towards the scene are omitted.
     """
     rig_from_view = layout.view_from_rig.T
-    leaving, directions, corners_of = np.zeros((0, 3)), np.zeros((0, 3)), {}
-    shown = tuple(sub_image_polygons(layout, pupil))
-    for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, shown, strict=True)):
+    origins, directions, corner_slices = np.zeros((0, 3)), np.zeros((0, 3)), {}
+    sub_images = tuple(sub_image_polygons(layout, pupil))
+    for k, (mirror, sub_image) in enumerate(zip(layout.mirrors, sub_images, strict=True)):
         apparent = mirror.apparent
-        corners, slope = vertices(sub_image), apparent.reflection @ layout.view_from_rig[2]
-        forward = clipped(corners, corners @ slope[:2] + slope[2] - 1e-6)
+        corners, to_depth = vertices(sub_image), apparent.reflection @ layout.view_from_rig[2]
+        forward = clipped(corners, corners @ to_depth[:2] + to_depth[2] - 1e-6)
         if len(forward) < 3:
             continue
-        corners_of[k] = slice(len(leaving), len(leaving) + len(forward))
+        corner_slices[k] = slice(len(origins), len(origins) + len(forward))
         rays = np.column_stack([forward, np.ones(len(forward))])
-        leaving = np.concatenate([leaving, apparent.cut(forward) @ rig_from_view])
+        origins = np.concatenate([origins, apparent.intersect(forward) @ rig_from_view])
         directions = np.concatenate([directions, rays @ apparent.reflection @ rig_from_view])
-    reach_mm = max(float((mirror.solid.corners_in_rig_mm @ rig_from_view)[:, 2].max()) for mirror in layout.mirrors)
-    return FieldsOfView(layout, reach_mm, leaving, directions, corners_of, shown)
+    mirror_depth_mm = max(
+        float((mirror.solid.corners_in_rig_mm @ rig_from_view)[:, 2].max()) for mirror in layout.mirrors
+    )
+    return FieldsOfView(layout, mirror_depth_mm, origins, directions, corner_slices, sub_images)
 
 
 def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
-    """The outline (n, 3) in rig of a region at a depth, with sampled edges if the lens distorts."""
+    """The outline (n, 3) in the rig frame of a region at a depth, with sampled edges if the lens distorts."""
     outline = vertices(region)
     if not layout.camera.is_undistorted:
         outline = _subdivided(outline)
@@ -189,12 +195,12 @@ def _on_plane(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
 
 
 def images_in_rig(layout: Layout, region: Polygon, depth_mm: float) -> FloatArray:
-    """Images (m, n, 3), mm, in rig, of the outline of a region at a depth in each mirror, as seen from the pupil."""
+    """Images (m, n, 3), mm, in the rig frame, in each mirror of the outline of a region at a depth."""
     return reflect(_on_plane(layout, region, depth_mm), layout.virtual_centres_in_rig_mm[:, None])
 
 
-def seen_px(layout: Layout, region: Polygon, depth_mm: float, mirror_index: int) -> FloatArray:
-    """The outline (n, 2) of a region of the plane at a depth on the distorted sensor, seen in one mirror."""
+def region_outline_px(layout: Layout, region: Polygon, depth_mm: float, mirror_index: int) -> FloatArray:
+    """The outline (n, 2) on the distorted sensor of a region of the plane at a depth, as one mirror shows it."""
     return layout.project(_on_plane(layout, region, depth_mm), mirror_index)
 
 
@@ -221,27 +227,29 @@ def unvignetted_outline(mirror: Mirror, pupil: Pupil) -> FloatArray:
 def unvignetted_outlines_of(mirrors: Sequence[Mirror], pupil: Pupil) -> list[FloatArray]:
     """The `unvignetted_outline` (n, 2) of each mirror, computed together."""
     outlines = [mirror.usable_normalized for mirror in mirrors]
-    showing = [k for k, shown in enumerate(outlines) if len(shown)]
-    if pupil.radius_mm == 0.0 or not showing:
+    visible = [k for k, outline in enumerate(outlines) if len(outline)]
+    if pupil.radius_mm == 0.0 or not visible:
         return outlines
-    most = max(len(outlines[k]) for k in showing)
-    shown = np.array([outlines[k][np.minimum(np.arange(most), len(outlines[k]) - 1)] for k in showing])
-    normals = np.array([mirrors[k].apparent.normal_in_rig for k in showing])
-    distances_mm = np.array([mirrors[k].apparent.distance_mm for k in showing])
-    for k, outline in zip(showing, unvignetted_outlines(shown, normals, distances_mm, pupil), strict=True):
+    count = max(len(outlines[k]) for k in visible)
+    corners = np.array([outlines[k][np.minimum(np.arange(count), len(outlines[k]) - 1)] for k in visible])
+    normals = np.array([mirrors[k].apparent.normal_in_rig for k in visible])
+    distances_mm = np.array([mirrors[k].apparent.distance_mm for k in visible])
+    for k, outline in zip(visible, unvignetted_outlines(corners, normals, distances_mm, pupil), strict=True):
         outlines[k] = outline[(outline != np.roll(outline, 1, axis=0)).any(axis=1)]
     return outlines
 
 
-def unvignetted_outlines(shown: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil) -> FloatArray:
+def unvignetted_outlines(
+    corners: FloatArray, normals: FloatArray, distances_mm: FloatArray, pupil: Pupil
+) -> FloatArray:
     """The unvignetted parts of the sub-images of n mirrors, in normalized coordinates.
 
-    Their borders are nearly straight; straight chords inside them replace them.
+    Their nearly straight borders are replaced by chords inside them.
 
     Parameters
     ----------
-    shown
-        Corners (n, k, 2) of the parts seen from the centre of the pupil; shorter outlines repeat the last corner.
+    corners
+        Corners (n, k, 2) of the parts visible from the centre of the pupil; shorter outlines repeat the last corner.
     normals, distances_mm
         Planes of the apparent mirrors: unit normals (n, 3) in the frame of the camera, and distances (n,).
     pupil
@@ -249,24 +257,24 @@ def unvignetted_outlines(shown: FloatArray, normals: FloatArray, distances_mm: F
 
     Returns
     -------
-    Corners (n, most, 2); shorter outlines repeat the last corner, and empty ones are all zero.
+    Corners (n, l, 2); shorter outlines repeat the last corner, and empty ones are all zero.
     """
-    following = np.roll(shown, -1, axis=1)
-    distinct = (following != shown).any(axis=2)
-    centroids = (shown * distinct[..., None]).sum(axis=1) / np.maximum(distinct.sum(axis=1), 1)[:, None]
-    ends = np.stack([shown, following], axis=2)
-    inwards = centroids[:, None, None] - ends
+    following = np.roll(corners, -1, axis=1)
+    distinct = (following != corners).any(axis=2)
+    centroids = (corners * distinct[..., None]).sum(axis=1) / np.maximum(distinct.sum(axis=1), 1)[:, None]
+    ends = np.stack([corners, following], axis=2)
+    inward = centroids[:, None, None] - ends
     fractions = _fractions_to_unvignetted(ends, centroids, normals, distances_mm, pupil)
-    found = ((fractions >= 0.0) & (fractions < MAX_FRACTION)).all(axis=2) | ~distinct
-    borders = ends + np.where(found[..., None], fractions, 0.0)[..., None] * inwards
-    along = borders[:, :, 1] - borders[:, :, 0]
-    across = np.stack([-along[..., 1], along[..., 0]], axis=-1)
-    across *= np.sign((inwards[:, :, 0] * across).sum(axis=-1, keepdims=True))
-    kept = shown * found.all(axis=1)[:, None, None]
-    for k in range(shown.shape[1]):
-        heights = ((kept - borders[:, None, k, 0]) * across[:, None, k]).sum(axis=-1)
-        kept = each_clipped(kept, np.where(distinct[:, k, None], heights, 1.0))
-    return kept
+    solved = ((fractions >= 0.0) & (fractions < MAX_FRACTION)).all(axis=2) | ~distinct
+    borders = ends + np.where(solved[..., None], fractions, 0.0)[..., None] * inward
+    edges = borders[:, :, 1] - borders[:, :, 0]
+    normal = np.stack([-edges[..., 1], edges[..., 0]], axis=-1)
+    normal *= np.sign((inward[:, :, 0] * normal).sum(axis=-1, keepdims=True))
+    clipped_corners = corners * solved.all(axis=1)[:, None, None]
+    for k in range(corners.shape[1]):
+        heights = ((clipped_corners - borders[:, None, k, 0]) * normal[:, None, k]).sum(axis=-1)
+        clipped_corners = clipped_polygons(clipped_corners, np.where(distinct[:, k, None], heights, 1.0))
+    return clipped_corners
 
 
 def _fractions_to_unvignetted(
@@ -274,7 +282,7 @@ def _fractions_to_unvignetted(
 ) -> FloatArray:
     """Fractions (n, k, 2) of the lines from the ends of edges (n, k, 2, 2) to centroids (n, 2) where vignetting ends.
 
-    Along these lines, constant and slope of `edge_clearance` are linear. Vignetting ends where their quotient equals
+    Along these lines, constant and gradient of `edge_clearance` are linear. Vignetting ends where their quotient equals
     the pupil's radius: a quadratic equation. NaN if it has no solution.
     """
     centroids = np.broadcast_to(centroids[:, None, None], (*ends.shape[:2], 1, 2))
@@ -282,16 +290,16 @@ def _fractions_to_unvignetted(
     rays = np.concatenate([chief, np.ones((*chief.shape[:3], 1))], axis=3)
     points = rays * (-distances_mm[:, None, None] / (rays @ normals[:, None, :, None])[..., 0])[..., None]
     edges = np.stack([points[:, :, None, 0], points[:, :, None, 1]])
-    constants, slopes, _ = edge_clearance(edges, points[:, :, 2], rays, 1.0 / pupil.focus_mm)
-    constant, slope = constants[..., 0], pupil.radius_mm * slopes[..., 0, :]
-    d_constant, d_slope = constant[:, :, 2:] - constant[:, :, :2], slope[:, :, 2:] - slope[:, :, :2]
-    constant, slope = constant[:, :, :2], slope[:, :, :2]
+    constants, gradients, _ = edge_clearance(edges, points[:, :, 2], rays, 1.0 / pupil.focus_mm)
+    constant, gradient = constants[..., 0], pupil.radius_mm * gradients[..., 0, :]
+    d_constant, d_gradient = constant[:, :, 2:] - constant[:, :, :2], gradient[:, :, 2:] - gradient[:, :, :2]
+    constant, gradient = constant[:, :, :2], gradient[:, :, :2]
     quadratic, linear, absolute = (
-        one * other - (first * second).sum(axis=-1)
-        for one, other, first, second in (
-            (d_constant, d_constant, d_slope, d_slope),
-            (constant, d_constant, slope, d_slope),
-            (constant, constant, slope, slope),
+        a * b - (first * second).sum(axis=-1)
+        for a, b, first, second in (
+            (d_constant, d_constant, d_gradient, d_gradient),
+            (constant, d_constant, gradient, d_gradient),
+            (constant, constant, gradient, gradient),
         )
     )
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -2,7 +2,7 @@
 
 The board frame has its origin at the top-left outer corner of the printed squares, x right, y down, z into the paper;
 the printed side is seen from negative z. Corner ids run row by row from the top left. Detection measures lengths on a
-print in pitches, the mean distance between neighbouring corners (`pitch_mm`).
+print in units of the pitch, the mean distance between neighbouring corners (`pitch_mm`).
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TAG_MODULES, TAG_BORDER = 10, 2  # modules along a side of a tag, including its 
 
 
 def _is_default(value: float) -> bool:
-    """Whether to omit a key, so that files and digests of boards without it do not change."""
+    """Whether a value is the default, which is omitted so that files and digests of older boards do not change."""
     return not value
 
 
@@ -57,11 +57,11 @@ class _Grid(Value):
 
     @property
     def longest_step(self) -> float:
-        """Longest distance between neighbouring corners, in pitches."""
+        """Longest distance between neighbouring corners, in units of the pitch."""
         return 1.0
 
     @property
-    def corners_across(self) -> tuple[int, int]:
+    def corner_counts(self) -> tuple[int, int]:
         """Number of corners along x and y."""
         return self.cols - 1, self.rows - 1
 
@@ -125,17 +125,17 @@ class Charuco(_Grid):
     def _check(self) -> Self:
         if self.marker_mm >= self.square_mm:
             raise ValueError(f"marker_mm {self.marker_mm} is not smaller than square_mm {self.square_mm}")
-        known = dictionaries.canonical_name(self.dictionary)
-        if known is None:
+        canonical = dictionaries.canonical_name(self.dictionary)
+        if canonical is None:
             raise ValueError(
                 f"dictionary {self.dictionary[:40]!r} is unknown, expected one of {', '.join(dictionaries.NAMES)}"
             )
-        object.__setattr__(self, "dictionary", known)
-        markers, available = self.first_marker + self.rows * self.cols // 2, dictionaries.count(known)
+        object.__setattr__(self, "dictionary", canonical)
+        markers, available = self.first_marker + self.rows * self.cols // 2, dictionaries.count(canonical)
         if markers > available:
-            from_first = f" from {self.first_marker} on" if self.first_marker else ""
+            from_first = f", starting at id {self.first_marker}" if self.first_marker else ""
             raise ValueError(
-                f"{self.rows * self.cols // 2} markers are needed{from_first}, {self.dictionary} has {available}"
+                f"{self.rows * self.cols // 2} markers are needed{from_first}, but {self.dictionary} has {available}"
             )
         return self
 
@@ -158,11 +158,11 @@ class Charuco(_Grid):
     @cached_property
     def markers(self) -> NDArray[np.bool_]:
         """Masks (m, modules, modules) of the markers' white modules, including their black borders."""
-        drawn = dictionaries.white_modules(self.dictionary)
-        return drawn[self.first_marker : self.first_marker + len(self.marker_squares)]
+        white = dictionaries.white_modules(self.dictionary)
+        return white[self.first_marker : self.first_marker + len(self.marker_squares)]
 
     @cached_property
-    def opencv(self) -> cv2.aruco.CharucoBoard:
+    def opencv_board(self) -> cv2.aruco.CharucoBoard:
         """OpenCV's board with the same geometry and ids."""
         dictionary = dictionaries.dictionary(self.dictionary)
         ids = self.first_marker + np.arange(len(self.marker_squares), dtype=np.int32)
@@ -173,7 +173,7 @@ class Charuco(_Grid):
     def image(self, px_per_square: int) -> NDArray[np.uint8]:
         """The printed squares and markers (rows*p, cols*p), 0 black and 255 white."""
         size = (self.cols * px_per_square, self.rows * px_per_square)
-        return np.asarray(self.opencv.generateImage(size, marginSize=0, borderBits=1), dtype=np.uint8)
+        return np.asarray(self.opencv_board.generateImage(size, marginSize=0, borderBits=1), dtype=np.uint8)
 
 
 class AprilGrid(Value):
@@ -199,7 +199,7 @@ class AprilGrid(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.cols * self.rows > len(TAG_FAMILY.bytesList):
-            raise ValueError(f"{self.cols * self.rows} tags are needed, 36h11 has {len(TAG_FAMILY.bytesList)}")
+            raise ValueError(f"{self.cols * self.rows} tags are needed but 36h11 has only {len(TAG_FAMILY.bytesList)}")
         return self
 
     @property
@@ -224,11 +224,11 @@ class AprilGrid(Value):
 
     @property
     def longest_step(self) -> float:
-        """Longest distance between neighbouring corners, in pitches."""
+        """Longest distance between neighbouring corners, in units of the pitch."""
         return 2.0 / (1.0 + self.spacing)
 
     @property
-    def corners_across(self) -> tuple[int, int]:
+    def corner_counts(self) -> tuple[int, int]:
         """Number of corners along x and y."""
         return 2 * self.cols, 2 * self.rows
 
@@ -246,13 +246,13 @@ class AprilGrid(Value):
         return np.stack([x, y, np.zeros_like(x)], axis=1)
 
     def line_mm(self, index: NDArray[np.int64]) -> FloatArray:
-        """Coordinate along x or y of the lines of corners with these indices, extrapolated beyond the print."""
+        """Coordinates along x or y of the lines of corners with given indices, extrapolated beyond the print."""
         return np.asarray(self.gap_mm + index // 2 * 2.0 * self.pitch_mm + index % 2 * self.tag_mm)
 
     def tag(self, number: int) -> NDArray[np.bool_]:
         """Mask (10, 10) of the black modules of a printed tag."""
-        drawn = TAG_FAMILY.generateImageMarker(number, TAG_MODULES, borderBits=TAG_BORDER)
-        return np.asarray(np.rot90(drawn, 2) == 0)
+        image = TAG_FAMILY.generateImageMarker(number, TAG_MODULES, borderBits=TAG_BORDER)
+        return np.asarray(np.rot90(image, 2) == 0)
 
     @cached_property
     def tag_numbers(self) -> NDArray[np.int64]:
@@ -310,15 +310,15 @@ def _read_kalibr(path: Path) -> AprilGrid:
         line.split("#")[0]
         for line in read_bytes(path, LARGEST_TEXT_BYTES).decode("utf-8-sig", errors="replace").splitlines()
     )
-    given = {key.strip(): value.strip(" \t'\"") for key, _, value in (line.partition(":") for line in lines)}
-    if given.get("target_type") != "aprilgrid":
-        kind = given.get("target_type", "")[:40]
+    values = {key.strip(): value.strip(" \t'\"") for key, _, value in (line.partition(":") for line in lines)}
+    if values.get("target_type") != "aprilgrid":
+        kind = values.get("target_type", "")[:40]
         raise InputError(f"{path}: target_type is {kind!r}, expected 'aprilgrid'; describe other boards in board.toml")
-    missing = [key for key in KALIBR_KEYS if not re.fullmatch(r"[-+.\deE]+", given.get(key, ""))]
+    missing = [key for key in KALIBR_KEYS if not re.fullmatch(r"[-+.\deE]+", values.get(key, ""))]
     if missing:
-        raise InputError(f"{path}: {missing[0]}: {given.get(missing[0], '')[:40]!r}, expected a number")
+        raise InputError(f"{path}: {missing[0]}: {values.get(missing[0], '')[:40]!r}, expected a number")
     try:
-        cols, rows, tag, spacing = (float(given[key]) for key in KALIBR_KEYS)
+        cols, rows, tag, spacing = (float(values[key]) for key in KALIBR_KEYS)
         return AprilGrid.model_validate({"cols": cols, "rows": rows, "tag_mm": 1000.0 * tag, "spacing": spacing})
     except ValueError as error:  # includes InvalidValue
         raise InputError(f"{path}: {error}") from None

@@ -25,20 +25,20 @@ class Tolerances(Value):
     """Standard deviations of built devices from their design, and of lens distortion, which data sheets omit."""
 
     # Defaults: a hand-assembled mirror camera with a good webcam, in the frame of that webcam. Its pictures do not
-    # depend on where the holder carries it, so that tolerances of the camera's pose are zero.
+    # depend on its position in the holder, so the tolerances of the camera's pose are zero.
     tilt_deg: float = TOLERANCE_DEG.field(0.3, "tilt of a mirror about each of two axes in its plane")
     offset_mm: float = TOLERANCE_MM.field(0.3, "shift of a mirror along its normal")
     sheet_thickness_mm: float = TOLERANCE_MM.field(0.0, "thickness of the stock sheet that all mirrors are cut from")
     camera_offset_mm: float = TOLERANCE_MM.field(0.0, "shift of the camera's pupil in the holder, along each axis")
-    camera_turn_deg: float = TOLERANCE_DEG.field(0.0, "turn of the camera in the holder, about each axis")
+    camera_turn_deg: float = TOLERANCE_DEG.field(0.0, "rotation of the camera in the holder, about each axis")
     focal_percent: float = Bounds(0.0, 100.0).field(1.0, "focal length, in percent")
     centre_px: float = Bounds(0.0, 10_000.0).field(8.0, "principal point, along each axis")
     distortion_mean: Lens = Field(
-        default=(0.05, -0.1, 0.0, 0.0, 0.0), description="mean of the distortion k1 k2 p1 p2 k3, each -10 to 10"
+        default=(0.05, -0.1, 0.0, 0.0, 0.0), description="mean of the distortion k1 k2 p1 p2 k3, each from -10 to 10"
     )
     distortion_sigma: LensSigma = Field(
         default=(0.02, 0.03, 5e-4, 5e-4, 0.0),
-        description="standard deviation of the distortion k1 k2 p1 p2 k3, each 0 to 10",
+        description="standard deviation of the distortion k1 k2 p1 p2 k3, each from 0 to 10",
     )
 
     @classmethod
@@ -78,5 +78,5 @@ class Tolerances(Value):
         return (
             f"mirrors tilted {self.tilt_deg:g}° and shifted {self.offset_mm:g} mm, "
             f"sheet {self.sheet_thickness_mm:g} mm, "
-            f"camera shifted {self.camera_offset_mm:g} mm and turned {self.camera_turn_deg:g}°"
+            f"camera shifted {self.camera_offset_mm:g} mm and rotated {self.camera_turn_deg:g}°"
         )

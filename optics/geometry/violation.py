@@ -1,4 +1,4 @@
-"""Violations of a spec that no layout meets, for the mirrors that violate it least."""
+"""Violations of a spec that no layout meets, for the mirrors with the smallest violation."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ class Violation(Value):
     Attributes
     ----------
     mirrors : one or two indices.
-    missing_mm : size of the violation; for an overlap, the distance by which a mirror would have to be extended.
+    missing_mm : amount by which the limit is violated; for an overlap, the distance by which a mirror would have to be
+        extended.
     place_in_rig_mm : ends (2, 3) of the segment to draw. It connects the closest points of two solids, or of a solid
-        and the camera's box (equal if these meet); or it is an edge that is too short, the line from a corner back to
-        the depth that it exceeds, or the line from a mirror's edge to the reflection of a corner of the region.
+        and the camera's box (equal if these meet); or it is an edge that is too short; the line from a corner back to
+        the depth that it exceeds; or the line from a mirror's edge to the reflection of a corner of the region.
     """
 
     mirrors: tuple[int, ...]
@@ -28,12 +29,13 @@ class Violation(Value):
 
 
 class LeastViolation(Value):
-    """The mirrors with the least violation of a spec that the search found.
+    """The mirrors with the smallest violation of a spec that the search found.
 
     Attributes
     ----------
-    constraint : the constraint violated most, as named by `InfeasibleDesign`.
-    mirrors : mirrors in the order of a layout, in rig, mm. Their sub-images may overlap, which a `Layout` forbids.
+    constraint : the most violated constraint, as named by `InfeasibleDesign`.
+    mirrors : mirrors in the order of a layout, in the rig frame, mm. Their sub-images may overlap, which a `Layout`
+        forbids.
     violations : violations of that constraint, worst first.
     """
 

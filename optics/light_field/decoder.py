@@ -253,7 +253,7 @@ def _visible_window(layout: Layout, mirror_index: int) -> tuple[FloatArray, Floa
     visible = shapely.get_coordinates(sensor.intersection(Polygon(usable_outline)))[:-1]
     if len(visible) < 3:
         raise InputError(f"{name} lies outside the image, but all mirrors must be in view")
-    mirror_region = mirror.cut(visible) @ layout.view_from_rig.T
+    mirror_region = mirror.intersect(visible) @ layout.view_from_rig.T
     centre = mirror.virtual_centre_in_rig_mm @ layout.view_from_rig.T
     pixels = camera.pixels_from_normalized(visible)
     return centre, mirror_region, float(Polygon(pixels[np.isfinite(pixels).all(axis=1)]).area)
@@ -372,7 +372,7 @@ def _pupil_sources(
     for other in (*layout.mirrors[:mirror_index], *layout.mirrors[mirror_index + 1 :]):
         candidates = np.flatnonzero(fraction)
         candidates = candidates[_near(other, pupil, normalized[candidates])]
-        crosstalk = disc_part(clear_aperture(other, normalized[candidates], pupil.focus_mm), pupil.radius_mm).share
+        crosstalk = disc_part(clear_aperture(other, normalized[candidates], pupil.focus_mm), pupil.radius_mm).fraction
         fraction[candidates[crosstalk > MAX_CROSSTALK]] = 0.0
     return pixels, fraction.astype(np.float32)
 
@@ -389,10 +389,10 @@ def _vignetted(
     centroid = disc_part(clear_aperture(mirror, chief, pupil.focus_mm), pupil.radius_mm).centroid
     normalized = chief - pupil.radius_mm * centroid * (1.0 / axial_mm - 1.0 / pupil.focus_mm)
     planes = clear_aperture(mirror, normalized, pupil.focus_mm)
-    fraction = disc_part(planes, pupil.radius_mm).share
+    fraction = disc_part(planes, pupil.radius_mm).fraction
     margin_mm = margin_px * _mm_per_px(mirror, camera, normalized)
     shrunk = HalfPlanes(planes.direction, planes.distance - margin_mm)
-    fraction_within_margin = disc_part(shrunk, pupil.radius_mm).share
+    fraction_within_margin = disc_part(shrunk, pupil.radius_mm).fraction
     return normalized, np.where(fraction_within_margin >= MIN_PUPIL_FRACTION, fraction, 0.0)
 
 

@@ -20,15 +20,15 @@ from numpy.typing import NDArray
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.plate import inner_tangent, surface_reflectance
+from mirrorcam.optics.geometry.plate import surface_reflectance, tangent_in_glass
 from mirrorcam.optics.geometry.pupil import (
     DiscPart,
     HalfPlanes,
     Pupil,
     clear_aperture,
+    concatenated,
     disc_part,
     incidence_tangent,
-    joined,
 )
 from mirrorcam.render_scenes.fast.print_map import front_distance_mm
 from mirrorcam.render_scenes.lens import undistorted_pixels
@@ -124,7 +124,7 @@ def pixel_footprints(
             if passes > 0 and not mirror.is_second_surface:
                 continue
             seen = grid.seen(mirror, passes, pupil)
-            square, share = seen.square, np.minimum(seen.part.share, free[seen.square])
+            square, share = seen.square, np.minimum(seen.part.fraction, free[seen.square])
             free[square] -= share
             centre_shift_mm, light = _shift_and_transmittance(
                 mirror, passes, grid.points(square), float(reflectances[index])
@@ -136,7 +136,7 @@ def pixel_footprints(
                     square[chosen],
                     centre_shift_mm[chosen],
                     (light * share)[chosen],
-                    seen.part.chosen(chosen),
+                    seen.part.selected(chosen),
                     pupil,
                 )
                 for chosen in (~off_axis, off_axis)
@@ -162,7 +162,7 @@ def _shift_and_transmittance(
     lost = surface_reflectance(tangent, mirror.refractive_index)
     if passes == 0:
         return np.zeros(count), lost
-    centre_shift_mm = 2.0 * passes * mirror.thickness_mm * inner_tangent(tangent, mirror.refractive_index) / tangent
+    centre_shift_mm = 2.0 * passes * mirror.thickness_mm * tangent_in_glass(tangent, mirror.refractive_index) / tangent
     return centre_shift_mm, (1.0 - lost) ** 2 * reflectance**passes * lost ** (passes - 1)
 
 
@@ -232,10 +232,12 @@ class _SensorGrid:
         mixed = ~unvignetted & (corners.max(axis=0) > -pupil.radius_mm - BLOCK * step)
         inside, edge = (self._squares(blocks, top, left) for blocks in (unvignetted, mixed))
         part, distance = self._part(mirror, passes, edge, pupil, step)
-        shown = part.share > 0.0
+        shown = part.fraction > 0.0
         if pupil.radius_mm > 0.0:
             shown |= distance > -pupil.radius_mm - BLOCK * step
-        return _Visible(np.concatenate([inside, edge[shown]]), joined(_full_pupil(len(inside)), part.chosen(shown)))
+        return _Visible(
+            np.concatenate([inside, edge[shown]]), concatenated(_full_pupil(len(inside)), part.selected(shown))
+        )
 
     def _squares(self, blocks: NDArray[np.bool_], top: int, left: int) -> NDArray[np.int64]:
         """Return indices (n,) of the subpixels of blocks; the first is `top` and `left` blocks from the corner."""
@@ -259,7 +261,7 @@ class _SensorGrid:
         rows = np.arange(len(nearest))
         distance = planes.distance[rows, nearest]
         if pupil.radius_mm > SHARP * step_mm:
-            nothing = part.share == 0.0
+            nothing = part.fraction == 0.0
             part.centroid[nothing] = planes.direction[rows, nearest][nothing]
             return part, distance
         cut = np.abs(distance) < pupil.radius_mm + step_mm
@@ -268,7 +270,7 @@ class _SensorGrid:
         offsets = fine[:, None, None, None] * down + fine[:, None, None] * right
         points = self.points(square[cut]) + offsets.reshape(FINE * FINE, -1, 2)
         every = (_unvignetted(mirror, at, pupil, passes) for at in points)
-        part.share[cut] = np.mean([disc_part(planes, pupil.radius_mm).share for planes in every], axis=0)
+        part.fraction[cut] = np.mean([disc_part(planes, pupil.radius_mm).fraction for planes in every], axis=0)
         return part, distance
 
     def _steps(self, square: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:

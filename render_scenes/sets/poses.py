@@ -236,7 +236,7 @@ def _check_visible(
     for pose in plan.poses:
         px, visible = seen(pose)
         enough.append(visible.sum(axis=1) >= min(FEWEST_CORNERS, px.shape[1]))
-        cols, rows = target.corners_across
+        cols, rows = target.corner_counts
         across = px.reshape(len(px), rows, cols, 2)
         sides = np.linalg.norm(np.diff(across, axis=2), axis=-1).reshape(len(px), -1)
         squares_px.append(np.nanmedian(np.where(np.isfinite(sides), sides, np.nan)))

@@ -42,7 +42,7 @@ def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
     """Return the mask of points (n, 3) in rig whose ray from mirror `index` misses all other mirrors."""
     mirror = layout.mirrors[index]
     virtual = mirror.reflect(points)
-    at_mirror = mirror.cut(virtual[:, :2] / virtual[:, 2:])
+    at_mirror = mirror.intersect(virtual[:, :2] / virtual[:, 2:])
     clear = np.ones(len(points), dtype=np.bool_)
     for other_index, other in enumerate(layout.mirrors):
         start, end = (p @ other.normal_in_rig + other.distance_mm for p in (at_mirror, points))

@@ -145,5 +145,5 @@ def test_files_without_it_are_refused(tmp_path: Path, content: object) -> None:
 def test_a_common_turn_within_bending_is_no_alarm_and_one_beyond_it_is_said() -> None:
     tilt = mount_tilt(None)
     assert bending_line(STILL, tilt).startswith("gravity bends the mount by 0.05° at most (the limit")
-    slipped = replace(STILL, common_turn_deg=np.array([0.0, 0.3, 0.0]))
+    slipped = replace(STILL, common_rotation_deg=np.array([0.0, 0.3, 0.0]))
     assert bending_line(slipped, tilt).startswith("all mirrors together have turned by 0.3° ± 0.01° about y of the rig")

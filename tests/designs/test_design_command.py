@@ -37,7 +37,7 @@ def no_parabola(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     raise InfeasibleDesign("spacing", "facets 30 mm apart do not fit the parabola")
 
 
-def test_all_figures_stand_beside_those_of_the_parabola(
+def test_all_figures_are_printed_next_to_the_parabolas(
     solved: Layout, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["design", "--out", str(tmp_path)]) == 0
@@ -104,7 +104,7 @@ def test_an_infeasible_design_is_refused(tmp_path: Path) -> None:
     assert_refused(tmp_path, "design --fold-deg 90 --depths-mm 20 --out design", "infeasible design, depth constraint")
 
 
-def test_design_writes_a_layout_beside_the_parabola_and_prints_both(tmp_path: Path) -> None:
+def test_design_writes_and_prints_layout_and_parabola(tmp_path: Path) -> None:
     result = mirrorcam(tmp_path, "design --rows 1 --cols 2 --out design")
     assert (result.returncode, result.stderr) == (0, "")
     assert results(tmp_path / "design") == [
@@ -125,7 +125,7 @@ def test_a_pattern_is_read_from_its_name_or_file(tmp_path: Path) -> None:
     assert DesignChanges(pattern="hex7").of(DesignSpec()) == DesignSpec(pattern=Pattern.hexagonal(1))
     assert DesignChanges(pattern=str(file)).of(DesignSpec()) == DesignSpec(pattern=own)
     file.write_text("positions = [[0, 0], [1, 0], [1, 0]]\n")
-    with pytest.raises(InputError, match=r"mine.toml: .*positions 1 and 2 in the same place"):
+    with pytest.raises(InputError, match=r"mine.toml: .*coincident positions 1 and 2"):
         DesignChanges(pattern=str(file)).of(DesignSpec())
 
 

@@ -32,7 +32,7 @@ def greenish(image: NDArray[np.uint8]) -> int:
     return int(((green - red > 20) & (green - blue > 10)).sum())
 
 
-def test_optimised_stands_beside_the_parabola_and_shares_more(picture: Path) -> None:
+def test_the_optimised_layout_is_drawn_next_to_the_parabola_and_overlaps_more(picture: Path) -> None:
     image = read_image(picture)
     height, width, _ = image.shape
     assert 1200 < width < 2400
@@ -84,7 +84,7 @@ def test_any_number_of_depths_and_mirrors(depths_mm: tuple[float, ...], tmp_path
 def test_a_layout_that_shares_nothing_is_drawn_all_the_same(default_layout: Layout, tmp_path: Path) -> None:
     mirror = default_layout.mirrors[0]
     corner = mirror.outline_normalized
-    tiny = mirror.replaced(outline_in_rig_mm=mirror.cut(corner[3] + 0.02 * (corner - corner[3])))
+    tiny = mirror.replaced(outline_in_rig_mm=mirror.intersect(corner[3] + 0.02 * (corner - corner[3])))
     broken = default_layout.replaced(mirrors=(tiny, *default_layout.mirrors[1:]))
     before_after(broken, default_layout, tmp_path / "figure.png")
     image = read_image(tmp_path / "figure.png")

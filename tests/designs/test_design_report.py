@@ -34,7 +34,7 @@ def test_it_holds_everything_in_itself(layout: Layout) -> None:
     assert "scale_mm" in page
 
 
-def test_a_failed_check_is_said_at_the_top(layout: Layout) -> None:
+def test_a_failed_check_is_reported_at_the_top(layout: Layout) -> None:
     gap = layout.verdict["smallest_gap_mm"].replaced(value=0.1)
     failed = layout.replaced(verdict=layout.verdict | {"smallest_gap_mm": gap})
     assert "1 of 12 checks failed" in design_report(failed, None, [])

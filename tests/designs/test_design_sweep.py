@@ -23,7 +23,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_pool import Died
 from mirrorcam.designs import design_sweep, sweep_work
 from mirrorcam.designs.design_sweep import layout_name, table_of, write_table
-from mirrorcam.designs.sweep_files import design_here
+from mirrorcam.designs.sweep_files import design_locally
 from mirrorcam.designs.sweep_work import Answer, answer, file_text
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -40,7 +40,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Outcome]]:
     """A folder with the four designs of SPECS, made one after another in one process."""
     folder = tmp_path_factory.mktemp("finished")
-    outcomes = sweep_into(SPECS, folder, partial(design_here, workers=1))
+    outcomes = sweep_into(SPECS, folder, partial(design_locally, workers=1))
     assert [outcome.status for outcome in outcomes] == ["solved"] * 4
     return folder, outcomes
 
@@ -93,7 +93,7 @@ def test_designs_of_another_program_are_made_again_and_one_that_has_become_infea
     assert [path.name for path in (tmp_path / "layouts").iterdir()] == [Path(layout_name(SPECS[0])).name]
 
 
-def test_a_failure_is_told_and_tried_again(tmp_path: Path) -> None:
+def test_a_failure_is_reported_and_retried(tmp_path: Path) -> None:
     def died(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
         yield 0, Died("3 workers died of it, the last by signal 9")
 
@@ -120,7 +120,7 @@ def test_any_number_of_workers_in_any_order_gives_the_same_bytes(
     folder, outcomes = finished
 
     def backwards(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        for number, got in design_here(specs[::-1], 2):
+        for number, got in design_locally(specs[::-1], 2):
             yield len(specs) - 1 - number, got
 
     assert sweep_into(SPECS, tmp_path, backwards) == outcomes
@@ -138,7 +138,7 @@ def test_a_killed_worker_costs_no_finished_design_and_changes_none(
     kept: list[list[str]] = []
 
     def with_a_kill(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        for number, got in design_here(specs, 2, answer):
+        for number, got in design_locally(specs, 2, answer):
             if not kept:
                 victims = multiprocessing.active_children()
                 assert len(victims) == 2

@@ -35,7 +35,7 @@ def test_a_summary_names_what_bound_most_often_and_every_failure() -> None:
 
 
 def stand_in(monkeypatch: pytest.MonkeyPatch, runner: Runner) -> None:
-    monkeypatch.setattr("mirrorcam.designs.sweep_files.design_here", lambda specs, workers: runner(specs))
+    monkeypatch.setattr("mirrorcam.designs.sweep_files.design_locally", lambda specs, workers: runner(specs))
 
 
 def test_the_command_ends_with_1_where_a_design_failed(
@@ -68,7 +68,7 @@ def test_without_a_solved_design_there_is_a_table_and_no_figure(
         ("--table xls", "--table 'xls': expected one of csv, parquet, json"),
         ("--workers 0", "--workers '0': expected 1 to 1024"),
         ("--workers 2 --scheduler tcp://host:1", "--workers and --scheduler: expected one of the two"),
-        ("folding.toml", "folds inside the sensor"),
+        ("folding.toml", "is not monotonic on the sensor"),
         ("--out folding.json", "folding.json"),
         ("none.toml", "none.toml: no such file"),
     ],

@@ -19,7 +19,7 @@ from mirrorcam.designs.sweep_figure import (
     GRID_ERROR,
     _against_count,
     _front,
-    counts_of,
+    count_colours,
     pareto,
 )
 from mirrorcam.optics.design.spec_grid import Outcome
@@ -64,7 +64,7 @@ def of_colour(image: NDArray[np.uint8], colour: str) -> NDArray[np.bool_]:
 def test_every_count_has_its_colour_among_the_data_and_in_the_legend(picture: tuple[list[Outcome], Path]) -> None:
     outcomes, path = picture
     image = read_image(path)
-    colours = counts_of(outcomes)
+    colours = count_colours(outcomes)
     assert len(set(colours.values())) == len(colours)
     columns = -(-len(colours) // 30)
     legend = round(image.shape[1] * (1.0 - (1.0 + 0.85 * columns) / 15.0))
@@ -76,7 +76,7 @@ def test_every_count_has_its_colour_among_the_data_and_in_the_legend(picture: tu
 def test_designs_stand_over_their_count_and_the_best_of_each_are_joined() -> None:
     outcomes = [made_up(1, 2, 0), made_up(1, 2, 3), made_up(2, 2, 1)]
     axes = Figure().subplots()
-    _against_count(axes, outcomes, GRID_ERROR, counts_of(outcomes))
+    _against_count(axes, outcomes, GRID_ERROR, count_colours(outcomes))
     pair, single, best = (np.array(line.get_xydata()) for line in axes.get_lines())
     assert pair[:, 1] == pytest.approx([0.3, 0.24]) and np.abs(pair[:, 0]).max() < 0.5
     assert single[0] == pytest.approx([1.0, 0.28])
@@ -113,14 +113,14 @@ def test_unsolved_outcomes_are_left_out_and_alone_are_refused(tmp_path: Path) ->
         pareto([unsolved], tmp_path / "none.png")
 
 
-def test_a_design_that_shares_no_depth_is_drawn_where_it_has_figures(tmp_path: Path) -> None:
+def test_a_design_without_a_common_depth_is_drawn_where_it_has_figures(tmp_path: Path) -> None:
     blind = made_up(2, 2, 1)
     blind = blind.replaced(metrics={name: m for name, m in blind.metrics.items() if not name.startswith("depth_")})
     pareto([blind], tmp_path / "pareto.png")
-    assert of_colour(read_image(tmp_path / "pareto.png"), counts_of([blind])[2, 2]).sum() > 100
+    assert of_colour(read_image(tmp_path / "pareto.png"), count_colours([blind])[2, 2]).sum() > 100
 
 
-def test_endless_depths_have_a_mark_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_infinite_depth_ranges_have_their_own_mark(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     figures: list[Figure] = []
     saving = Figure.savefig
 

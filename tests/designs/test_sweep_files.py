@@ -12,7 +12,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import Metric
 from mirrorcam.designs.design_sweep import table_of
-from mirrorcam.designs.sweep_files import SweepRequest, in_order, read_sweep, write_sweep
+from mirrorcam.designs.sweep_files import SweepRequest, grouped, read_sweep, write_sweep
 from mirrorcam.optics.design.spec_grid import Outcome, grid, structure
 from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -50,7 +50,7 @@ def test_without_a_solved_spec_the_figure_of_an_earlier_sweep_is_removed(tmp_pat
 
 def test_groups_hold_each_spec_once_and_begin_with_the_most_mirrors() -> None:
     specs = [DesignSpec(rows=r, cols=c, tradeoff=w) for w in (0.1, 0.5) for r, c in ((2, 2), (3, 3), (2, 3))]
-    groups = in_order(specs)
+    groups = grouped(specs)
     assert sorted(number for group in groups for number in group) == list(range(len(specs)))
     assert all(len({structure(specs[number]) for number in group}) == 1 for group in groups)
     counts = [specs[group[0]].rows * specs[group[0]].cols for group in groups]
@@ -86,8 +86,8 @@ def test_a_request_holds_the_values_that_designs_combine_and_the_fields_in_commo
         ("scales_mm = [nan]", "scales_mm.0: Input should be a finite number"),
         ("tradeoffs = [1.5]", "tradeoffs.0: Input should be less than or equal to 1"),
         ("[common]\nspacing_mm = -1", "common.spacing_mm: Input should be greater than or equal to 0"),
-        ("[common]\nrows = 3", "common.rows: is varied by the sweep"),
-        ("[common]\npattern = {positions = [[0, 0], [1, 0]]}", "common.pattern: is varied by the sweep"),
+        ("[common]\nrows = 3", "common.rows: varied by the sweep"),
+        ("[common]\npattern = {positions = [[0, 0], [1, 0]]}", "common.pattern: varied by the sweep"),
         ('[common]\ncamera = "nikon"', "camera: camera 'nikon': expected one of"),
         ("scale_mm = [80]", "scale_mm: not known"),
     ],

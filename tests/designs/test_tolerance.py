@@ -31,7 +31,7 @@ def pair() -> Layout:
     return design(DesignSpec(rows=1, cols=2))
 
 
-def test_figures_lie_flat_with_their_units(found: Study) -> None:
+def test_figures_form_a_flat_table_with_units(found: Study) -> None:
     metrics = tolerance_metrics(found)
     assert (metrics["tolerance.tilt_deg"].value, metrics["tolerance.tilt_deg"].unit) == (0.3, "deg")
     assert (metrics["tolerance.camera_offset_mm"].value, metrics["tolerance.camera_offset_mm"].unit) == (0.5, "mm")
@@ -159,7 +159,7 @@ def test_bars_are_as_long_as_the_shares(picture: NDArray[np.uint8], found: Study
     """The lower part of the picture is one block of bars in the colours of the causes."""
     bars = picture[picture.shape[0] * 62 // 100 :]
     areas = np.array([share_of(bars, colour) for colour in COLOURS])
-    shares = np.array([sum(of_cause.values()) for of_cause in found.shares.values()])
+    shares = np.array([sum(of_cause.values()) for of_cause in found.cause_fractions.values()])
     np.testing.assert_allclose(areas[:5] / areas.sum(), shares / shares.sum(), atol=0.02)
     assert areas.sum() > 0.3
 

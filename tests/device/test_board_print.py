@@ -105,7 +105,7 @@ def test_corners_and_markers_are_found_on_the_paper_where_they_must_be(
     expected = board.corners_in_board_mm[:, :2] + board_in_page_mm(board, size)
     paper = printed(page, polygons)
     if isinstance(board, Charuco):
-        found, ids, _, markers = cv2.aruco.CharucoDetector(board.opencv).detectBoard(paper)
+        found, ids, _, markers = cv2.aruco.CharucoDetector(board.opencv_board).detectBoard(paper)
         assert sorted(markers.ravel()) == list(range(board.rows * board.cols // 2))
         assert ids.ravel().tolist() == list(range(len(expected)))
     else:

@@ -18,7 +18,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image, blurred_print, in_print_px, sample
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import Mirror, cut
+from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
 from mirrorcam.optics.geometry.pupil import disc_part, outline_aperture
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse
@@ -112,7 +112,7 @@ def _aperture(mirror: Mirror) -> Mirror | None:
     if not mirror.is_second_surface or not len(usable):
         return mirror if len(usable) else None
     centre = mirror.virtual_centre_in_rig_mm * (1.0 - mirror.front_mm / mirror.distance_mm)
-    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(usable, centre))
+    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=intersect_plane(usable, centre))
 
 
 def borders(layout: Layout) -> list[Border]:

@@ -268,7 +268,7 @@ def complete_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntAr
 
     None if the picture (h, w) shows no complete board of the target's size.
     """
-    across, down = target.corners_across
+    across, down = target.corner_counts
     found, corners = cv2.findChessboardCorners(grey, (across, down), flags=FLAGS)
     if not found:
         return None

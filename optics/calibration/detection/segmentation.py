@@ -18,7 +18,7 @@ from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.plate import outer_tangent
+from mirrorcam.optics.geometry.plate import solve_tangent_in_air
 
 REACH_PX = 40.0  # search range on either side of an edge; 2 mm within the plane are 32 px on a C920
 STEP_PX = 4.0  # along an edge
@@ -328,11 +328,11 @@ def shown_in_plane_mm(mirror: Mirror) -> FloatArray:
     foot = -air_mm * mirror.normal_in_rig
     across = mirror.outline_in_rig_mm + mirror.distance_mm * mirror.normal_in_rig
     across_mm = np.linalg.norm(across, axis=1, keepdims=True)
-    tangent = outer_tangent(across_mm, air_mm, 2.0 * mirror.thickness_mm, mirror.refractive_index)
+    tangent = solve_tangent_in_air(across_mm, air_mm, 2.0 * mirror.thickness_mm, mirror.refractive_index)
     nearer = np.divide(air_mm * tangent, across_mm, out=np.ones_like(tangent), where=across_mm > 0.0)
     front, entry = foot + across, foot + nearer * across
     overlap = Polygon(front[:, :2] / front[:, 2:]).intersection(Polygon(entry[:, :2] / entry[:, 2:]))
     if overlap.area <= 0.0:
         return np.zeros((0, 2))
-    on_plane = apparent.cut(np.array(overlap.exterior.coords)[:-1])
+    on_plane = apparent.intersect(np.array(overlap.exterior.coords)[:-1])
     return (on_plane - apparent.rig_from_plane[:3, 3]) @ apparent.rig_from_plane[:3, :2]

@@ -23,7 +23,7 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, S
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import Mirror, cut
+from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
 
 MAX_NAMED = 8
 """Largest number of pictures that notes name one by one."""
@@ -176,10 +176,10 @@ def _visible_mirror(estimate: Estimate, observations: Observations, inliers: Boo
     normalized = estimate.camera.normalized_from_pixels(pixels)
     hull = normalized[ConvexHull(normalized).vertices]
     if estimate.thickness_mm[mirror] <= 0.0:
-        return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(hull, centre))
+        return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=intersect_plane(hull, centre))
     return Mirror(
         virtual_centre_in_rig_mm=centre,
-        outline_in_rig_mm=cut(hull, centre),
+        outline_in_rig_mm=intersect_plane(hull, centre),
         surface="second",
         thickness_mm=estimate.thickness_mm[mirror],
         refractive_index=estimate.refractive_index[mirror],

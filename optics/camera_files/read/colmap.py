@@ -2,7 +2,7 @@
 
 A model has no scale, and our pixel (0, 0) is COLMAP's (0.5, 0.5). Cameras are identified by the folders of their
 pictures, such as `view_0_1/0000.png`. Poses come from a rig of several cameras if there is one, else from the picture
-taken by most cameras.
+taken by the most cameras.
 
 The files are not trusted: counts are checked against the size of the file before reading.
 """
@@ -54,11 +54,11 @@ MODELS = {
 PARAMETER_COUNTS = dict(MODELS.values())
 CAMERA_SENSOR = 0
 MAX_IMAGES_BYTES = 300_000_000
-"""Limit for `images`, which lists the points of every picture."""
+"""Limit on `images`, which lists the points of every picture."""
 MAX_CAMERAS_BYTES = 5_000_000
-"""Limit for `cameras` and `rigs`; a hundred cameras take 0.02 MB."""
+"""Limit on `cameras` and `rigs`; a hundred cameras take 0.02 MB."""
 MAX_IMAGES = 100_000
-"""Limit for the pictures of a model; `images.txt` has two lines per picture."""
+"""Limit on the pictures of a model; `images.txt` has two lines per picture."""
 MAX_NAME_BYTES = 1000
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -92,7 +92,7 @@ LENSES = {
 
 
 def model_folder(folder: Path) -> Path | None:
-    """The folder of a sparse model: this one, or `sparse`, `sparse/0` or `0` in it; None if there is none."""
+    """The folder of a sparse model: the folder itself, or `sparse`, `sparse/0` or `0` in it; None if there is none."""
     for name in (".", "sparse", "sparse/0", "0"):
         for suffix in (".bin", ".txt"):
             if is_inside(folder, f"{name}/cameras{suffix}") and (folder / name / f"cameras{suffix}").is_file():
@@ -108,7 +108,9 @@ def read_colmap(folder: Path) -> CameraRig:
     for name, (camera_id, pose) in sorted(views.items()):
         camera = model.cameras.get(camera_id)
         if camera is None:
-            raise InputError(f"{folder}: an image or a rig refers to camera {camera_id}, which the model lacks")
+            raise InputError(
+                f"{folder}: an image or a rig refers to camera {camera_id}, which is missing from the model"
+            )
         lens = _projection(camera, f"{folder}: camera {camera_id}")
         cameras.append(RigCamera(name, lens, pose, (camera.width_px, camera.height_px)))
     return CameraRig(FORMAT, tuple(cameras), unit_mm=None, notes=(note,))
@@ -229,9 +231,7 @@ def _lines(raw: bytes) -> list[str]:
 
 def _text_cameras(raw: bytes) -> list[tuple[int, ColmapCamera]]:
     words = [line.split() for line in _lines(raw) if line.strip()]
-    return [
-        (int(each[0]), ColmapCamera(each[1], int(each[2]), int(each[3]), tuple(map(float, each[4:])))) for each in words
-    ]
+    return [(int(row[0]), ColmapCamera(row[1], int(row[2]), int(row[3]), tuple(map(float, row[4:])))) for row in words]
 
 
 def _text_images(raw: bytes) -> list[ColmapImage]:
@@ -242,7 +242,7 @@ def _text_images(raw: bytes) -> list[ColmapImage]:
     lines = [line for line in text.split("\n") if not line.startswith("#")]
     first = next((number for number, line in enumerate(lines) if line.strip()), 0)
     words = [line.split(maxsplit=9) for line in lines[first::2] if line.strip()]
-    return [ColmapImage(each[9].strip(), int(each[8]), tuple(map(float, each[1:8]))) for each in words]
+    return [ColmapImage(row[9].strip(), int(row[8]), tuple(map(float, row[1:8]))) for row in words]
 
 
 def _text_rigs(raw: bytes) -> list[dict[int, tuple[float, ...]]]:
@@ -254,12 +254,12 @@ def _text_rigs(raw: bytes) -> list[dict[int, tuple[float, ...]]]:
         rig: dict[int, tuple[float, ...]] = {}
         if int(words[1]) > 0 and words[2] == "CAMERA":
             rig[int(words[3])] = IDENTITY
-        at = 4
-        while at < len(words):
-            kind, number, posed = words[at], int(words[at + 1]), words[at + 2] == "1"
-            if posed and kind == "CAMERA":
-                rig[number] = tuple(map(float, words[at + 3 : at + 10]))
-            at += 10 if posed else 3
+        index = 4
+        while index < len(words):
+            kind, number, has_pose = words[index], int(words[index + 1]), words[index + 2] == "1"
+            if has_pose and kind == "CAMERA":
+                rig[number] = tuple(map(float, words[index + 3 : index + 10]))
+            index += 10 if has_pose else 3
         rigs.append(rig)
     return rigs
 
@@ -268,26 +268,26 @@ class _Reader:
     """Reads consecutive little-endian numbers."""
 
     def __init__(self, raw: bytes) -> None:
-        self.raw, self.at = raw, 0
+        self.raw, self.position = raw, 0
 
     def take(self, layout: str) -> tuple[float, ...]:
         """Read the numbers of a `struct` format."""
-        values = struct.unpack_from(f"<{layout}", self.raw, self.at)
-        self.at += struct.calcsize(f"<{layout}")
+        values = struct.unpack_from(f"<{layout}", self.raw, self.position)
+        self.position += struct.calcsize(f"<{layout}")
         return values
 
     def count(self, min_bytes: int) -> int:
         """Read a number of items; raises ValueError if the file is too short for items of at least `min_bytes`."""
         (number,) = self.take("Q")
-        if number * min_bytes > len(self.raw) - self.at:
+        if number * min_bytes > len(self.raw) - self.position:
             raise ValueError(f"{number} items in {len(self.raw)} bytes")
         return int(number)
 
     def name(self) -> str:
         """Read a null-terminated string."""
-        end = self.raw.index(b"\x00", self.at, self.at + MAX_NAME_BYTES)
-        text = self.raw[self.at : end].decode("utf-8")
-        self.at = end + 1
+        end = self.raw.index(b"\x00", self.position, self.position + MAX_NAME_BYTES)
+        text = self.raw[self.position : end].decode("utf-8")
+        self.position = end + 1
         return text
 
 
@@ -313,7 +313,7 @@ def _binary_images(raw: bytes) -> list[ColmapImage]:
         (camera_id,) = reader.take("I")
         name = reader.name()
         points = reader.count(24)
-        reader.at += 24 * points
+        reader.position += 24 * points
         images.append(ColmapImage(name, int(camera_id), pose))
     return images
 
@@ -329,8 +329,8 @@ def _binary_rigs(raw: bytes) -> list[dict[int, tuple[float, ...]]]:
                 rig[number] = IDENTITY
         for _ in range(sensors - 1):
             kind, number = (int(value) for value in reader.take("iI"))
-            (posed,) = reader.take("B")
-            pose = reader.take("7d") if posed else None
+            (has_pose,) = reader.take("B")
+            pose = reader.take("7d") if has_pose else None
             if pose is not None and kind == CAMERA_SENSOR:
                 rig[number] = pose
         rigs.append(rig)

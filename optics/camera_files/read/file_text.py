@@ -49,16 +49,16 @@ def read_yaml(path: Path) -> Any:
     """
     text = read_text(path)
     try:
-        documents = [each for each in yaml_documents(text) if each is not None]
+        documents = [document for document in yaml_documents(text) if document is not None]
     except InputError as error:
         raise InputError(shortened(f"{path}: {error}", 250)) from None
-    if any(_without_header(each) != _without_header(documents[0]) for each in documents[1:]):
+    if any(_without_header(document) != _without_header(documents[0]) for document in documents[1:]):
         raise InputError(f"{path}: {len(documents)} different documents, expected one, or identical messages")
     return documents[0] if documents else None
 
 
 def _without_header(value: Any) -> Any:
-    return {key: each for key, each in value.items() if key != "header"} if isinstance(value, dict) else value
+    return {key: item for key, item in value.items() if key != "header"} if isinstance(value, dict) else value
 
 
 def read_text(path: Path) -> str:
@@ -66,7 +66,7 @@ def read_text(path: Path) -> str:
     try:
         return read_bytes(path, MAX_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
-        raise InputError(f"{path}: is not UTF-8, expected a calibration as text") from None
+        raise InputError(f"{path}: not UTF-8, expected a calibration as text") from None
 
 
 def table(value: Any, where: str) -> dict[str, Any]:

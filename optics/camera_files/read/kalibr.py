@@ -65,8 +65,8 @@ def read_kalibr(path: Path) -> CameraRig:
 
 def _name(name: str, part: dict[str, Any]) -> str:
     """The name of the view in the topic, else the camera's name in the chain."""
-    named = re.search(r"view_\d+_\d+", str(part.get("rostopic", "")))
-    return named[0] if named else name
+    match = re.search(r"view_\d+_\d+", str(part.get("rostopic", "")))
+    return match[0] if match else name
 
 
 def _transform(value: Any, where: str) -> FloatArray:
@@ -77,18 +77,18 @@ def _transform(value: Any, where: str) -> FloatArray:
 
 
 def _lens(part: dict[str, Any], where: str, size: tuple[int, int]) -> Projection:
-    model, distorted = str(entry(part, "camera_model", where)), str(part.get("distortion_model", "none"))
+    model, distortion = str(entry(part, "camera_model", where)), str(part.get("distortion_model", "none"))
     if model not in COUNTS:
         raise InputError(f"{where}: camera_model {model[:40]!r}, expected one of {', '.join(COUNTS)}")
     values = numbers_of(entry(part, "intrinsics", where), f"{where}: intrinsics", COUNTS[model])
     coefficients = part.get("distortion_coeffs") or []
-    if distorted == "radtan":
+    if distortion == "radtan":
         lens = "brown_conrady", [*numbers_of(coefficients, f"{where}: distortion_coeffs", 4), 0.0]
-    elif distorted in ("equidistant", "equi"):
+    elif distortion in ("equidistant", "equi"):
         lens = "fisheye", numbers_of(coefficients, f"{where}: distortion_coeffs", 4)
-    elif distorted == "none":
+    elif distortion == "none":
         lens = "brown_conrady", [0.0] * 5
     else:
-        raise InputError(f"{where}: distortion_model {distorted[:40]!r}, expected radtan, equidistant or none")
+        raise InputError(f"{where}: distortion_model {distortion[:40]!r}, expected radtan, equidistant or none")
     camera = camera_of(where, values[-4:], *lens, size)
     return SphereLens(SPHERES[model], np.array(values[:-4]), camera) if model in SPHERES else camera

@@ -33,7 +33,7 @@ OPENCV = {"OPENCV4": 4, "OPENCV5": 5, "OPENCV8": 8, "OPENCV12": 12}
 MAX_BYTES = 50_000_000
 """Files include the inputs of their optimisation, which are ignored."""
 MAX_OUTLINE_BYTES = 300_000
-"""Limit for a file without its strings, which hold those inputs: Python parses this much in half a second."""
+"""Limit on a file without its strings, which hold those inputs: Python parses this much in half a second."""
 _TEXTS = re.compile(rb"\"(?:[^\"\\\n]|\\.?)*+\"?|'(?:[^'\\\n]|\\.?)*+'?|#[^\n]*+", re.DOTALL)
 POSE_KEYS = ("extrinsics", "rt_cam_ref")
 
@@ -78,14 +78,14 @@ def _is_plain(node: ast.AST) -> bool:
 def _lens(values: dict[str, Any], where: str, size: tuple[int, int]) -> Projection:
     model = str(values.get("lens_model", values.get("lensmodel", "")))
     name = model.removeprefix(PREFIX)
-    given = numbers_of(entry(values, "intrinsics", where), f"{where}: intrinsics")
+    intrinsics = numbers_of(entry(values, "intrinsics", where), f"{where}: intrinsics")
     expected = 4 + OPENCV.get(name, 0)
     if name not in (*OPENCV, "PINHOLE", "STEREOGRAPHIC"):
-        known = ", ".join(PREFIX + each for each in ("PINHOLE", "STEREOGRAPHIC", *OPENCV))
-        raise InputError(f"{where}: lens_model {model[:60]!r}, expected one of {known}")
-    if len(given) != expected:
-        raise InputError(f"{where}: intrinsics: {len(given)} numbers, expected {expected} for {model}")
-    core, distortion = given[:4], given[4:]
+        names = ", ".join(PREFIX + lens for lens in ("PINHOLE", "STEREOGRAPHIC", *OPENCV))
+        raise InputError(f"{where}: lens_model {model[:60]!r}, expected one of {names}")
+    if len(intrinsics) != expected:
+        raise InputError(f"{where}: intrinsics: {len(intrinsics)} numbers, expected {expected} for {model}")
+    core, distortion = intrinsics[:4], intrinsics[4:]
     if name == "STEREOGRAPHIC":  # 2 tan(a / 2) = 2 r / (z + d)
         core = [2.0 * core[0], 2.0 * core[1], *core[2:]]
         return SphereLens("unified", np.array([1.0]), camera_of(where, core, "brown_conrady", [0.0] * 5, size))

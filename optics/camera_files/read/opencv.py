@@ -56,14 +56,14 @@ def _cameras_in(values: dict[str, Any]) -> bool:
     return bool(
         isinstance(values.get("views"), list)
         or _first(values, KEYS) is not None
-        or any(isinstance(each, dict) and _first(each, KEYS) is not None for each in values.values())
+        or any(isinstance(part, dict) and _first(part, KEYS) is not None for part in values.values())
     )
 
 
 def read_value(path: Path) -> Any:
     """Content of a FileStorage in YAML or JSON, with matrices as mappings; raises InputError for other files."""
     if path.suffix.lower() == ".xml":
-        raise InputError(f"{path}: a FileStorage as XML, expected YAML or JSON")
+        raise InputError(f"{path}: FileStorage in XML, expected YAML or JSON")
     if path.suffix.lower() == ".json":
         return read_json(path, LARGEST_LAYOUT_BYTES)  # may be a layout
     return read_yaml(path)
@@ -76,7 +76,7 @@ def read_opencv(paths: tuple[Path, ...]) -> CameraRig:
         return _stereo(files)
     cameras: list[RigCamera] = []
     for path, values in files:
-        cameras += _cameras_of(path, values, by_file=len(files) > 1)
+        cameras += _cameras_of(path, values, named_by_file=len(files) > 1)
     if not cameras:
         raise InputError(f"{paths[0]}: contains no camera, expected camera_matrix and distortion_coefficients")
     posed = [camera.camera_from_rig is not None for camera in cameras]
@@ -98,8 +98,8 @@ def read_opencv(paths: tuple[Path, ...]) -> CameraRig:
 
 
 def _unit_note(files: list[tuple[Path, dict[str, Any]]]) -> tuple[str, ...]:
-    stated = any("unit" in values for _, values in files)
-    return () if stated else ("the file does not state the unit of poses: mm is assumed",)
+    is_stated = any("unit" in values for _, values in files)
+    return () if is_stated else ("the file does not state the unit of poses: mm is assumed",)
 
 
 def _unit_mm(files: list[tuple[Path, dict[str, Any]]]) -> float:
@@ -111,15 +111,15 @@ def _unit_mm(files: list[tuple[Path, dict[str, Any]]]) -> float:
     return UNITS_MM["mm"]
 
 
-def _cameras_of(path: Path, values: dict[str, Any], *, by_file: bool) -> list[RigCamera]:
-    """The cameras of a file; `by_file` names a single camera by its file."""
+def _cameras_of(path: Path, values: dict[str, Any], *, named_by_file: bool) -> list[RigCamera]:
+    """The cameras of a file; `named_by_file` names a single camera by its file."""
     if isinstance(values.get("views"), list):
-        parts = [table(each, f"{path}: views") for each in values["views"]]
+        parts = [table(view, f"{path}: views") for view in values["views"]]
         named = [(str(entry(part, "name", f"{path}: views")), part) for part in parts]
     elif _first(values, KEYS) is not None:
-        named = [(str(values.get("camera_name", path.stem)) if not by_file else path.stem, values)]
+        named = [(str(values.get("camera_name", path.stem)) if not named_by_file else path.stem, values)]
     else:
-        named = [(name, each) for name, each in values.items() if isinstance(each, dict) and _first(each, KEYS)]
+        named = [(name, part) for name, part in values.items() if isinstance(part, dict) and _first(part, KEYS)]
     return [_camera(path, name, {**_shared(values), **part}) for name, part in named]
 
 
@@ -153,7 +153,9 @@ def lens_of(where: str, camera_matrix: Any, distortion: Any, model: str, size: t
     if len(values) not in LENSES:
         raise InputError(f"{where}: distortion: {len(values)} numbers, expected 4, 5, 8, 12 or 14")
     if any(values[12:]):
-        raise InputError(f"{where}: distortion: a tilted sensor (tau_x, tau_y), expected none: 12 numbers or fewer")
+        raise InputError(
+            f"{where}: distortion: a tilted sensor (tau_x, tau_y) is not supported, expected at most 12 numbers"
+        )
     values = values[:12] + [0.0] * (len(values) == 4)
     return camera_of(where, core, LENSES[max(len(values), 5)], values, size)
 
@@ -169,10 +171,10 @@ def matrix_of(value: Any, where: str) -> FloatArray:
             raise InputError(f"{where}: {len(data)} numbers, expected {rows} x {cols}")
         return np.array(data).reshape(rows, cols)
     if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
-        rows_of = [numbers_of(row, where) for row in value]
-        if len({len(row) for row in rows_of}) != 1:
+        matrix = [numbers_of(row, where) for row in value]
+        if len({len(row) for row in matrix}) != 1:
             raise InputError(f"{where}: rows of different lengths, expected a matrix")
-        return np.array(rows_of)
+        return np.array(matrix)
     return np.array(numbers_of(value, where))
 
 
@@ -192,15 +194,15 @@ def _pose(part: dict[str, Any], where: str) -> FloatArray | None:
 
 def _stereo(files: list[tuple[Path, dict[str, Any]]]) -> CameraRig:
     """The cameras `first` and `second` of the sample `stereo_calib`."""
-    path, joint = files[0][0], {key: value for _, values in files for key, value in values.items()}
-    model = str(joint.get("distortion_model"))
+    path, merged = files[0][0], {key: value for _, values in files for key, value in values.items()}
+    model = str(merged.get("distortion_model"))
     cameras = []
     for number, name in ((1, "first"), (2, "second")):
         where = f"{path}: {name} camera"
-        matrix, distortion = (entry(joint, f"{letter}{number}", where) for letter in "MD")
-        pose = np.eye(4) if number == 1 else _pose(joint, where)
+        matrix, distortion = (entry(merged, f"{letter}{number}", where) for letter in "MD")
+        pose = np.eye(4) if number == 1 else _pose(merged, where)
         if pose is None:
-            raise InputError(f"{path}: M1 and M2 without R and T, expected the extrinsics too")
+            raise InputError(f"{path}: M1 and M2 without R and T, expected the extrinsics as well")
         cameras.append(RigCamera(name, lens_of(where, matrix, distortion, model, None), pose, None))
     return CameraRig(FORMAT, tuple(cameras), unit_mm=_unit_mm(files), notes=_unit_note(files))
 

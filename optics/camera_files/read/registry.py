@@ -25,16 +25,16 @@ UNITS_MM: dict[str, float | None] = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "none":
 SUBFOLDERS = {name: name for name in ("ros", "colmap", "anipose")}
 """Subfolders in which `mirrorcam camera export` puts files."""
 MAX_POSE = 1e12
-"""Largest number in a pose, whatever its unit."""
+"""Maximum absolute number in a pose, whatever its unit."""
 MAX_FILES = 1000
-"""Largest number of files to examine in a folder."""
+"""Maximum number of files to examine in a folder."""
 UNREAD = {
     ".pickle": "pickles, such as DeepLabCut's, are never opened",
     ".urdf": "a URDF contains only poses; they are read with the camera_info files next to it (ros/)",
-    ".ini": "camera_calibration's .ini files are not read, its .yaml files are",
-    "ost.txt": "camera_calibration's ost.txt is not read, its ost.yaml is",
+    ".ini": "camera_calibration's .ini files are not read, but its .yaml files are",
+    "ost.txt": "camera_calibration's ost.txt is not read, but its ost.yaml is",
     "transforms.json": "nerfstudio's cameras do not state the position of their pictures in the frame",
-    "rig_config.json": "COLMAP's rig_config.json contains no lenses, its model does (colmap/sparse)",
+    "rig_config.json": "COLMAP's rig_config.json contains no lenses, but its model does (colmap/sparse)",
     **dict.fromkeys(
         (f"{name}.{ending}" for name in ("images", "rigs", "frames", "points3D") for ending in ("txt", "bin")),
         "this file is part of a COLMAP model, expected its folder",
@@ -82,15 +82,15 @@ def read_rig(path: Path, format: FormatName | None = None, unit: str | None = No
     """
     detected = _detect(path)
     if format is not None:
-        detected = [each for each in detected if each.format == format] or _in_subfolder(path, format)
+        detected = [candidate for candidate in detected if candidate.format == format] or _in_subfolder(path, format)
     if not detected:
         expected = " or ".join(FORMATS) if format is None else format
-        why = reason_unread(path)
-        known = f"no calibration in a known format, expected {expected}"
-        raise InputError(f"{path}: {f'{why}, expected layout.json or opencv.yaml' if why else known}")
+        reason = reason_unread(path)
+        unknown = f"no calibration in a known format, expected {expected}"
+        raise InputError(f"{path}: {f'{reason}, expected layout.json or opencv.yaml' if reason else unknown}")
     if len(detected) > 1:
-        names = ", ".join(each.format for each in detected)
-        raise InputError(f"{path}: calibrations as {names}, expected one of them as --format")
+        names = ", ".join(candidate.format for candidate in detected)
+        raise InputError(f"{path}: calibrations as {names}, select one of them with --format")
     rig = READERS[detected[0].format](detected[0].paths)
     for camera in rig.cameras:
         if camera.camera_from_rig is not None and not (np.abs(camera.camera_from_rig) <= MAX_POSE).all():
@@ -102,7 +102,7 @@ def read_rig(path: Path, format: FormatName | None = None, unit: str | None = No
 
 def formats_in(path: Path) -> tuple[FormatName, ...]:
     """The formats of the calibrations in a file or folder; raises InputError for a file that cannot be read."""
-    return tuple(each.format for each in _detect(path))
+    return tuple(candidate.format for candidate in _detect(path))
 
 
 def _detect(path: Path) -> list[Detected]:
@@ -111,8 +111,8 @@ def _detect(path: Path) -> list[Detected]:
 
 def reason_unread(path: Path) -> str:
     """Why a file, or a file in a folder, is known to contain no cameras to score; "" if it is not known."""
-    names = [path.name] if not path.is_dir() else [each.name for each in path.iterdir()][:MAX_FILES]
-    return next((why for name in names for ending, why in UNREAD.items() if name.endswith(ending)), "")
+    names = [path.name] if not path.is_dir() else [file.name for file in path.iterdir()][:MAX_FILES]
+    return next((reason for name in names for ending, reason in UNREAD.items() if name.endswith(ending)), "")
 
 
 def _in_subfolder(path: Path, format: FormatName) -> list[Detected]:
@@ -120,7 +120,7 @@ def _in_subfolder(path: Path, format: FormatName) -> list[Detected]:
     inner = None if name is None or not is_inside(path, name) else path / name
     if inner is None or not inner.is_dir():
         return []
-    return [each for each in _in_folder(inner) if each.format == format]
+    return [candidate for candidate in _in_folder(inner) if candidate.format == format]
 
 
 def _kind(path: Path) -> FormatName | None:
@@ -159,8 +159,8 @@ def _in_folder(folder: Path) -> list[Detected]:
     files: dict[FormatName, list[Path]] = {}
     names = sorted(path for path in folder.iterdir() if path.is_file())
     if sum(path.stat().st_size for path in names[:MAX_FILES] if path.suffix.lower() in YAML_SUFFIXES) > MAX_BYTES:
-        most = MAX_BYTES // 1_000_000
-        raise InputError(f"{folder}: contains more than {most} MB of YAML, expected the files of one calibration")
+        megabytes = MAX_BYTES // 1_000_000
+        raise InputError(f"{folder}: contains more than {megabytes} MB of YAML, expected the files of one calibration")
     for path in names[:MAX_FILES]:
         kind = _kind(path)
         if kind is not None:

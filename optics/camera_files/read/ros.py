@@ -31,14 +31,14 @@ MESSAGES = tuple({"header", "width", "height", *names} for names in ("kdp", "KDP
 """Keys of messages in ROS 2 and ROS 1."""
 ABBREVIATED = "..."
 MAX_DEPTH = 1000
-"""Largest number of links from the root of a robot to a camera."""
+"""Maximum number of links from the root of a robot to a camera."""
 
 
 def is_ros(value: Any) -> bool:
     """Whether the content of a YAML file is a camera_info."""
     if not isinstance(value, dict):
         return False
-    return {"camera_matrix", "projection_matrix"} <= value.keys() or any(each <= value.keys() for each in MESSAGES)
+    return {"camera_matrix", "projection_matrix"} <= value.keys() or any(keys <= value.keys() for keys in MESSAGES)
 
 
 def is_tf(value: Any) -> bool:
@@ -56,7 +56,7 @@ def read_ros(paths: Sequence[Path]) -> CameraRig:
         size = size_of([entry(values, key, str(path)) for key in ("image_width", "image_height")], str(path))
         stems = (name, path.stem)
         names = (str(values.get("frame_id", "")), *(f"{stem}_optical_frame" for stem in stems), *stems)
-        pose = next((frames[each] for each in names if each in frames), None)
+        pose = next((frames[frame] for frame in names if frame in frames), None)
         if pose is None:
             unposed.append(name)
         cameras.append(RigCamera(name, _lens(path, values, size), None if pose is None else inverse(pose), size))
@@ -69,17 +69,17 @@ def read_ros(paths: Sequence[Path]) -> CameraRig:
 def _camera_info(path: Path) -> dict[str, Any]:
     """The content of a camera_info file, or of a message with the keys of a file."""
     values = table(read_yaml(path), str(path))
-    if not any(each <= values.keys() for each in MESSAGES):
+    if not any(keys <= values.keys() for keys in MESSAGES):
         return values
-    found = {name: values[key if key in values else key.upper()] for name, key in KEYS.items()}
-    found |= {key: values[key] for key in ("distortion_model",) if key in values}
+    info = {name: values[key if key in values else key.upper()] for name, key in KEYS.items()}
+    info |= {key: values[key] for key in ("distortion_model",) if key in values}
     frame = values["header"].get("frame_id") if isinstance(values["header"], dict) else None
     if frame:
-        found |= {"camera_name": str(frame).removesuffix("_optical_frame"), "frame_id": frame}
+        info |= {"camera_name": str(frame).removesuffix("_optical_frame"), "frame_id": frame}
     for name in ("camera_matrix", "distortion_coefficients"):
-        if isinstance(found[name], list) and ABBREVIATED in found[name]:
+        if isinstance(info[name], list) and ABBREVIATED in info[name]:
             raise InputError(f"{path}: {name} is abbreviated, expected the output of `ros2 topic echo --full-length`")
-    return found | {"camera_matrix": {"rows": 3, "cols": 3, "data": found["camera_matrix"]}}
+    return info | {"camera_matrix": {"rows": 3, "cols": 3, "data": info["camera_matrix"]}}
 
 
 def _lens(path: Path, values: dict[str, Any], size: tuple[int, int]) -> Camera:
@@ -95,13 +95,13 @@ def _lens(path: Path, values: dict[str, Any], size: tuple[int, int]) -> Camera:
 
 def _adjacent_frames(folder: Path) -> dict[str, FloatArray]:
     """root_from_frame (4, 4), m, by frame name, from a URDF or message of transforms in this folder or its parent."""
-    for each in (folder, folder.parent):
-        urdfs = sorted(each.glob("*.urdf"))
+    for directory in (folder, folder.parent):
+        urdfs = sorted(directory.glob("*.urdf"))
         if len(urdfs) > 1:
-            raise InputError(f"{each}: {len(urdfs)} URDF files, expected one")
+            raise InputError(f"{directory}: {len(urdfs)} URDF files, expected one")
         if urdfs:
             return _urdf_frames(urdfs[0])
-        for path in sorted(each.glob("*tf*")):
+        for path in sorted(directory.glob("*tf*")):
             if path.suffix.lower() in YAML_SUFFIXES and is_tf(value := read_yaml(path)):
                 return _tf_frames(path, value)
     return {}

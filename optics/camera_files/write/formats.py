@@ -2,7 +2,7 @@
 
 Optical frames in ROS have x right, y down and z forward (REP 103); the base camera's optical frame is the rig frame.
 
-Kalibr's reader refuses a principal point outside the first quadrant, so its cameras have the entire flipped frame. Its
+Kalibr's reader refuses a principal point outside the first quadrant, so its cameras show the entire flipped frame. Its
 radtan model is OpenCV's without k3, its equidistant model is OpenCV's fisheye.
 
 COLMAP drops cameras whose principal point lies outside their image, so its images are entire flipped frames with masks

@@ -27,7 +27,7 @@ MARGIN = 0.15
 FFMPEG = "ffmpeg -noautorotate -i FRAMES"
 """Reads frames in the sensor's orientation, ignoring the rotation flag of a phone's video."""
 MAX_PAIRED = 12
-"""Largest number of cameras for which all pairs are written for DeepLabCut; else only pairs with the first camera."""
+"""Maximum number of cameras for which all pairs are written for DeepLabCut; else only pairs with the first camera."""
 
 
 @dataclass(frozen=True)
@@ -97,12 +97,12 @@ def _crop(view: VirtualCamera) -> Rectangle:
 def calibration_toml(cameras: Sequence[PoseCamera]) -> str:
     """The cameras in the format of `aniposelib.cameras.CameraGroup.load`; translations in mm."""
     parts = []
-    for number, each in enumerate(cameras):
-        camera, pose = each.camera, each.camera_from_rig
+    for number, pose_camera in enumerate(cameras):
+        camera, pose = pose_camera.camera, pose_camera.camera_from_rig
         parts.append(
             f"[cam_{number}]\n"
-            f"# pictures of this camera: {FFMPEG} -vf {each.filters} {each.name}.mp4\n"
-            f'name = "{each.name}"\n'
+            f"# pictures of this camera: {FFMPEG} -vf {pose_camera.filters} {pose_camera.name}.mp4\n"
+            f'name = "{pose_camera.name}"\n'
             f"size = [{camera.width_px}, {camera.height_px}]\n"
             f"matrix = [{', '.join(_numbers(row) for row in camera.matrix)}]\n"
             f"distortions = {_numbers(camera.distortion)}\n"
@@ -134,7 +134,7 @@ def _stereo(a: PoseCamera, b: PoseCamera) -> dict[str, object]:
     x, y, z = translation.ravel()
     essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ rotation
     first, second = a.camera.matrix, b.camera.matrix
-    sizes = [(each.camera.width_px, each.camera.height_px) for each in (a, b)]
+    sizes = [(view.camera.width_px, view.camera.height_px) for view in (a, b)]
     return {
         "cameraMatrix1": first,
         "cameraMatrix2": second,
@@ -158,6 +158,6 @@ def _stereo(a: PoseCamera, b: PoseCamera) -> dict[str, object]:
 def pictures_table(cameras: Sequence[PoseCamera]) -> str:
     """Table rows with the ffmpeg filters of each camera's pictures."""
     return "".join(
-        f"| `{each.name}` | `-vf {each.filters}` | {f'{each.error_px:.2g}' if each.error_px > 1e-6 else '0'} |\n"
-        for each in cameras
+        f"| `{view.name}` | `-vf {view.filters}` | {f'{view.error_px:.2g}' if view.error_px > 1e-6 else '0'} |\n"
+        for view in cameras
     )

@@ -1,6 +1,6 @@
 """Mirrors as cameras for other tools: a pinhole with a lens, at a rigid pose, with a separate picture.
 
-The base camera sees in a mirror the mirror image of the view from the virtual centre c. With the mirror's unit normal
+In a mirror, the base camera sees the mirror image of the view from the virtual centre c. With the mirror's unit normal
 n, S = I - 2 n n^T and reflect(x) = S x + c, the base camera projects S x + c, which has the wrong handedness:
 det S = -1. Flipping the *frame* corrects it. A left-right flip, F = diag(-1, 1, 1), maps the pixel column u to
 W - 1 - u. Since the lens model obeys
@@ -35,10 +35,10 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 
 Flip = Literal["left-right", "top-bottom"]
 POINTS_PER_EDGE = 16
-GRID = 12  # samples across and down a sub-image
+GRID = 12  # samples along x and y of a sub-image
 DISTANCES_MM = (300.0, 1000.0)
 """Range of distances from the virtual centre for layouts without a working range."""
-NEAREST = 1.05
+MIN_DISTANCE_RATIO = 1.05
 """Distance of the nearest points, relative to the mirror's distance along the ray."""
 STEPS = 8
 FREE_NAMES = ("fx_px", "fy_px", "k1", "k2", "p1", "p2")
@@ -146,8 +146,8 @@ def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:
         corners = mirror.usable_normalized
         if not len(corners):
             raise InputError(f"{name} shows nothing: light that enters its plate does not leave it")
-        along = np.linspace(0.0, 1.0, POINTS_PER_EDGE, endpoint=False)[:, None]
-        edges = corners[:, None] * (1.0 - along) + np.roll(corners, -1, axis=0)[:, None] * along
+        fractions = np.linspace(0.0, 1.0, POINTS_PER_EDGE, endpoint=False)[:, None]
+        edges = corners[:, None] * (1.0 - fractions) + np.roll(corners, -1, axis=0)[:, None] * fractions
         outline = layout.camera.pixels_from_normalized(edges.reshape(-1, 2))
         if np.isnan(outline).any():
             raise InputError(f"{name} reaches beyond the range of the lens model")
@@ -183,7 +183,7 @@ def flip_axes(flip: Flip) -> FloatArray:
 
 
 def upright_flip(layout: Layout) -> Flip:
-    """The flip with the least rotation between its cameras and the layout's view axes, over all mirrors."""
+    """The flip with the smallest rotation between its cameras and the layout's view axes, over all mirrors."""
     reflections = np.sum([mirror.apparent.reflection for mirror in layout.mirrors], axis=0)
     rotated = reflections @ layout.view_from_rig.T
     # trace(F S V^T) = 1 + 2 cos of the angle between the two rotations.
@@ -213,7 +213,7 @@ class NearestPinhole:
     """A camera that sees the apparent mirror's images X' of points at `rotation` X' + `translation_mm` in its frame.
 
     `error_px` is the largest distance between a point's exact pixel and this camera's, over the sub-image and the range
-    of depths.
+    of distances.
     """
 
     camera: Camera
@@ -234,7 +234,7 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
     pixels = np.concatenate([outline_px, _grid(outline_px)])
     rays = layout.camera.unproject(pixels)
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    nearest = NEAREST * np.linalg.norm(apparent.cut(rays[:, :2] / rays[:, 2:]), axis=-1, keepdims=True)
+    nearest = MIN_DISTANCE_RATIO * np.linalg.norm(apparent.intersect(rays[:, :2] / rays[:, 2:]), axis=-1, keepdims=True)
     near, far = fitted_distances_mm(layout)
     images = np.concatenate([rays * np.maximum(mm, nearest) for mm in (near, 2.0 / (1.0 / near + 1.0 / far), far)])
     exact = layout.camera.project(mirror.image_of(apparent.reflect(images)))
@@ -245,13 +245,13 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
     free = [index for index, name in enumerate(layout.camera.intrinsic_names) if name in FREE_NAMES]
     for _ in range(STEPS):
         points = images @ rotation.T + translation
-        found, by_point, by_intrinsic = camera.project_with_jacobians(points)
-        by_rotation = -np.cross(by_point, points[:, None])  # d(w x X)/dw, row by row: r . (w x X) = w . (X x r)
-        columns = np.concatenate([by_rotation, by_point, by_intrinsic[:, :, free]], axis=2).reshape(-1, 6 + len(free))
+        projected, d_point, d_intrinsic = camera.project_with_jacobians(points)
+        d_rotation = -np.cross(d_point, points[:, None])  # d(w x X)/dw, row by row: r . (w x X) = w . (X x r)
+        columns = np.concatenate([d_rotation, d_point, d_intrinsic[:, :, free]], axis=2).reshape(-1, 6 + len(free))
         scale = np.linalg.norm(columns, axis=0)
-        if not (np.isfinite(columns / scale).all() and np.isfinite(exact - found).all()):
+        if not (np.isfinite(columns / scale).all() and np.isfinite(exact - projected).all()):
             break
-        step = np.linalg.lstsq(columns / scale, (exact - found).ravel(), rcond=1e-9)[0] / scale
+        step = np.linalg.lstsq(columns / scale, (exact - projected).ravel(), rcond=1e-9)[0] / scale
         change = Rotation.from_rotvec(step[:3]).as_matrix()
         rotation, translation = change @ rotation, change @ translation + step[3:6]
         intrinsics = camera.intrinsics.copy()
@@ -264,7 +264,9 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
         if error_px < best.error_px:
             best = NearestPinhole(camera, rotation, translation, error_px)
     if not np.isfinite(best.error_px):
-        raise InputError("shows points where the lens model or the plate of the mirror is not defined, expected others")
+        raise InputError(
+            "shows points where the lens model or the mirror's plate is not defined, expected other points"
+        )
     return best
 
 

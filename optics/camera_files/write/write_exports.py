@@ -104,8 +104,8 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
         frame = _frame(path, layout)
         for view in views:
             flipped = view.flipped(frame)
-            shown = np.where(view.mask.reshape(*view.mask.shape, 1) > 0, flipped, 0).astype(np.uint8)
-            write_image(colmap / "images" / view.name / name, shown)
+            masked = np.where(view.mask.reshape(*view.mask.shape, 1) > 0, flipped, 0).astype(np.uint8)
+            write_image(colmap / "images" / view.name / name, masked)
             if index == 0:
                 write_image(nerfstudio / "images" / f"{view.name}.png", flipped[view.sub_image.slices])
     write_text(folder / "README.md", readme(layout, views))

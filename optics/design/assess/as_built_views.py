@@ -1,7 +1,7 @@
 """Fields of view of many devices as built, by polygon clipping.
 
-Coordinates are view axes of the holder with the nominal pupil as origin: depth is z, and a camera that moves does not
-move the plane at a depth. Regions are polygons in x and y, mm.
+Coordinates are in the view axes of the holder, with the nominal pupil as origin: depth is z, and moving the camera
+leaves the plane at a depth fixed. Regions are polygons in x and y, mm.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import Devices, Perturbations, perturbed_camera, perturbed_mirrors
-from mirrorcam.optics.geometry.plate import inner_tangent, outer_tangent, rise_mm
+from mirrorcam.optics.geometry.plate import rise_mm, solve_tangent_in_air, tangent_in_glass
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.geometry.sub_images import POINTS_PER_EDGE, sensor_polygon, unvignetted_outlines
 
@@ -50,12 +50,12 @@ class BuiltViews:
         Virtual camera centres (n, m, 3).
     outlines
         The mirrors' outlines (n, m) in each camera's normalized coordinates.
-    shown
+    usable
         The part (n, m) of each outline that shows the scene.
     sub_images
-        The part (n, m) of `shown` that lies on the sensor and whose rays are reflected towards the scene.
+        The part (n, m) of `usable` that lies on the sensor and whose rays are reflected towards the scene.
 
-    `through` restricts the last two to unvignetted pixels.
+    `unvignetted` restricts the last two to unvignetted pixels.
     """
 
     layout: Layout
@@ -65,21 +65,21 @@ class BuiltViews:
     normals: FloatArray
     centres_mm: FloatArray
     outlines: Polygons
-    shown: Polygons
+    usable: Polygons
     sub_images: Polygons
 
-    def through(self, pupil: Pupil) -> BuiltViews:
+    def unvignetted(self, pupil: Pupil) -> BuiltViews:
         """The same devices, restricted to the pixels that are unvignetted for a pupil."""
         if pupil.radius_mm == 0.0:
             return self
-        flat = self.shown.ravel()
+        flat = self.usable.ravel()
         present = ~shapely.is_empty(flat)
         normals = (self.normals @ self.view_from_camera).reshape(-1, 3)[present]
         distances = np.linalg.norm(self.centres_mm - self.pupils_mm[:, None], axis=-1).ravel()[present] / 2.0
-        clear = np.full(flat.shape, Polygon(), dtype=np.object_)
-        clear[present] = shapely.polygons(unvignetted_outlines(_corners(flat[present]), normals, distances, pupil))
-        shown = _with_area(clear.reshape(self.shown.shape))
-        return replace(self, shown=shown, sub_images=_with_area(shapely.intersection(shown, self.sub_images)))
+        parts = np.full(flat.shape, Polygon(), dtype=np.object_)
+        parts[present] = shapely.polygons(unvignetted_outlines(_corners(flat[present]), normals, distances, pupil))
+        usable = _with_area(parts.reshape(self.usable.shape))
+        return replace(self, usable=usable, sub_images=_with_area(shapely.intersection(usable, self.sub_images)))
 
     def pixels(self, points: FloatArray, device: Indices, mirror: Indices) -> FloatArray:
         """Pixels (..., 2) of points (..., 3) via mirrors (...) of devices (...); NaN for invisible points."""
@@ -98,42 +98,42 @@ class BuiltViews:
     def _distances(self, device: Indices, mirror: Indices) -> FloatArray:
         return np.linalg.norm(self.centres_mm - self.pupils_mm[:, None], axis=-1)[device, mirror] / 2.0
 
-    def landing(self, normalized: FloatArray, device: Indices, mirror: Indices, depth_mm: float) -> FloatArray:
+    def points_at_depth(self, normalized: FloatArray, device: Indices, mirror: Indices, depth_mm: float) -> FloatArray:
         """Points (..., 2) where rays (..., 2) via mirrors (...) of devices (...) meet the plane at a depth."""
         rays = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
-        arriving = (self.view_from_camera[device] @ rays[..., None])[..., 0]
+        incoming = (self.view_from_camera[device] @ rays[..., None])[..., 0]
         normals, centres = self.normals[device, mirror], self.centres_mm[device, mirror]
-        leaving = arriving - 2.0 * np.sum(arriving * normals, axis=-1, keepdims=True) * normals
-        return centres[..., :2] + leaving[..., :2] * ((depth_mm - centres[..., 2:]) / leaving[..., 2:])
+        reflected = incoming - 2.0 * np.sum(incoming * normals, axis=-1, keepdims=True) * normals
+        return centres[..., :2] + reflected[..., :2] * ((depth_mm - centres[..., 2:]) / reflected[..., 2:])
 
     def common_regions(self, depth_mm: float) -> tuple[Polygons, Polygons]:
         """The region (n,) of the plane at a depth that all views of each device see, and all footprints (n, m)."""
         count = self.sub_images.shape[1]
         footprints = _mapped(
-            self.sub_images, lambda points, of: self.landing(points, of // count, of % count, depth_mm)
+            self.sub_images, lambda points, owner: self.points_at_depth(points, owner // count, owner % count, depth_mm)
         )
         return _with_area(shapely.intersection_all(footprints, axis=1)), footprints
 
-    def seen_px(self, regions: Polygons, depth_mm: float) -> FloatArray:
-        """Sensor pixels (n, m) of each sub-image that see a region (n,) of the plane at a depth."""
-        start, end, of = _edges(regions)
+    def pixel_count(self, regions: Polygons, depth_mm: float) -> FloatArray:
+        """Number (n, m) of sensor pixels of each sub-image that see a region (n,) of the plane at a depth."""
+        start, end, owner = _edges(regions)
         if not all(camera.is_undistorted for camera in self.cameras):
-            along = np.linspace(0.0, 1.0, POINTS_PER_EDGE + 1)[:, None]
-            bent = start[:, None] * (1.0 - along) + end[:, None] * along
-            start, end = bent[:, :-1].reshape(-1, 2), bent[:, 1:].reshape(-1, 2)
-            of = np.repeat(of, POINTS_PER_EDGE)
+            fractions = np.linspace(0.0, 1.0, POINTS_PER_EDGE + 1)[:, None]
+            points = start[:, None] * (1.0 - fractions) + end[:, None] * fractions
+            start, end = points[:, :-1].reshape(-1, 2), points[:, 1:].reshape(-1, 2)
+            owner = np.repeat(owner, POINTS_PER_EDGE)
         mirrors = np.arange(self.sub_images.shape[1])
         depths = np.full((len(start), 1), depth_mm)
-        first, second = (self.pixels(np.hstack([p, depths])[:, None], of[:, None], mirrors) for p in (start, end))
+        first, second = (self.pixels(np.hstack([p, depths])[:, None], owner[:, None], mirrors) for p in (start, end))
         crosses = (first[..., 0] * second[..., 1] - first[..., 1] * second[..., 0]) / 2.0
         areas = np.zeros(self.sub_images.shape)
-        np.add.at(areas, of, crosses)
+        np.add.at(areas, owner, crosses)
         return np.abs(areas)
 
     def pixel_efficiency(self, regions: Polygons, depth_mm: float) -> FloatArray:
         """Fraction (n,) of the sensor's pixels that see a region (n,) of the plane at a depth, over all sub-images."""
         sensor_px = self.layout.camera.width_px * self.layout.camera.height_px
-        return np.asarray(self.seen_px(regions, depth_mm).sum(axis=1) / sensor_px)
+        return np.asarray(self.pixel_count(regions, depth_mm).sum(axis=1) / sensor_px)
 
     def hidden(self) -> NDArray[np.bool_]:
         """Mask (n,) of the devices in which one mirror hides part of another from the camera: outlines overlap."""
@@ -143,29 +143,29 @@ class BuiltViews:
         near = ((low[:, first] < high[:, second]) & (low[:, second] < high[:, first])).all(axis=-1)
         device, pair = np.nonzero(near)
         shared = shapely.intersection(self.outlines[device, first[pair]], self.outlines[device, second[pair]])
-        found = np.zeros(len(self.outlines), dtype=np.bool_)
-        found[device[shapely.area(shared) > 1e-12]] = True
-        return found
+        hidden = np.zeros(len(self.outlines), dtype=np.bool_)
+        hidden[device[shapely.area(shared) > 1e-12]] = True
+        return hidden
 
 
 def built_views(layout: Layout, perturbations: Perturbations) -> BuiltViews:
     """The views of perturbed devices of a layout.
 
-    Raises InputError if a device is impossible: a mirror without thickness or behind its camera, or a lens that folds
-    inside the sensor.
+    Raises InputError if a device is impossible: a mirror without thickness or behind its camera, or a lens whose
+    distortion is not monotonic on the sensor.
     """
     devices = perturbed_mirrors(layout, perturbations)
     cameras = tuple(
         perturbed_camera(layout.camera, perturbations, device) for device in range(len(perturbations.focal))
     )
-    behind = (devices.pupils_mm[:, None] - devices.centroids_mm)[..., None, :] @ devices.normals[..., None]
-    distances, thicknesses = behind[..., 0, 0], devices.thicknesses_mm
+    heights = (devices.pupils_mm[:, None] - devices.centroids_mm)[..., None, :] @ devices.normals[..., None]
+    distances, thicknesses = heights[..., 0, 0], devices.thicknesses_mm
     if (thicknesses <= 0).any():
-        raise InputError(f"a drawn mirror is {thicknesses.min():.3g} mm thick, expected smaller tolerances")
-    second = np.array([mirror.is_second_surface for mirror in layout.mirrors])
-    if (distances <= np.where(second, thicknesses, 0.0)).any():
-        raise InputError("a drawn mirror reaches past the pupil, expected smaller tolerances")
-    rises, outlines, shown = _windows(layout, devices, distances)
+        raise InputError(f"a sampled mirror is {thicknesses.min():.3g} mm thick, reduce the tolerances")
+    is_second_surface = np.array([mirror.is_second_surface for mirror in layout.mirrors])
+    if (distances <= np.where(is_second_surface, thicknesses, 0.0)).any():
+        raise InputError("a sampled mirror reaches past the pupil, reduce the tolerances")
+    rises, outlines, usable = _apparent_outlines(layout, devices, distances)
     distances = distances - rises
     sensors = {id(camera): sensor_polygon(camera) for camera in cameras}
     sensor = np.array([sensors[id(camera)] for camera in cameras])
@@ -180,49 +180,51 @@ def built_views(layout: Layout, perturbations: Perturbations) -> BuiltViews:
         normals=normals,
         centres_mm=pupils[:, None] - 2.0 * distances[..., None] * normals,
         outlines=outlines,
-        shown=shown,
-        sub_images=_forward(_with_area(shapely.intersection(shown, sensor[:, None])), normals, view_from_camera),
+        usable=usable,
+        sub_images=_forward(_with_area(shapely.intersection(usable, sensor[:, None])), normals, view_from_camera),
     )
 
 
-def _windows(layout: Layout, devices: Devices, distances: FloatArray) -> tuple[FloatArray, Polygons, Polygons]:
-    """Heights (n, m) of the apparent mirrors above the reflecting surfaces, outlines (n, m), and shown parts (n, m)."""
+def _apparent_outlines(
+    layout: Layout, devices: Devices, distances: FloatArray
+) -> tuple[FloatArray, Polygons, Polygons]:
+    """Heights (n, m) of apparent mirrors above reflecting surfaces, outlines (n, m), and their usable parts (n, m)."""
     rises = np.zeros(distances.shape)
     shifts: dict[int, FloatArray] = {}
     for k, mirror in enumerate(layout.mirrors):
         if not mirror.is_second_surface:
             continue
         index, glass = mirror.refractive_index, devices.thicknesses_mm[:, k]
-        across = devices.centroids_mm[:, k] - devices.pupils_mm + distances[:, k, None] * devices.normals[:, k]
-        lengths = np.linalg.norm(across, axis=1)
+        offsets = devices.centroids_mm[:, k] - devices.pupils_mm + distances[:, k, None] * devices.normals[:, k]
+        lengths = np.linalg.norm(offsets, axis=1)
         cases = zip(lengths, distances[:, k] - glass, glass, strict=True)
-        tangents = np.array([outer_tangent(float(a), float(b), float(c), index) for a, b, c in cases])
+        tangents = np.array([solve_tangent_in_air(float(a), float(b), float(c), index) for a, b, c in cases])
         rises[:, k] = glass * rise_mm(tangents, 1.0, index)
         # Light enters the front this far before the point of reflection and leaves it this far beyond.
-        along = across * (glass * inner_tangent(tangents, index) / np.maximum(lengths, 1e-12))[:, None]
-        shifts[k] = (along[:, None] @ devices.axes[:, k])[:, 0]
+        in_plane = offsets * (glass * tangent_in_glass(tangents, index) / np.maximum(lengths, 1e-12))[:, None]
+        shifts[k] = (in_plane[:, None] @ devices.axes[:, k])[:, 0]
     raised = devices.outlines_mm + (rises[..., None] * devices.normals)[..., None, :]
     outlines = shapely.polygons(_normalized(raised, devices))
-    shown = outlines.copy()
+    usable = outlines.copy()
     for k, shift in shifts.items():
         outline = layout.mirrors[k].outline_in_plane_mm
         inside = shapely.intersection(*(shapely.polygons(outline + sign * shift[:, None]) for sign in (1.0, -1.0)))
         centroids = devices.centroids_mm[:, k] + rises[:, k, None] * devices.normals[:, k]
 
-        def to_camera(points: FloatArray, of: Indices, k: int = k, centroids: FloatArray = centroids) -> FloatArray:
-            corners = centroids[of] + (devices.axes[of, k] @ points[..., None])[..., 0]
-            in_camera = ((corners - devices.pupils_mm[of])[:, None] @ devices.holder_from_camera[of])[:, 0]
+        def to_camera(points: FloatArray, owner: Indices, k: int = k, centroids: FloatArray = centroids) -> FloatArray:
+            corners = centroids[owner] + (devices.axes[owner, k] @ points[..., None])[..., 0]
+            in_camera = ((corners - devices.pupils_mm[owner])[:, None] @ devices.holder_from_camera[owner])[:, 0]
             return in_camera[:, :2] / in_camera[:, 2:]
 
-        shown[:, k] = _mapped(_with_area(inside), to_camera)
-    return rises, outlines, shown
+        usable[:, k] = _mapped(_with_area(inside), to_camera)
+    return rises, outlines, usable
 
 
 def _normalized(points: FloatArray, devices: Devices) -> FloatArray:
     """Normalized coordinates (n, m, k, 2) of points (n, m, k, 3) of each device in its own camera."""
     in_camera = (points - devices.pupils_mm[:, None, None]) @ devices.holder_from_camera[:, None]
     if (in_camera[..., 2] <= 0).any():
-        raise InputError("a drawn mirror reaches behind the camera, expected smaller tolerances")
+        raise InputError("a sampled mirror reaches behind the camera, reduce the tolerances")
     return in_camera[..., :2] / in_camera[..., 2:]
 
 
@@ -231,13 +233,13 @@ def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArr
     reflected_z = np.array([0.0, 0.0, 1.0]) - 2.0 * normals[..., 2:] * normals
     slopes = (reflected_z[..., None, :] @ view_from_camera[:, None])[..., 0, :].reshape(-1, 3)
     flat = polygons.ravel().copy()
-    points, of = shapely.get_coordinates(flat, return_index=True)
-    heights = np.sum(points * slopes[of, :2], axis=1) + slopes[of, 2]
-    for number in np.unique(of[heights <= MIN_FORWARD]):
+    points, owner = shapely.get_coordinates(flat, return_index=True)
+    heights = np.sum(points * slopes[owner, :2], axis=1) + slopes[owner, 2]
+    for number in np.unique(owner[heights <= MIN_FORWARD]):
         a, b, c = slopes[number]
-        across = np.hypot(a, b)
-        up = np.array([a, b]) / across
-        start, side = up * (MIN_FORWARD - c) / across, FAR_NORMALIZED * np.array([-up[1], up[0]])
+        length = np.hypot(a, b)
+        up = np.array([a, b]) / length
+        start, side = up * (MIN_FORWARD - c) / length, FAR_NORMALIZED * np.array([-up[1], up[0]])
         end = start + FAR_NORMALIZED * up
         flat[number] = shapely.intersection(flat[number], Polygon([start - side, start + side, end + side, end - side]))
     return _with_area(flat.reshape(polygons.shape))
@@ -245,30 +247,30 @@ def _forward(polygons: Polygons, normals: FloatArray, view_from_camera: FloatArr
 
 def _with_area(shapes: Polygons) -> Polygons:
     """Replace shapes without area (points or lines where polygons touch) by empty polygons."""
-    kept = (shapely.get_type_id(shapes) == shapely.GeometryType.POLYGON) & (shapely.area(shapes) > 0)
-    return np.where(kept, shapes, Polygon())
+    has_area = (shapely.get_type_id(shapes) == shapely.GeometryType.POLYGON) & (shapely.area(shapes) > 0)
+    return np.where(has_area, shapes, Polygon())
 
 
 def _mapped(polygons: Polygons, mapping: Callable[[FloatArray, Indices], FloatArray]) -> Polygons:
-    """Map the corners of polygons (...) by `mapping(corners (c, 2), index of the polygon (c,)) -> (c, 2)`."""
+    """Map the corners of polygons (...) by `mapping(corners (c, 2), index of their polygon (c,)) -> (c, 2)`."""
     flat = polygons.ravel()
-    points, of = shapely.get_coordinates(flat, return_index=True)
-    moved = np.full(flat.shape, Polygon(), dtype=np.object_)
+    points, owner = shapely.get_coordinates(flat, return_index=True)
+    mapped = np.full(flat.shape, Polygon(), dtype=np.object_)
     if len(points):
-        present, ring = np.unique(of, return_inverse=True)
-        moved[present] = shapely.polygons(shapely.linearrings(mapping(points, of), indices=ring))
-    return moved.reshape(polygons.shape)
+        present, ring = np.unique(owner, return_inverse=True)
+        mapped[present] = shapely.polygons(shapely.linearrings(mapping(points, owner), indices=ring))
+    return mapped.reshape(polygons.shape)
 
 
 def _corners(polygons: Polygons) -> FloatArray:
-    """Corners (n, most, 2) of nonempty polygons (n,); polygons with fewer corners repeat the last."""
-    points, of = shapely.get_coordinates(polygons, return_index=True)
-    first, count = np.searchsorted(of, np.arange(len(polygons))), np.bincount(of) - 1
+    """Corners (n, k, 2) of nonempty polygons (n,), where k is the maximum; those with fewer repeat the last corner."""
+    points, owner = shapely.get_coordinates(polygons, return_index=True)
+    first, count = np.searchsorted(owner, np.arange(len(polygons))), np.bincount(owner) - 1
     return np.asarray(points[first[:, None] + np.minimum(np.arange(count.max()), count[:, None] - 1)])
 
 
 def _edges(polygons: Polygons) -> tuple[FloatArray, FloatArray, Indices]:
     """Start (e, 2) and end (e, 2) of the edges of polygons (n,), and the index (e,) of each edge's polygon."""
-    points, of = shapely.get_coordinates(polygons, return_index=True)
-    joined = of[1:] == of[:-1]
-    return points[:-1][joined], points[1:][joined], of[:-1][joined]
+    points, owner = shapely.get_coordinates(polygons, return_index=True)
+    is_edge = owner[1:] == owner[:-1]
+    return points[:-1][is_edge], points[1:][is_edge], owner[:-1][is_edge]

@@ -12,12 +12,12 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import FOLD_90_VIEW_FROM_RIG
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import stacked
-from mirrorcam.optics.geometry.plate import inner_tangent, rise_mm
+from mirrorcam.optics.geometry.plate import rise_mm, tangent_in_glass
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.sub_images import unvignetted_outline
 
 TOUCH_MM = 1e-6
-"""Length inside a solid up to which a ray only touches it."""
+"""Length inside a solid up to which a ray counts as only touching it."""
 SAMPLES = 24
 RIM_POINTS = 8
 
@@ -37,9 +37,9 @@ def length_inside_mm(starts: FloatArray, ends: FloatArray, normals: FloatArray, 
     heights, slopes = starts @ normals.T - offsets, (ends - starts) @ normals.T
     with np.errstate(divide="ignore", invalid="ignore"):
         crossings = -heights / slopes
-    entered = np.where(slopes < 0, crossings, np.where((slopes == 0) & (heights > 0), np.inf, -np.inf)).max(axis=1)
-    exited = np.where(slopes > 0, crossings, np.inf).min(axis=1)
-    inside = np.minimum(exited, 1.0) - np.maximum(entered, 0.0)
+    entry = np.where(slopes < 0, crossings, np.where((slopes == 0) & (heights > 0), np.inf, -np.inf)).max(axis=1)
+    departure = np.where(slopes > 0, crossings, np.inf).min(axis=1)
+    inside = np.minimum(departure, 1.0) - np.maximum(entry, 0.0)
     return np.maximum(inside, 0.0) * np.linalg.norm(ends - starts, axis=1)
 
 
@@ -62,26 +62,26 @@ def traced(
     The rays start at the pupil's centre or at `origins_mm` (n, 3) in the pupil.
 
     Exact, also for second-surface mirrors: the front refracts the ray by Snell's law, the back reflects it, and it
-    leaves 2 t tan' further along the front, as if reflected there.
+    leaves the front 2 t tan' farther on, as if reflected there.
     """
     rays = np.column_stack([normalized, np.ones(len(normalized))])
     normal = mirror.normal_in_rig
     glass_mm = mirror.front_mm
-    approach = -rays @ normal
+    normal_part = -rays @ normal
     starts = np.zeros_like(rays) if origins_mm is None else origins_mm
-    entering = starts + rays * ((mirror.distance_mm - glass_mm + starts @ normal) / approach)[:, None]
-    along = rays + approach[:, None] * normal
-    leaving = entering
+    entry_mm = starts + rays * ((mirror.distance_mm - glass_mm + starts @ normal) / normal_part)[:, None]
+    in_plane = rays + normal_part[:, None] * normal
+    exit_mm = entry_mm
     if glass_mm > 0.0:
-        tangent = np.linalg.norm(along, axis=1) / approach
+        tangent = np.linalg.norm(in_plane, axis=1) / normal_part
         ratio = np.divide(
-            inner_tangent(tangent, mirror.refractive_index),
+            tangent_in_glass(tangent, mirror.refractive_index),
             tangent,
             out=np.full_like(tangent, 1.0 / mirror.refractive_index),
             where=tangent > 0,
         )
-        leaving = entering + 2.0 * glass_mm * (ratio / approach)[:, None] * along
-    return entering, leaving, rays @ mirror.reflection
+        exit_mm = entry_mm + 2.0 * glass_mm * (ratio / normal_part)[:, None] * in_plane
+    return entry_mm, exit_mm, rays @ mirror.reflection
 
 
 def sampled_light(mirror: Mirror, pupil: Pupil, steps: int = SAMPLES) -> tuple[FloatArray, FloatArray]:
@@ -107,11 +107,11 @@ def traced_to(
     Returns the points in the pupil, where rays enter the front, where they leave it, and at a depth along `view_axis`.
     """
     origins, rays = sampled_light(mirror, pupil, steps)
-    entering, leaving, directions = traced(mirror, rays, origins)
+    entry_mm, exit_mm, directions = traced(mirror, rays, origins)
     forward = directions @ view_axis > 1e-9
-    origins, entering, leaving, directions = (each[forward] for each in (origins, entering, leaving, directions))
-    reach = (depth_mm - leaving @ view_axis) / (directions @ view_axis)
-    return origins, entering, leaving, leaving + directions * reach[:, None]
+    origins, entry_mm, exit_mm, directions = (array[forward] for array in (origins, entry_mm, exit_mm, directions))
+    steps_to_depth = (depth_mm - exit_mm @ view_axis) / (directions @ view_axis)
+    return origins, entry_mm, exit_mm, exit_mm + directions * steps_to_depth[:, None]
 
 
 def apparent_offset_mm(mirror: Mirror) -> float:
@@ -126,8 +126,8 @@ def apparent_offset_mm(mirror: Mirror) -> float:
     cosine = -(rays @ mirror.normal_in_rig) / np.linalg.norm(rays, axis=1)
     sine = np.sqrt(np.maximum(1.0 - cosine**2, 0.0))
     rise = mirror.distance_mm - mirror.apparent.distance_mm
-    higher = rise_mm(sine / cosine, mirror.thickness_mm, mirror.refractive_index) - rise
-    return float(np.abs(2.0 * higher * sine).max())
+    difference = rise_mm(sine / cosine, mirror.thickness_mm, mirror.refractive_index) - rise
+    return float(np.abs(2.0 * difference * sine).max())
 
 
 def _may_meet(points: FloatArray, normals: FloatArray, bodies: FloatArray) -> FloatArray:
@@ -135,8 +135,8 @@ def _may_meet(points: FloatArray, normals: FloatArray, bodies: FloatArray) -> Fl
 
     Planes with the given normals (p, 3) separate the others from it.
     """
-    beyond = (points @ normals.T).max(axis=0)
-    return ~((bodies @ normals.T).min(axis=1) >= beyond).any(axis=1)
+    extent = (points @ normals.T).max(axis=0)
+    return ~((bodies @ normals.T).min(axis=1) >= extent).any(axis=1)
 
 
 def blocked_light(
@@ -156,24 +156,24 @@ def blocked_light(
     mirrors : mirrors of a layout.
     depth_mm : depth up to which light must not be blocked.
     steps : number of rays along an edge of a sub-image.
-    view_axis : view axis (3,) in rig, `layout.view_from_rig[2]`; by default for a fold of 90 degrees.
+    view_axis : view axis (3,) in the rig frame, `layout.view_from_rig[2]`; by default for a fold of 90 degrees.
     pupil : pupil from which the light starts; by default only its centre.
 
     Returns
     -------
     Each pair of mirrors and leg of the light with blocked rays.
     """
-    found, axis = [], np.asarray(view_axis, dtype=np.float64)
+    occlusions, axis = [], np.asarray(view_axis, dtype=np.float64)
     faces = [mirror.solid.half_spaces for mirror in mirrors]
     bodies = stacked([mirror.solid.corners_in_rig_mm for mirror in mirrors])
     for index, mirror in enumerate(mirrors):
-        origins, entering, leaving, at_depth = traced_to(mirror, pupil, depth_mm, axis, steps)
-        if len(entering) == 0:
+        origins, entry_mm, exit_mm, at_depth = traced_to(mirror, pupil, depth_mm, axis, steps)
+        if len(entry_mm) == 0:
             continue
         outline = mirror.outline_in_rig_mm
         legs: tuple[tuple[Literal["in", "out"], FloatArray, FloatArray, FloatArray], ...] = (
-            ("in", origins, entering, np.zeros(3)),
-            ("out", leaving, at_depth, mirror.apparent.virtual_centre_in_rig_mm),
+            ("in", origins, entry_mm, np.zeros(3)),
+            ("out", exit_mm, at_depth, mirror.apparent.virtual_centre_in_rig_mm),
         )
         for leg, starts, ends, source in legs:
             # The light is bounded by planes through its source and each edge, and by the mirror plane.
@@ -185,5 +185,5 @@ def blocked_light(
                     continue
                 fraction = float(np.mean(length_inside_mm(starts, ends, *faces[occluder]) > TOUCH_MM))
                 if fraction > 0:
-                    found.append(Occlusion(index, int(occluder), leg, fraction))
-    return found
+                    occlusions.append(Occlusion(index, int(occluder), leg, fraction))
+    return occlusions

@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, smallest_g
 from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, vertices
 
 MIN_RELATIVE_EFFICIENCY = 0.5
-"""Views overlap at depths where pixel efficiency is at least this fraction of the best of the working depths."""
+"""Views overlap at depths where the pixel efficiency is at least this fraction of that at the best working depth."""
 
 MAX_DEPTH_MM = 1e5
 """Far limit of the search for the depth range: for a webcam, 100 m is practically infinity."""
@@ -45,16 +45,16 @@ def fitted_grid(layout: Layout) -> tuple[FloatArray, FloatArray]:
 def grid_error(layout: Layout) -> float:
     """RMS distance of virtual centres to the best-fitting grid, divided by the geometric mean of its spacings.
 
-    Raises InputError if a spacing is 0: views in one place form no grid.
+    Raises InputError if a spacing is 0: coincident views do not form a grid.
     """
     grid, spacings = fitted_grid(layout)
     if layout.rows * layout.cols < 2:
         return 0.0
     distances = np.linalg.norm(layout.virtual_centres_in_view_mm - grid, axis=-1)
-    used = np.abs(spacings[layout.arrangement.extent > 0])
-    if used.min() < 1e-6:
-        raise InputError(f"virtual centres are {used.min():.2g} mm apart along an axis of the grid, expected a grid")
-    return float(np.sqrt(np.mean(distances**2)) / np.exp(np.mean(np.log(used))))
+    nonzero = np.abs(spacings[layout.arrangement.extent > 0])
+    if nonzero.min() < 1e-6:
+        raise InputError(f"virtual centres are {nonzero.min():.2g} mm apart along an axis of the grid, expected a grid")
+    return float(np.sqrt(np.mean(distances**2)) / np.exp(np.mean(np.log(nonzero))))
 
 
 def _grid_error(layout: Layout) -> Metric:
@@ -89,12 +89,12 @@ def depth_range_mm(views: FieldsOfView, depths_mm: Sequence[float]) -> tuple[flo
         return float(brentq(margin, inside_mm, outside_mm, rtol=CROSSING_PRECISION, xtol=CROSSING_PRECISION))
 
     while farthest_mm < MAX_DEPTH_MM:
-        further_mm = min(farthest_mm * DEPTH_STEP, MAX_DEPTH_MM)
-        if margin(further_mm) < 0.0:
-            farthest_mm = crossing(farthest_mm, further_mm)
+        farther_mm = min(farthest_mm * DEPTH_STEP, MAX_DEPTH_MM)
+        if margin(farther_mm) < 0.0:
+            farthest_mm = crossing(farthest_mm, farther_mm)
             break
-        farthest_mm = further_mm
-    limit_mm = max(views.reach_mm * (1.0 + 1e-6), MIN_DEPTH_MM)
+        farthest_mm = farther_mm
+    limit_mm = max(views.mirror_depth_mm * (1.0 + 1e-6), MIN_DEPTH_MM)
     while nearest_mm > limit_mm:
         nearer_mm = max(nearest_mm / DEPTH_STEP, limit_mm)
         if margin(nearer_mm) < 0.0:
@@ -107,9 +107,9 @@ def depth_range_mm(views: FieldsOfView, depths_mm: Sequence[float]) -> tuple[flo
 def _overlap(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
     region, footprints = views.common_region(depth_mm)
     union = union_all(footprints).area
-    share, iou = views.pixel_efficiency(region, depth_mm), region.area / union if union else 0.0
+    efficiency, iou = views.pixel_efficiency(region, depth_mm), region.area / union if union else 0.0
     return {
-        f"pixel_efficiency_{depth_mm:g}mm": Metric(value=share, unit="of the sensor", lower_is_better=False),
+        f"pixel_efficiency_{depth_mm:g}mm": Metric(value=efficiency, unit="of the sensor", lower_is_better=False),
         f"overlap_iou_{depth_mm:g}mm": Metric(value=iou, unit="of the union", lower_is_better=False),
     }
 
@@ -119,12 +119,14 @@ def _usable(views: FieldsOfView, pinhole: FieldsOfView, depths_mm: Sequence[floa
     camera = views.layout.camera
     if camera.aperture_mm == 0.0:
         return {}
-    clear_px, all_px = (sum(_area_px(camera, shown) for shown in each.sub_images) for each in (views, pinhole))
-    found = {"whole_pupil": Metric(value=clear_px / all_px, unit="of the views", lower_is_better=False)}
+    unvignetted_px, all_px = (sum(_area_px(camera, part) for part in v.sub_images) for v in (views, pinhole))
+    metrics = {"whole_pupil": Metric(value=unvignetted_px / all_px, unit="of the views", lower_is_better=False)}
     for depth_mm in depths_mm:
-        share = views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm)
-        found[f"usable_efficiency_{depth_mm:g}mm"] = Metric(value=share, unit="of the sensor", lower_is_better=False)
-    return found
+        efficiency = views.pixel_efficiency(views.common_region(depth_mm)[0], depth_mm)
+        metrics[f"usable_efficiency_{depth_mm:g}mm"] = Metric(
+            value=efficiency, unit="of the sensor", lower_is_better=False
+        )
+    return metrics
 
 
 def _area_px(camera: Camera, normalized: Polygon) -> float:
@@ -146,11 +148,11 @@ def _field_of_view(views: FieldsOfView, depth_mm: float) -> dict[str, Metric]:
 
 
 def _depth_range(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
-    """Metrics of the depth range; empty if the views share nothing at any working depth."""
-    found = depth_range_mm(views, depths_mm)
-    if found is None:
+    """Metrics of the depth range; empty if the views have no common region at any working depth."""
+    limits = depth_range_mm(views, depths_mm)
+    if limits is None:
         return {}
-    nearest_mm, farthest_mm = found
+    nearest_mm, farthest_mm = limits
     return {
         "depth_nearest_mm": Metric(value=nearest_mm, unit="mm"),
         "depth_farthest_mm": Metric(
@@ -171,11 +173,11 @@ def _disparities(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metric
     steps_mm = np.abs(spacings)
     extent = layout.arrangement.extent
     focal_px = np.array([layout.camera.fx_px, layout.camera.fy_px])
-    behind_mm = float(layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2])
+    central_z_mm = float(layout.virtual_centres_in_view_mm.reshape(-1, 3)[layout.central_index, 2])
     best = float((focal_px * steps_mm * extent).max())
     figures = {}
     for depth_mm in depths_mm:
-        distance_mm = depth_mm - behind_mm
+        distance_mm = depth_mm - central_z_mm
         for axis, size, shift_px in zip("st", extent, focal_px * steps_mm / distance_mm, strict=True):
             if size > 0:
                 figures[f"disparity_{axis}_{depth_mm:g}mm"] = Metric(
@@ -234,11 +236,11 @@ def evaluate(layout: Layout, depths_mm: Sequence[float], unvignetted: FieldsOfVi
     InputError : a depth is nearer than the mirrors.
     """
     views = fields_of_view(layout)
-    clear = fields_of_view(layout, layout.camera.pupil) if unvignetted is None else unvignetted
+    usable = fields_of_view(layout, layout.camera.pupil) if unvignetted is None else unvignetted
     metrics = {"grid_error": _grid_error(layout)}
     for depth_mm in depths_mm:
         metrics |= _overlap(views, depth_mm)
-    metrics |= _usable(clear, views, depths_mm)
+    metrics |= _usable(usable, views, depths_mm)
     metrics |= _field_of_view(views, max(depths_mm))
     _, spacings = fitted_grid(layout)
     for axis, baseline_mm in zip("xy", np.abs(spacings) * layout.arrangement.extent, strict=True):
@@ -246,6 +248,6 @@ def evaluate(layout: Layout, depths_mm: Sequence[float], unvignetted: FieldsOfVi
     metrics |= _depth_range(views, depths_mm)
     metrics |= focus_metrics(views, depths_mm)
     metrics |= _disparities(layout, depths_mm)
-    metrics |= depth_sigma_metrics(clear, depths_mm)
+    metrics |= depth_sigma_metrics(usable, depths_mm)
     metrics |= _sizes(layout)
     return metrics | _plate_offsets(layout, depths_mm)

@@ -65,28 +65,28 @@ class Study:
     tolerances
         The tolerances of `spreads[1.0]`.
     devices
-        Number of devices drawn.
+        Number of sampled devices.
     spreads
         Spread by accuracy, then by figure. The accuracy is a factor on the tolerances of printing and assembly; the
         camera's are not scaled.
     hidden
         Fraction of devices in which one mirror hides part of another from the camera, by accuracy.
-    shares
+    cause_fractions
         Mean square deviation from the design caused by one tolerance, as a fraction of the sum over causes, by cause,
-        then by figure. For a figure with a linear dependence it is the share of the variance.
+        then by figure. For a figure with a linear dependence, it is the fraction of the variance.
     """
 
     tolerances: Tolerances
     devices: int
     spreads: dict[float, dict[str, Spread]]
     hidden: dict[float, float]
-    shares: dict[str, dict[str, float]]
+    cause_fractions: dict[str, dict[str, float]]
 
 
 def study(
     layout: Layout, tolerances: Tolerances, depths_mm: Sequence[float], *, devices: int = DEVICES, seed: int = 0
 ) -> Study:
-    """Draw devices at each accuracy and with each single cause, always from the same random numbers.
+    """Sample devices at each accuracy and with each single cause, always from the same random numbers.
 
     Parameters
     ----------
@@ -98,27 +98,27 @@ def study(
 
     Raises
     ------
-    InputError : views share nothing at a depth, or a drawn device is impossible, at any accuracy up to twice the
-        tolerances.
+    InputError : views have no common region at a depth, or a sampled device is impossible, at any accuracy up to twice
+        the tolerances.
     """
-    ideal = design_reference(layout, depths_mm)
-    nominal = {name: float(values[0]) for name, values in ideal.figures(ideal.design).items()}
+    reference = design_reference(layout, depths_mm)
+    nominal = {name: float(values[0]) for name, values in reference.figures(reference.design).items()}
     spreads, hidden, squares = {}, {}, {}
     for accuracy in ACCURACIES:
-        views = _drawn(layout, tolerances, devices, seed, accuracy)
+        views = _sampled(layout, tolerances, devices, seed, accuracy)
         spreads[accuracy] = {
-            name: _spread(name, nominal[name], values) for name, values in ideal.figures(views).items()
+            name: _spread(name, nominal[name], values) for name, values in reference.figures(views).items()
         }
         hidden[accuracy] = float(views.hidden().mean())
     for cause, names in CAUSES.items():
-        alone = tolerances.only(*names)
-        if alone != Tolerances.none():
-            drawn = ideal.figures(_drawn(layout, alone, devices, seed))
-            squares[cause] = {name: float(np.mean((drawn[name] - nominal[name]) ** 2)) for name in nominal}
-    return Study(tolerances, devices, spreads, hidden, _shares(squares))
+        single = tolerances.only(*names)
+        if single != Tolerances.none():
+            figures = reference.figures(_sampled(layout, single, devices, seed))
+            squares[cause] = {name: float(np.mean((figures[name] - nominal[name]) ** 2)) for name in nominal}
+    return Study(tolerances, devices, spreads, hidden, _cause_fractions(squares))
 
 
-def _drawn(layout: Layout, tolerances: Tolerances, devices: int, seed: int, accuracy: float = 1.0) -> BuiltViews:
+def _sampled(layout: Layout, tolerances: Tolerances, devices: int, seed: int, accuracy: float = 1.0) -> BuiltViews:
     random = np.random.default_rng(seed)
     try:
         return built_views(layout, draw_perturbations(tolerances.times(accuracy), len(layout.mirrors), devices, random))
@@ -132,12 +132,12 @@ def _spread(name: str, nominal: float, values: FloatArray) -> Spread:
     return Spread(nominal, low, median, high, UNITS[re.sub(r"_[0-9.e+]+mm$", "", name)])
 
 
-def _shares(squares: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+def _cause_fractions(squares: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
     figures = next(iter(squares.values()), {})
-    total = {name: sum(of_cause[name] for of_cause in squares.values()) for name in figures}
+    total = {name: sum(by_figure[name] for by_figure in squares.values()) for name in figures}
     return {
-        cause: {name: value / total[name] if total[name] > 0 else 0.0 for name, value in of_cause.items()}
-        for cause, of_cause in squares.items()
+        cause: {name: value / total[name] if total[name] > 0 else 0.0 for name, value in by_figure.items()}
+        for cause, by_figure in squares.items()
     }
 
 
@@ -153,7 +153,7 @@ class Probe:
     points_mm: FloatArray  # (q, 3)
     weights: FloatArray  # (q,), sum 1
     pixels: FloatArray  # (m, q, 2), predicted by the design
-    landings_mm: FloatArray  # (m, q, 2), those pixels mapped back to the plane: the points up to rounding
+    points_in_plane_mm: FloatArray  # (m, q, 2), those pixels mapped back to the plane: the points up to rounding
     px_per_mm: float  # on the plane at this depth, for the median sub-image
 
 
@@ -182,8 +182,8 @@ class DesignReference:
         """The figures (n,) of the devices, in the order of a report.
 
         Grid error, baselines, pixel efficiency, overlap, usable efficiency (except for a pinhole) and field of view (at
-        the farthest depth) are as in `layout_metrics`, but in the view axes of the holder, where a camera that moves
-        does not move the plane at a depth. In addition:
+        the farthest depth) are as in `layout_metrics`, but in the view axes of the holder, where moving the camera
+        leaves the plane at a depth fixed. In addition:
 
         - `off_sensor`: fraction of the sub-images outside the sensor.
         - `uncalibrated_error`: distance between the pixel of a scene point and the pixel predicted by the design, as
@@ -205,8 +205,8 @@ class DesignReference:
                 fields = _fields_of_view_deg(views, regions, depth_mm)
         figures |= self._usable(views)
         figures |= {f"fov_{axis}_deg": field for axis, field in zip("xy", fields.T, strict=True)}
-        shown, pictured = (shapely.area(parts).sum(axis=1) for parts in (views.sub_images, views.shown))
-        figures["off_sensor"] = np.maximum(1.0 - shown / pictured, 0.0)
+        on_sensor, total = (shapely.area(parts).sum(axis=1) for parts in (views.sub_images, views.usable))
+        figures["off_sensor"] = np.maximum(1.0 - on_sensor / total, 0.0)
         for probe in self.probes:
             error, misregistration = _decode_errors_px(views, self.design, probe)
             figures[f"uncalibrated_error_{probe.depth_mm:g}mm"] = error
@@ -220,19 +220,23 @@ class DesignReference:
         pupil = views.layout.camera.pupil
         if pupil.radius_mm == 0.0:
             return {}
-        clear, depths_mm = views.through(pupil), [probe.depth_mm for probe in self.probes]
+        unvignetted, depths_mm = views.unvignetted(pupil), [probe.depth_mm for probe in self.probes]
         return {
-            f"usable_efficiency_{depth_mm:g}mm": clear.pixel_efficiency(clear.common_regions(depth_mm)[0], depth_mm)
+            f"usable_efficiency_{depth_mm:g}mm": unvignetted.pixel_efficiency(
+                unvignetted.common_regions(depth_mm)[0], depth_mm
+            )
             for depth_mm in depths_mm
         }
 
 
 def design_reference(layout: Layout, depths_mm: Sequence[float]) -> DesignReference:
-    """The reference of a design at working depths, mm. Raises InputError if the views of the design share nothing."""
+    """The reference of a design at working depths, mm. Raises InputError if its views have no common region."""
     reference_mm = harmonic_mean(depths_mm)
     for depth_mm in (*depths_mm, reference_mm):
         if fields_of_view(layout).common_region(depth_mm)[0].is_empty:
-            raise InputError(f"the views share nothing at {depth_mm:g} mm, expected a layout whose views overlap")
+            raise InputError(
+                f"the views have no common region at {depth_mm:g} mm, expected a layout whose views overlap"
+            )
     exact = draw_perturbations(Tolerances.none(), len(layout.mirrors), 1, np.random.default_rng(0))
     design = built_views(layout, exact)
     return DesignReference(
@@ -250,8 +254,8 @@ def _probe(design: BuiltViews, depth_mm: float) -> Probe:
     sides = triangles[:, 1:] - triangles[:, :1]
     areas = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2.0
     barycentric = (np.full((3, 3), 1.0) + 3.0 * np.eye(3)) / 6.0
-    across = (barycentric @ triangles).reshape(-1, 2)
-    points = np.column_stack([across, np.full(len(across), depth_mm)])
+    xy = (barycentric @ triangles).reshape(-1, 2)
+    points = np.column_stack([xy, np.full(len(xy), depth_mm)])
     mirrors = np.arange(design.sub_images.shape[1])[:, None]
     pixels = design.pixels(points, np.array(0), mirrors)
     return Probe(
@@ -259,8 +263,8 @@ def _probe(design: BuiltViews, depth_mm: float) -> Probe:
         points_mm=points,
         weights=np.repeat(areas / areas.sum() / 3.0, 3),
         pixels=pixels,
-        landings_mm=_landings(design, pixels, depth_mm),
-        px_per_mm=float(np.median(np.sqrt(design.seen_px(regions, depth_mm)[0] / areas.sum()))),
+        points_in_plane_mm=_points_at_depth(design, pixels, depth_mm),
+        px_per_mm=float(np.median(np.sqrt(design.pixel_count(regions, depth_mm)[0] / areas.sum()))),
     )
 
 
@@ -268,21 +272,21 @@ def _grids(views: BuiltViews) -> dict[str, FloatArray]:
     """Grid error and baselines (n,); see `layout_metrics.fitted_grid` for a single layout."""
     arrangement = views.layout.arrangement
     grid, spacings = arrangement.fitted(views.centres_mm)
-    used = arrangement.extent > 0
+    has_extent = arrangement.extent > 0
     errors = np.sqrt(np.mean(np.sum((views.centres_mm - grid) ** 2, axis=-1), axis=1))
     baselines_mm = np.abs(spacings) * arrangement.extent
-    figures = {"grid_error": errors / np.exp(np.mean(np.log(np.abs(spacings[:, used])), axis=1))}
-    return figures | {f"baseline_{name}_mm": baselines_mm[:, k] for k, name in enumerate("xy") if used[k]}
+    figures = {"grid_error": errors / np.exp(np.mean(np.log(np.abs(spacings[:, has_extent])), axis=1))}
+    return figures | {f"baseline_{name}_mm": baselines_mm[:, k] for k, name in enumerate("xy") if has_extent[k]}
 
 
 def _fields_of_view_deg(views: BuiltViews, regions: Polygons, depth_mm: float) -> FloatArray:
     """Angles (n, 2) that regions (n,) at a depth subtend at the mean virtual centre; 0 for empty regions."""
-    points, of = shapely.get_coordinates(regions, return_index=True)
-    centres = views.centres_mm.mean(axis=1)[of]
+    points, region_index = shapely.get_coordinates(regions, return_index=True)
+    centres = views.centres_mm.mean(axis=1)[region_index]
     angles = np.degrees(np.arctan2(points - centres[:, :2], depth_mm - centres[:, 2:]))
     low, high = (np.full((len(regions), 2), start) for start in (np.inf, -np.inf))
-    np.minimum.at(low, of, angles)
-    np.maximum.at(high, of, angles)
+    np.minimum.at(low, region_index, angles)
+    np.maximum.at(high, region_index, angles)
     return np.maximum(high - low, 0.0)
 
 
@@ -291,24 +295,24 @@ def _decode_errors_px(views: BuiltViews, design: BuiltViews, probe: Probe) -> tu
     devices, mirrors = np.arange(len(views.pupils_mm))[:, None, None], np.arange(views.centres_mm.shape[1])[:, None]
     pixels = views.pixels(probe.points_mm, devices, mirrors)
     error = _rms(pixels - probe.pixels, probe.weights)
-    shifts = _landings(design, pixels, probe.depth_mm) - probe.landings_mm
+    shifts = _points_at_depth(design, pixels, probe.depth_mm) - probe.points_in_plane_mm
     return error, probe.px_per_mm * _rms(shifts - _mean_over_views(shifts), probe.weights)
 
 
-def _landings(design: BuiltViews, pixels: FloatArray, depth_mm: float) -> FloatArray:
+def _points_at_depth(design: BuiltViews, pixels: FloatArray, depth_mm: float) -> FloatArray:
     """Points (..., m, q, 2), mm, on the plane at a depth seen by pixels of the design's sub-images."""
     normalized = design.cameras[0].normalized_from_pixels(pixels)
-    return design.landing(normalized, np.array(0), np.arange(design.centres_mm.shape[1])[:, None], depth_mm)
+    return design.points_at_depth(normalized, np.array(0), np.arange(design.centres_mm.shape[1])[:, None], depth_mm)
 
 
 def _rms(errors: FloatArray, weights: FloatArray) -> FloatArray:
     """RMS length (n,) of errors (n, m, q, 2) with weights (q,), ignoring NaN."""
     squares = np.sum(errors**2, axis=-1)
-    known = weights * np.isfinite(squares)
-    return np.sqrt(np.sum(known * np.nan_to_num(squares), axis=(1, 2)) / np.sum(known, axis=(1, 2)))
+    valid = weights * np.isfinite(squares)
+    return np.sqrt(np.sum(valid * np.nan_to_num(squares), axis=(1, 2)) / np.sum(valid, axis=(1, 2)))
 
 
 def _mean_over_views(errors: FloatArray) -> FloatArray:
     """Mean (n, 1, q, 2) of errors (n, m, q, 2), ignoring NaN; 0 if all are NaN."""
-    known = np.isfinite(errors)
-    return np.where(known, errors, 0.0).sum(axis=1, keepdims=True) / np.maximum(known.sum(axis=1, keepdims=True), 1)
+    valid = np.isfinite(errors)
+    return np.where(valid, errors, 0.0).sum(axis=1, keepdims=True) / np.maximum(valid.sum(axis=1, keepdims=True), 1)

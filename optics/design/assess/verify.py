@@ -9,7 +9,13 @@ from mirrorcam.optics.design.assess.chief_rays import TOUCH_MM, blocked_light, l
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign, box_corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_gaps import area_mm2, edges_mm, hull_distance, smallest_gap_mm, smallest_seen_gap
+from mirrorcam.optics.geometry.mirror_gaps import (
+    area_mm2,
+    edges_mm,
+    hull_distance,
+    smallest_gap_mm,
+    smallest_sub_image_gap,
+)
 from mirrorcam.optics.geometry.sub_images import fields_of_view
 
 LENGTH_TOLERANCE_MM = 1e-4
@@ -24,21 +30,21 @@ FINDINGS = {
     "smallest_gap_mm": ("spacing", "two mirrors are {value:.4g} mm apart, {missing:.3g} mm too close"),
     "smallest_seen_gap_mm": ("seen gap", "two sub-images are {value:.3g} mm apart, {missing:.3g} mm too close"),
     "beyond_depth_mm": ("depth", "the mirrors reach {value:.3g} mm past the nearest depth"),
-    "common_area": ("overlap", "only {value:.3g} mm² are seen by all views at {depth}"),
+    "common_area": ("overlap", "only {value:.3g} mm² are visible in all views at {depth}"),
     "blocked_light": ("occlusion", "a mirror stands in {value:.2%} of the light of another"),
     "light_on_body": ("body", "the camera's body with its clip stands in {value:.2%} of the light of a mirror"),
     "smallest_body_gap_mm": ("body", "a mirror is {value:.4g} mm from the camera's body, {missing:.3g} mm too close"),
     "shortest_edge_mm": ("edge", "a mirror has an edge of {value:.4g} mm, {missing:.3g} mm too short"),
-    "smallest_area_mm2": ("area", "a mirror has {value:.4g} mm², {missing:.3g} mm² too few"),
+    "smallest_area_mm2": ("area", "a mirror has {value:.4g} mm², {missing:.3g} mm² too little"),
 }
 """Constraint and finding to report for a failed figure, by the figure's name without its depth."""
 
 
 def _differs(mirror: Mirror, spec: DesignSpec) -> bool:
-    """Whether a mirror has more corners than requested, another reflecting surface, or other glass."""
+    """Whether a mirror has more corners than requested, a different reflecting surface, or different glass."""
     requested = (spec.surface, spec.thickness_mm, spec.refractive_index)
-    found = (mirror.surface, mirror.thickness_mm, mirror.refractive_index)
-    return found != requested or len(mirror.outline_in_rig_mm) > spec.sides
+    actual = (mirror.surface, mirror.thickness_mm, mirror.refractive_index)
+    return actual != requested or len(mirror.outline_in_rig_mm) > spec.sides
 
 
 def _unlike_spec(layout: Layout, spec: DesignSpec) -> int:
@@ -52,7 +58,7 @@ def _unlike_spec(layout: Layout, spec: DesignSpec) -> int:
     )
     rotated = not np.allclose(layout.view_from_rig, spec.view_from_rig, rtol=0.0, atol=AXES_TOLERANCE)
     return (
-        sum(found != expected for found, expected in properties)
+        sum(actual != expected for actual, expected in properties)
         + int(rotated)
         + sum(_differs(mirror, spec) for mirror in layout.mirrors)
     )
@@ -91,42 +97,42 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
         "smallest_area_mm2": (min(area_mm2(m) for m in mirrors), spec.min_area_mm2, AREA_TOLERANCE_MM2, "mm²"),
     }
     if len(mirrors) > 1:
-        seen_mm = smallest_seen_gap(mirrors) * spec.scale_mm
-        minima["smallest_seen_gap_mm"] = (seen_mm, spec.seen_gap_mm, LENGTH_TOLERANCE_MM, "mm")
+        gap_mm = smallest_sub_image_gap(mirrors) * spec.scale_mm
+        minima["smallest_seen_gap_mm"] = (gap_mm, spec.seen_gap_mm, LENGTH_TOLERANCE_MM, "mm")
         minima["smallest_gap_mm"] = (smallest_gap_mm(layout), spec.spacing_mm, LENGTH_TOLERANCE_MM, "mm")
     for name, (value, requested, tolerance, unit) in minima.items():
         limit = max(requested - tolerance, 0.0)
         verdict[name] = Metric(value=float(value), unit=unit, limit=limit, lower_is_better=False)
     views = fields_of_view(layout)
-    beyond_mm = max(views.reach_mm - min(spec.depths_mm), 0.0)
+    beyond_mm = max(views.mirror_depth_mm - min(spec.depths_mm), 0.0)
     verdict["beyond_depth_mm"] = Metric(value=beyond_mm, unit="mm", limit=0.0)
     for depth_mm in spec.depths_mm:
-        area = views.common_region(depth_mm)[0].area if depth_mm > views.reach_mm else 0.0
+        area = views.common_region(depth_mm)[0].area if depth_mm > views.mirror_depth_mm else 0.0
         verdict[f"common_area_{depth_mm:g}mm"] = Metric(
             value=area, unit="mm²", limit=MIN_COMMON_AREA_MM2, lower_is_better=False
         )
     blocked = blocked_light(mirrors, max(spec.depths_mm), view_axis=layout.view_from_rig[2], pupil=layout.camera.pupil)
-    fraction = max((found.fraction for found in blocked), default=0.0)
+    fraction = max((occlusion.fraction for occlusion in blocked), default=0.0)
     verdict["blocked_light"] = Metric(value=fraction, unit="of the light", limit=0.0)
     return verdict | _clear_of_body(layout, spec)
 
 
 def _clear_of_body(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     """Fraction of rays that meet the box around the camera and its clip, and the smallest gap of a mirror from it."""
-    box, body = spec.kept_free_in_rig_mm, spec.camera.body_mm
+    box, body = spec.keep_out_in_rig_mm, spec.camera.body_mm
     if body is None:
         return {}
     faces = np.concatenate([np.eye(3), -np.eye(3)])
     offsets = np.concatenate([box.max(axis=0), -box.min(axis=0)]) - LENGTH_TOLERANCE_MM
-    shares, gaps, corners_mm = [0.0], [], box_corners(*body)
+    fractions, gaps, corners_mm = [0.0], [], box_corners(*body)
     for mirror in layout.mirrors:
-        _, _, leaving, ends = traced_to(mirror, layout.camera.pupil, max(spec.depths_mm), layout.view_from_rig[2])
-        if len(leaving):
-            shares.append(float(np.mean(length_inside_mm(leaving, ends, faces, offsets) > TOUCH_MM)))
+        _, _, starts, ends = traced_to(mirror, layout.camera.pupil, max(spec.depths_mm), layout.view_from_rig[2])
+        if len(starts):
+            fractions.append(float(np.mean(length_inside_mm(starts, ends, faces, offsets) > TOUCH_MM)))
         gaps.append(hull_distance(mirror.solid.corners_in_rig_mm, corners_mm))
     limit = max(spec.body_clearance_mm - LENGTH_TOLERANCE_MM, 0.0)
     return {
-        "light_on_body": Metric(value=max(shares), unit="of the light", limit=0.0),
+        "light_on_body": Metric(value=max(fractions), unit="of the light", limit=0.0),
         "smallest_body_gap_mm": Metric(value=min(gaps), unit="mm", limit=limit, lower_is_better=False),
     }
 

@@ -1,7 +1,7 @@
 """Constraints on mirrors, regions and grids, and the objectives, as smooth terms in CasADi.
 
-Coordinates are view axes, lengths in units of the design's scale. `separation` keeps mirrors apart.
-`optics.design.assess.depth_sigma` derives the objective of a design for depth.
+Coordinates are in view axes, lengths in units of the design scale. The module `separation` keeps mirrors apart;
+`optics.design.assess.depth_sigma` derives the depth objective.
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
 from mirrorcam.optics.geometry.arrangement import Arrangement
 
 MARGIN = 1e-6
-"""Margin on every limit, in scales, so that the rounded layout still meets it."""
+"""Margin on every limit, in units of the design scale, so that the rounded layout still meets it."""
 MIN_CORNER_AREA = 1e-3
-"""Smallest area spanned by the two edges at a corner of a sub-image, relative to a tile of the sensor."""
-MIN_INCIDENCE = 0.1
+"""Minimum area spanned by the two edges at a corner of a sub-image, relative to a tile of the sensor."""
+MIN_RAY_COMPONENT = 0.1
+"""Minimum scalar product of a corner ray (z = 1) and the virtual centre, in units of the design scale."""
 MIN_GRID_SPACING = 0.05
 REGION_CORNERS = 8
 """Corners of the region at a depth that all views must show."""
@@ -44,9 +45,9 @@ ANGLES = 8
 
 @lru_cache
 def mirror_term(kind: Kind) -> Term:
-    """One mirror: it can be cut, lies on the sensor, and folds the light towards the scene.
+    """One mirror: it can be manufactured, its sub-image lies on the sensor, and it folds light towards the scene.
 
-    Unknowns: fold, virtual centre, corners. Parameters: optics, intrinsics, sensor px (2), shortest edge, smallest
+    Unknowns: fold angle, virtual centre, corners. Parameters: optics, intrinsics, sensor px (2), minimum edge, minimum
     area, nearest depth, area of a tile, reward per tile of sub-image area.
     """
     term = TermBuilder()
@@ -54,9 +55,9 @@ def mirror_term(kind: Kind) -> Term:
     min_edge, min_area, depth, tile_area, reward = (term.parameter() for _ in range(5))
     mirror = add_mirror(kind, optics, term)
     for corner in mirror.corners:
-        term.require(ca.dot(optics.view_from_rig @ ca.vertcat(corner, 1.0), mirror.centre) - MIN_INCIDENCE)
-    for before, after in edges_of([b - a for a, b in edges_of(mirror.corners)]):
-        term.require(cross_2d(before, after) / tile_area - MIN_CORNER_AREA)
+        term.require(ca.dot(optics.view_from_rig @ ca.vertcat(corner, 1.0), mirror.centre) - MIN_RAY_COMPONENT)
+    for edge, next_edge in edges_of([b - a for a, b in edges_of(mirror.corners)]):
+        term.require(cross_2d(edge, next_edge) / tile_area - MIN_CORNER_AREA)
     for a, b in edges_of(mirror.face):
         term.require(ca.sumsqr(b - a) - min_edge**2 - MARGIN, "size")
     fans = [ca.cross(a - mirror.face[0], b - mirror.face[0]) for a, b in pairwise(mirror.face[1:])]
@@ -65,7 +66,7 @@ def mirror_term(kind: Kind) -> Term:
         term.require(depth - point[2] - MARGIN, "depth")
     if kind.second_surface:
         # The pupil must lie in front of the plate.
-        term.require(ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0 - mirror.before - MARGIN, "occlusion")
+        term.require(ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0 - mirror.glass_in_front - MARGIN, "occlusion")
     if kind.distorted:
         # Points along the bent edges stay on the sensor. Without distortion, the limits on corners suffice.
         margin_px = 0.25
@@ -106,39 +107,40 @@ def region_term() -> Term:
 def view_term(kind: Kind) -> Term:
     """A mirror shows an entire region, and is rewarded for the fraction of the sensor's pixels that see the region.
 
-    Unknowns: fold, virtual centre, corners, the region's corners as tangents of angles from its aim point, so that
-    their size does not depend on depth. Parameters: optics, intrinsics, sensor px (2), depth, area of a tile, weight of
-    the fraction, smallest fraction, tilt (2) of the mirror as built.
+    Unknowns: fold angle, virtual centre, corners of the sub-image, and corners of the region as offsets from the aim
+    point (straight ahead of the central mirror), divided by 1 + depth, so that their size hardly depends on depth.
+    Parameters: optics, intrinsics, sensor px (2), depth, area of a tile, weight of the fraction, minimum fraction,
+    tilt (2) of the mirror as built.
 
     The tilt moves the image in the mirror, but not its outline, which moves far less.
     """
     term = TermBuilder()
     optics, intrinsics, size_px = Optics.of_term(term), term.parameter(kind.intrinsics), term.parameter(2)
-    depth, tile_area, weight, min_share = (term.parameter() for _ in range(4))
+    depth, tile_area, weight, min_fraction = (term.parameter() for _ in range(4))
     tilt = term.parameter(2)
     mirror = add_mirror(kind, optics, term)
     centre = mirror.tilted_centre(tilt)
     corners = term.unknown(2 * REGION_CORNERS)
     rig_from_view, aim = optics.view_from_rig.T, optics.view_from_rig[:2, 2]
-    seen = []
+    images = []
     for k in range(REGION_CORNERS):
         point = ca.vertcat(aim + corners[2 * k : 2 * k + 2] * (1.0 + depth), depth)
         image = rig_from_view @ reflected(point, centre)
-        seen.append(image[:2] / image[2])
+        images.append(image[:2] / image[2])
     for a, b in _usable_edges(kind, mirror):
         start, following = ((rig_from_view @ end)[:2] / (rig_from_view @ end)[2] for end in (a, b))
-        for point in seen:
+        for point in images:
             inside = cross_2d(following - start, point - start)
             if not kind.pinhole:
-                inside = _inside_for_whole_pupil(mirror, optics, a, b, rig_from_view.T @ ca.vertcat(point, 1.0))
+                inside = _clearance_of_bundle(mirror, optics, a, b, rig_from_view.T @ ca.vertcat(point, 1.0))
             term.require(inside / tile_area, "overlap")
     if kind.distorted:
-        area_px = polygon_area([pixels(kind.lens_model, intrinsics, point) for point in subdivided(seen, 3)])
+        area_px = polygon_area([pixels(kind.lens_model, intrinsics, point) for point in subdivided(images, 3)])
     else:
-        area_px = polygon_area(seen) * intrinsics[0] * intrinsics[1]
-    share = area_px / (size_px[0] * size_px[1])
-    term.require(share - min_share)
-    term.minimise(-weight * share)
+        area_px = polygon_area(images) * intrinsics[0] * intrinsics[1]
+    fraction = area_px / (size_px[0] * size_px[1])
+    term.require(fraction - min_fraction)
+    term.minimise(-weight * fraction)
     return term.built()
 
 
@@ -151,25 +153,26 @@ def _usable_edges(kind: Kind, mirror: MirrorVariables) -> list[tuple[Expression,
         return edges_of(mirror.face)
     inset = []
     for a, b in edges_of(mirror.face):
-        inwards = ca.cross(mirror.normal, b - a) / ca.sqrt(ca.sumsqr(b - a))
-        by = ca.sqrt(ca.dot(inwards, mirror.entry) ** 2 + 1e-10) * inwards
-        inset.append((a + by, b + by))
+        inward = ca.cross(mirror.normal, b - a) / ca.sqrt(ca.sumsqr(b - a))
+        shift = ca.sqrt(ca.dot(inward, mirror.entry) ** 2 + 1e-10) * inward
+        inset.append((a + shift, b + shift))
     return inset
 
 
-def _inside_for_whole_pupil(
+def _clearance_of_bundle(
     mirror: MirrorVariables, optics: Optics, a: Expression, b: Expression, ray: Expression
 ) -> Expression:
-    """At least 0 if all rays of the pupil with a chief ray (3, z = 1 in rig) pass inside an edge.
+    """At least 0 if the complete ray bundle of a chief ray (3, z = 1 in the rig frame) passes inside an edge.
 
-    Rays from the points p of the pupil have the clearance constant + slope . p (`geometry.pupil.edge_clearance`).
+    The ray from a point p of the pupil has the clearance constant + gradient . p (`geometry.pupil.edge_clearance`).
     """
     distance = ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0
-    inwards = ca.cross(mirror.normal, b - a)
-    along, across, offset = ca.dot(mirror.normal, ray), ca.dot(inwards, ray), ca.dot(inwards, a)
-    constant = distance * across - along * offset
-    slope = (along - distance * optics.nearness) * inwards - (across - optics.nearness * offset) * mirror.normal
-    return constant - optics.radius * optics.along_pupil(slope)
+    inward = ca.cross(mirror.normal, b - a)
+    normal_part, inward_part, offset = ca.dot(mirror.normal, ray), ca.dot(inward, ray), ca.dot(inward, a)
+    constant = distance * inward_part - normal_part * offset
+    gradient = (normal_part - distance * optics.inverse_focus) * inward
+    gradient -= (inward_part - optics.inverse_focus * offset) * mirror.normal
+    return constant - optics.radius * optics.in_pupil_plane(gradient)
 
 
 def squared_grid_error(centres: list[Expression], arrangement: Arrangement) -> tuple[Expression, list[Expression]]:
@@ -177,11 +180,11 @@ def squared_grid_error(centres: list[Expression], arrangement: Arrangement) -> t
 
     The fit is a linear regression on the steps; the error is relative to the geometric mean of the spacings.
     """
-    rightwards, downwards = arrangement.steps.T
+    steps_x, steps_y = arrangement.steps.T
     mean: Expression = sum(centres, start=ca.SX.zeros(3)) / len(centres)
     residual = ca.horzcat(*(centre - mean for centre in centres)).T
     spacings = []
-    for axis, steps in ((0, rightwards), (1, downwards)):
+    for axis, steps in ((0, steps_x), (1, steps_y)):
         if steps.any():
             spacing = ca.dot(residual[:, axis], ca.DM(steps)) / float(steps @ steps)
             residual[:, axis] -= spacing * ca.DM(steps)
@@ -207,9 +210,9 @@ def grid_term(arrangement: Arrangement) -> Term:
 
 @lru_cache
 def mean_term(count: int) -> Term:
-    """The mean of `count` virtual centres is the centre of a mirror at the scale that folds the axis to the view axis.
+    """The mean of `count` virtual centres equals the centre of a mirror that folds the optical axis at unit scale.
 
-    Unknowns: fold, virtual centres.
+    Unknowns: fold angle, virtual centres.
     """
     term = TermBuilder()
     axis = view_from_rig(term.unknown(1))[:, 2]
@@ -223,35 +226,36 @@ def depth_information(
     central: int,
     fold: Expression,
     point: Expression,
-    nearness: Expression,
+    inverse_focus: Expression,
     blur: Expression,
 ) -> Expression:
-    """Fisher information of a window of the central view on the depth of a point (3), up to a factor.
+    """Fisher information of a window of the central view about the depth of a point (3), up to a factor.
 
-    Views (3) and point are in view axes, in scales. The bound assumes a texture with equal slope at each frequency. A
+    Views (3) and point are in view axes, in units of the design scale. The bound assumes a texture with equal gradient
+    at each frequency. A
     view with the Jacobian J, px per length, has the weight |J| / (s |J^-T u|)^2 in the direction u. s^2 is the variance
-    of its blur relative to a sharp picture, 1 + (blur (1 / z - nearness))^2.
+    of its blur relative to a sharp picture, 1 + (blur (1 / z - inverse_focus))^2.
     """
     rotation = view_from_rig(fold)
-    density, shifts, steps, variances = [], [], [], []
+    density, parallax, inverses, variances = [], [], [], []
     for centre in centres:
         image = rotation.T @ reflected(point, centre)
-        across = rotation.T @ (ca.DM.eye(3) - 2.0 * centre @ centre.T / ca.sumsqr(centre))[:, :2]
+        d_image = rotation.T @ (ca.DM.eye(3) - 2.0 * centre @ centre.T / ca.sumsqr(centre))[:, :2]
         z = image[2]
-        jacobian = (across[:2, :] * z - image[:2] @ across[2, :]) / z**2
+        jacobian = (d_image[:2, :] * z - image[:2] @ d_image[2, :]) / z**2
         area = jacobian[0, 0] * jacobian[1, 1] - jacobian[0, 1] * jacobian[1, 0]
         adjoint = ca.blockcat([[jacobian[1, 1], -jacobian[1, 0]], [-jacobian[0, 1], jacobian[0, 0]]])
         density.append(ca.sqrt(area**2))
-        steps.append(adjoint / area)
-        variances.append(1.0 + (blur * (1.0 / z - nearness)) ** 2)
-        shifts.append((point[:2] - centre[:2]) / (point[2] - centre[2]))
+        inverses.append(adjoint / area)
+        variances.append(1.0 + (blur * (1.0 / z - inverse_focus)) ** 2)
+        parallax.append((point[:2] - centre[:2]) / (point[2] - centre[2]))
     information: Expression = ca.SX(0.0)
     for angle in np.pi * (np.arange(ANGLES) + 0.5) / ANGLES:
-        along = ca.DM([np.cos(angle), np.sin(angle)])
-        weights = [n / (v * ca.sumsqr(step @ along)) for n, v, step in zip(density, variances, steps, strict=True)]
-        along_shifts = [ca.dot(shift, along) for shift in shifts]
-        mean = sum(w * m for w, m in zip(weights, along_shifts, strict=True)) / sum(weights)
-        information += sum(w * (m - mean) ** 2 for w, m in zip(weights, along_shifts, strict=True))
+        direction = ca.DM([np.cos(angle), np.sin(angle)])
+        weights = [n / (v * ca.sumsqr(i @ direction)) for n, v, i in zip(density, variances, inverses, strict=True)]
+        components = [ca.dot(view_parallax, direction) for view_parallax in parallax]
+        mean = sum(w * m for w, m in zip(weights, components, strict=True)) / sum(weights)
+        information += sum(w * (m - mean) ** 2 for w, m in zip(weights, components, strict=True))
     return information / density[central]
 
 
@@ -259,35 +263,35 @@ def depth_information(
 def depth_sigma_term(count: int, central: int) -> Term:
     """The standard deviation of depth at a point, up to a factor.
 
-    Unknowns: fold, virtual centres. Parameters: depth, the point as tangents (2) of angles from the aim point (as for
-    corners of a region), 1 / focus, `blur`, weight.
+    Unknowns: fold angle, virtual centres. Parameters: depth, the point (2) relative to the aim point as for corners in
+    `view_term`, 1 / focus, `blur`, weight.
     """
     term = TermBuilder()
     fold, centres = term.unknown(1), [term.unknown(3) for _ in range(count)]
     depth, tangents = term.parameter(), term.parameter(2)
-    nearness, blur, weight = (term.parameter() for _ in range(3))
+    inverse_focus, blur, weight = (term.parameter() for _ in range(3))
     point = ca.vertcat(view_from_rig(fold)[:2, 2] + tangents * (1.0 + depth), depth)
-    term.minimise(weight / ca.sqrt(depth_information(centres, central, fold, point, nearness, blur)))
+    term.minimise(weight / ca.sqrt(depth_information(centres, central, fold, point, inverse_focus, blur)))
     return term.built()
 
 
 def field_of_view(corners: Expression, centres: list[Expression], depth: Expression) -> Expression:
-    """Size (2) of a region as tangents from the mean virtual centre, across and down.
+    """Size (2) of a region along x and y, as tangents from the mean virtual centre.
 
-    It is measured between the means of the two corners on either side; `corners` are the unknowns of `region_term`.
+    It is measured between the means of the two corners at each end; `corners` are the unknowns of `region_term`.
     """
     mean_z = sum(centre[2] for centre in centres) / len(centres)
     sides = []
     for axis in range(2):
-        along = region_directions()[:, axis]
-        ahead, behind = (np.flatnonzero(sign * along > 0.7).tolist() for sign in (1.0, -1.0))
-        sides.append(sum(corners[2 * k + axis] for k in ahead) / 2.0 - sum(corners[2 * k + axis] for k in behind) / 2.0)
+        component = region_directions()[:, axis]
+        right, left = (np.flatnonzero(sign * component > 0.7).tolist() for sign in (1.0, -1.0))
+        sides.append(sum(corners[2 * k + axis] for k in right) / 2.0 - sum(corners[2 * k + axis] for k in left) / 2.0)
     return ca.vertcat(*sides) * (1.0 + depth) / (depth - mean_z)
 
 
 @lru_cache
 def field_of_view_term(count: int) -> Term:
-    """A region of at least a given size. Unknowns: corners, virtual centres. Parameters: depth, smallest size (2)."""
+    """A region of at least a given size. Unknowns: corners, virtual centres. Parameters: depth, minimum size (2)."""
     term = TermBuilder()
     corners, centres = term.unknown(2 * REGION_CORNERS), [term.unknown(3) for _ in range(count)]
     depth, min_size = term.parameter(), term.parameter(2)
@@ -297,7 +301,7 @@ def field_of_view_term(count: int) -> Term:
 
 @lru_cache
 def grid_limit_term(arrangement: Arrangement) -> Term:
-    """Virtual centres near a grid or pattern with positive spacings. Parameter: largest grid error."""
+    """Virtual centres near a grid or pattern with positive spacings. Parameter: maximum grid error."""
     term = TermBuilder()
     term.require(term.parameter() ** 2 - add_grid_error(term, arrangement))
     return term.built()

@@ -18,12 +18,13 @@ from mirrorcam.optics.design.program.terms import Indices, Term
 from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, DesignSpec
 
 TIE_BREAK = 1e-3
-"""Small weight that resolves ties in the objective: unconstrained corners move outward."""
-CENTRE_REACH = 0.6
+"""Small weight that resolves ties in the objective, so that unconstrained corners move outward."""
+MAX_CENTRE_SHIFT = 0.6
+"""Limit on the change of a virtual centre along each axis, in units of the design scale."""
 MirrorUnknowns = tuple[Indices, Indices]
 """Virtual centre (3) and corners (2 sides) of a mirror."""
 SAFE_SIGMAS = 3.0
-"""Separation of neighbouring sub-images in standard deviations: none of 200 devices should violate it."""
+"""Separation of neighbouring sub-images, in standard deviations, so that none of 200 devices violates it."""
 SEED = 15
 DEVICES = 8
 """Number of devices as built in the objective of a robust design, in addition to the exact device."""
@@ -31,7 +32,7 @@ DEVICES = 8
 
 @dataclass(frozen=True)
 class Draft:
-    """A program with the mirrors of a seed as its first unknowns; lengths in scales, in view axes.
+    """A program with the mirrors of a seed as its first unknowns; in view axes, in units of the design scale.
 
     `fold` and `mirrors` are indices of unknowns; mirrors are in the order of the layout.
     """
@@ -49,7 +50,7 @@ class Draft:
         fold = program.unknown(*np.deg2rad(_start_and_range_deg(spec)))
         low, high = sensor_bounds(spec.camera)
         centres = [
-            program.unknown(centre, centre - CENTRE_REACH, centre + CENTRE_REACH)
+            program.unknown(centre, centre - MAX_CENTRE_SHIFT, centre + MAX_CENTRE_SHIFT)
             for centre in _spread(seed.centres, spec.arrangement.steps)
         ]
         corners = [
@@ -102,29 +103,29 @@ class Draft:
 
 
 def _spread(centres: FloatArray, steps: FloatArray) -> FloatArray:
-    """Spread centres (n, 3) along an axis on which the seed of a pattern hardly separates them.
+    """Spread centres (n, 3) along an axis along which the seed of a pattern hardly separates them.
 
     Otherwise the spacing that divides the grid error could be zero, for example if views on a slant have adjacent
     tiles.
     """
     spread = centres.copy()
-    for axis, along in enumerate(steps.T):
-        if along.any():
-            spacing = spread[:, axis] @ along / (along @ along)
+    for axis, lines in enumerate(steps.T):
+        if lines.any():
+            spacing = spread[:, axis] @ lines / (lines @ lines)
             if spacing < constraints.MIN_GRID_SPACING / 2.0:
-                spread[:, axis] += (constraints.MIN_GRID_SPACING - spacing) * along
+                spread[:, axis] += (constraints.MIN_GRID_SPACING - spacing) * lines
     return spread
 
 
 def _start_and_range_deg(spec: DesignSpec) -> tuple[float, float, float]:
-    """Start value, lower and upper limit of the fold."""
+    """Start value, minimum and maximum of the fold angle."""
     if spec.fold_deg == "auto":
         return FIRST_FOLD_DEG, FOLD_DEG.min, FOLD_DEG.max
     return spec.fold_deg, spec.fold_deg, spec.fold_deg
 
 
 def displacements(spec: DesignSpec, seed: Seed) -> FloatArray:
-    """Standard deviation (n, sides, 2), as a vector, of the corners of each sub-image, in normalized coordinates.
+    """Displacement vectors (n, sides, 2) of one standard deviation, normalized, of the corners of each sub-image.
 
     A corner (u, v) at the depth z moves by (n_xy - n_z (u, v)) s / z if the mirror there moves by s along its normal n,
     because it is shifted or tilted about its centre.
@@ -133,27 +134,27 @@ def displacements(spec: DesignSpec, seed: Seed) -> FloatArray:
     rays = np.concatenate([seed.corners, np.ones((*seed.corners.shape[:-1], 1))], axis=-1)
     depths = 0.5 * (centres**2).sum(axis=-1)[:, None] / (rays @ centres[..., None])[..., 0]
     corners = rays * depths[..., None]
-    levers = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=-1)
-    shifts = np.hypot(spec.robust_offset_mm / spec.scale_mm, levers * np.deg2rad(spec.robust_tilt_deg))
+    lever_arms = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=-1)
+    shifts = np.hypot(spec.robust_offset_mm / spec.scale_mm, lever_arms * np.deg2rad(spec.robust_tilt_deg))
     normals = (centres / np.linalg.norm(centres, axis=-1, keepdims=True))[:, None]
     return np.asarray((normals[..., :2] - normals[..., 2:] * seed.corners) * (shifts / depths)[..., None])
 
 
-def safe_gap(moved: FloatArray, across: FloatArray) -> float:
+def safe_gap(displacements: FloatArray, direction: FloatArray) -> float:
     """The gap, in normalized coordinates, that keeps two sub-images apart in devices as built.
 
-    `moved` (2, sides, 2) are their displacements, `across` (2,) is the unit vector from the first to the second.
+    `displacements` (2, sides, 2) belong to their corners, `direction` (2,) is the unit vector from first to second.
     """
-    return SAFE_SIGMAS * float(np.linalg.norm(np.abs(moved @ across).max(axis=1)))
+    return SAFE_SIGMAS * float(np.linalg.norm(np.abs(displacements @ direction).max(axis=1)))
 
 
 def tilts(spec: DesignSpec, devices: int) -> FloatArray:
     """Tilts (1 + devices, mirrors, 2) about two axes in the plane of each mirror, radians; first the exact device.
 
-    Each call returns the same draws. Devices come in pairs with opposite tilts, so that first-order effects cancel in
+    Each call returns the same samples. Devices come in pairs with opposite tilts, so that first-order effects cancel in
     the mean.
     """
     mirrors = len(spec.arrangement.steps)
-    drawn = np.random.default_rng(SEED).standard_normal(((devices + 1) // 2, mirrors, 2))
-    pairs = np.stack([drawn, -drawn], axis=1).reshape(-1, mirrors, 2)[:devices]
+    samples = np.random.default_rng(SEED).standard_normal(((devices + 1) // 2, mirrors, 2))
+    pairs = np.stack([samples, -samples], axis=1).reshape(-1, mirrors, 2)[:devices]
     return np.concatenate([np.zeros((1, mirrors, 2)), np.deg2rad(spec.robust_tilt_deg) * pairs])

@@ -1,4 +1,4 @@
-"""A mirror as unknowns of the nonlinear program: CasADi expressions in view axes, lengths in units of the scale."""
+"""A mirror as unknowns of the nonlinear program: CasADi expressions in view axes, in units of the design scale."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from mirrorcam.optics.design.program.terms import Expression, TermBuilder
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.lenses.families import NUMBERED, LensName
+from mirrorcam.optics.geometry.lenses.families import FIXED_SIZE_FAMILIES, LensName
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens
 
 GLASS_AND_PUPIL = 4
@@ -41,29 +41,29 @@ class Kind:
     @property
     def intrinsics(self) -> int:
         """Number of intrinsics."""
-        return 4 + len(NUMBERED[self.lens_model].NAMES)
+        return 4 + len(FIXED_SIZE_FAMILIES[self.lens_model].NAMES)
 
 
 @dataclass(frozen=True)
 class Optics:
-    """Shared by all mirrors: rotation to view axes, thickness and index of glass, radius of the pupil, 1 / focus."""
+    """Shared by all mirrors: rotation to view axes, thickness and refractive index, radius of the pupil, 1 / focus."""
 
     view_from_rig: Expression
     thickness: Expression
     index: Expression
     radius: Expression
-    nearness: Expression
+    inverse_focus: Expression
 
     @classmethod
     def of_term(cls, term: TermBuilder) -> Self:
-        """The optics of a term, whose first unknown is the fold in radians, and whose first parameters these are."""
+        """The optics of a term, whose first unknown is the fold angle in radians; they are its first parameters."""
         fold, numbers = term.unknown(1), term.parameter(GLASS_AND_PUPIL)
         return cls(view_from_rig(fold), *(numbers[k] for k in range(GLASS_AND_PUPIL)))
 
-    def along_pupil(self, vector: Expression) -> Expression:
+    def in_pupil_plane(self, vector: Expression) -> Expression:
         """Length of the component of a vector (3) in the plane of the pupil."""
-        across, down = (self.view_from_rig[:, axis] for axis in range(2))
-        return ca.sqrt(ca.dot(across, vector) ** 2 + ca.dot(down, vector) ** 2 + 1e-12)
+        x_axis, y_axis = (self.view_from_rig[:, axis] for axis in range(2))
+        return ca.sqrt(ca.dot(x_axis, vector) ** 2 + ca.dot(y_axis, vector) ** 2 + 1e-12)
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,9 @@ class MirrorVariables:
         Corners (3) of its face.
     normal
         Unit normal (3) of the face, away from the pupil.
-    before
+    glass_in_front
         Extent of the solid from the face towards the pupil.
-    behind
+    glass_behind
         Extent of the solid from the face away from the pupil.
     entry
         Offset (3) along the face between where light meets the front and where it meets the reflecting surface.
@@ -92,22 +92,24 @@ class MirrorVariables:
     corners: list[Expression]
     face: list[Expression]
     normal: Expression
-    before: Expression
-    behind: Expression
+    glass_in_front: Expression
+    glass_behind: Expression
     entry: Expression
 
     def tilted_centre(self, tilt: Expression) -> Expression:
-        """Virtual centre (3) after a tilt about the mirror's centroid, by small angles (2) about axes in its plane."""
+        """Virtual centre (3) after a tilt about the centroid, by small angles (2) about the mirror's x and y axis."""
         centroid = sum(self.face[1:], start=self.face[0]) / len(self.face)
-        rightwards = ca.vertcat(1.0, 0.0, 0.0) - self.normal[0] * self.normal
-        rightwards /= ca.sqrt(ca.sumsqr(rightwards))
-        normal = self.normal + tilt[0] * rightwards + tilt[1] * ca.cross(self.normal, rightwards)
+        x_axis = ca.vertcat(1.0, 0.0, 0.0) - self.normal[0] * self.normal
+        x_axis /= ca.sqrt(ca.sumsqr(x_axis))
+        normal = self.normal + tilt[0] * x_axis + tilt[1] * ca.cross(self.normal, x_axis)
         return 2.0 * ca.dot(normal, centroid) / ca.sumsqr(normal) * normal
 
     @property
     def solid(self) -> list[Expression]:
         """All corners (3) of the solid, first of its front, then of its back."""
-        return [point + self.normal * by for by in (-self.before, self.behind) for point in self.face]
+        return [
+            point + self.normal * shift for shift in (-self.glass_in_front, self.glass_behind) for point in self.face
+        ]
 
 
 @lru_cache
@@ -155,7 +157,7 @@ def subdivided(vertices: list[Expression], per_edge: int) -> list[Expression]:
 
 def pixels(lens_model: LensName, intrinsics: Expression, normalized: Expression) -> Expression:
     """Apply a lens model with intrinsics (k); see `Camera.pixels_from_normalized`."""
-    names = NUMBERED[lens_model].NAMES
+    names = FIXED_SIZE_FAMILIES[lens_model].NAMES
     fx, fy, cx, cy, *distortion = (intrinsics[k] for k in range(4 + len(names)))
     x, y = normalized[0], normalized[1]
     if lens_model == "fisheye":
@@ -164,13 +166,13 @@ def pixels(lens_model: LensName, intrinsics: Expression, normalized: Expression)
         factor = angle / r * (1.0 + sum(k * angle ** (2 * n) for n, k in enumerate(distortion, 1)))
         xd, yd = x * factor, y * factor
     else:
-        family: Any = NUMBERED[lens_model]  # polynomials also work on expressions
+        family: Any = FIXED_SIZE_FAMILIES[lens_model]  # polynomials also work on expressions
         xd, yd = family(distortion).distorted(x, y)
     return ca.vertcat(fx * xd + cx, fy * yd + cy)
 
 
 def view_from_rig(fold: Expression) -> Expression:
-    """The rotation (3, 3) of a fold in radians."""
+    """The rotation (3, 3) from the rig frame to view axes for a fold angle in radians."""
     cosine, sine = ca.cos(fold), ca.sin(fold)
     return ca.blockcat([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
 
@@ -187,16 +189,16 @@ def mirror_of(kind: Kind, optics: Optics, centre: Expression, corners: Expressio
     squared = ca.sumsqr(centre)
     face = [ray * (0.5 * squared / ca.dot(ray, centre)) for ray in rays]
     normal = centre / ca.sqrt(squared)
-    before, behind, entry = ca.SX(0.0), thickness, ca.SX.zeros(3)
+    glass_in_front, glass_behind, entry = ca.SX(0.0), thickness, ca.SX.zeros(3)
     if kind.second_surface:
         chief: Expression = sum(face[1:], start=face[0])
         chief /= ca.sqrt(ca.sumsqr(chief))
         cosine = ca.dot(chief, normal)
         # n cos'; then tan' / tan = cos / (n cos') and tan' = sin / (n cos'), also at normal incidence.
         inner = ca.sqrt(index**2 - 1.0 + cosine**2)
-        behind = thickness * (1.0 - cosine / inner)
-        before, entry = thickness - behind, thickness / inner * (chief - cosine * normal)
-    return MirrorVariables(centre, polygon, face, normal, before, behind, entry)
+        glass_behind = thickness * (1.0 - cosine / inner)
+        glass_in_front, entry = thickness - glass_behind, thickness / inner * (chief - cosine * normal)
+    return MirrorVariables(centre, polygon, face, normal, glass_in_front, glass_behind, entry)
 
 
 def add_mirror(kind: Kind, optics: Optics, term: TermBuilder) -> MirrorVariables:

@@ -20,8 +20,8 @@ from mirrorcam.optics.design.program.terms import ELASTIC, Expression, Indices, 
 MAX_SLACK = 10.0
 
 ANCHOR_WEIGHT = 1e-5
-"""Weight of the squared distance from the start. It fixes undetermined unknowns, such as planes between
-distant mirrors; IPOPT converges faster if no direction is free."""
+"""Weight of the squared distance from the start. It determines otherwise free unknowns, such as planes
+between distant mirrors; IPOPT converges faster if no direction is free."""
 
 MAX_ITERATIONS = 300
 
@@ -71,9 +71,9 @@ class Program:
             raise ValueError(
                 f"{indices.size} unknowns and {numbers.size} parameters, expected {term.unknowns} and {term.parameters}"
             )
-        _, indices_of_uses, numbers_of_uses = self._uses.setdefault(id(term), (term, [], []))
+        _, indices_of_uses, values_of_uses = self._uses.setdefault(id(term), (term, [], []))
         indices_of_uses.append(indices)
-        numbers_of_uses.append(numbers)
+        values_of_uses.append(numbers)
 
     @property
     def uses(self) -> list[tuple[Term, Indices, FloatArray]]:
@@ -87,7 +87,7 @@ class Program:
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper limits of all unknowns."""
+        """Minimum and maximum of all unknowns."""
         return np.concatenate(self._low), np.concatenate(self._high)
 
 
@@ -138,8 +138,8 @@ class Assembled:
         f: Expression = ca.MX(0.0)
         g: list[Expression] = []
         for k, (term, _, _) in enumerate(self.uses):
-            shares, constraints = self._mapped(term.value, k)
-            f += ca.sum2(shares)
+            values, constraints = self._mapped(term.value, k)
+            f += ca.sum2(values)
             g.append(ca.vec(constraints))
         rows, cols = self._elastic, self.family[self._elastic]
         slack = ca.Sparsity.triplet(int(self._offsets[-1]), len(ELASTIC), rows.tolist(), cols.tolist())
@@ -176,8 +176,8 @@ class Assembled:
         rows, cols = [free], [free]
         values: list[Expression] = [2.0 * anchor * ca.MX(ca.DM.ones(free.size))]
         for k, (term, indices, _) in enumerate(self.uses):
-            own = multipliers[int(self._offsets[k]) : int(self._offsets[k + 1])]
-            per_use = ca.reshape(own, term.family.size, len(indices))
+            term_multipliers = multipliers[int(self._offsets[k]) : int(self._offsets[k + 1])]
+            per_use = ca.reshape(term_multipliers, term.family.size, len(indices))
             (parts,) = self._mapped(term.hessian, k, ca.repmat(weight, 1, len(indices)), per_use)
             i, j = indices[:, term.upper_rows].ravel(), indices[:, term.upper_cols].ravel()
             rows.append(np.minimum(i, j))
@@ -210,10 +210,12 @@ class Solver:
         weights = ca.DM([slack_weights[family] for family in ELASTIC])
         violation = ca.dot(weights, x[: len(ELASTIC)])
         objective = (1.0 - searching) * f + searching * violation + ANCHOR_WEIGHT * assembled.squared_distance()
-        added = ca.vertcat(searching * weights, 2.0 * ANCHOR_WEIGHT * (x - ca.DM(program.start))[len(ELASTIC) :])
+        extra_gradient = ca.vertcat(
+            searching * weights, 2.0 * ANCHOR_WEIGHT * (x - ca.DM(program.start))[len(ELASTIC) :]
+        )
         weight, multipliers = ca.MX.sym("w"), ca.MX.sym("l", g.numel())
         hessian = assembled.hessian(weight * (1.0 - searching), weight * ANCHOR_WEIGHT, multipliers)
-        gradient, jacobian = (1.0 - searching) * assembled.gradient() + added, assembled.jacobian()
+        gradient, jacobian = (1.0 - searching) * assembled.gradient() + extra_gradient, assembled.jacobian()
         self._upper_limits = np.where(assembled.equality, 0.0, np.inf)
         names = {"x": x, "p": searching, "f": objective, "g": g}
         self.derivatives = {
@@ -266,8 +268,8 @@ class Solver:
     def find_relaxed(self, margin: float) -> tuple[SolverOutcome, dict[str, float]]:
         """The smallest objective with the smallest violation of the elastic families, and the violation of each family.
 
-        The violation takes precedence as long as it costs more than the objective gains. A family that is met is met by
-        the margin: its violation is -margin.
+        The violation takes precedence as long as it costs more than the objective gains. A family that can be met is
+        met with the margin: its violation is then -margin.
         """
         outcome = self._solve(self.program.start, (0.1, MAX_SLACK), 0.5, margin)
         return outcome, dict(zip(ELASTIC, outcome.values[: len(ELASTIC)].tolist(), strict=True))

@@ -15,7 +15,7 @@ from mirrorcam.optics.geometry.arrangement import Arrangement
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import Mirror, cut
+from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
 from mirrorcam.optics.geometry.mirror_gaps import smallest_gap_mm
 from mirrorcam.optics.geometry.sub_images import sensor_polygon
 
@@ -55,8 +55,8 @@ class Seed:
     def chief_points(self, view_from_rig: FloatArray) -> FloatArray:
         """Points (n, 3) in view axes where chief rays meet the mirrors."""
         rays = np.column_stack([self.chief_rays, np.ones(len(self.corners))]) @ view_from_rig.T
-        reach = 0.5 * (self.centres**2).sum(axis=1) / (rays * self.centres).sum(axis=1)
-        return rays * reach[:, None]
+        lengths = 0.5 * (self.centres**2).sum(axis=1) / (rays * self.centres).sum(axis=1)
+        return rays * lengths[:, None]
 
 
 def sensor_rectangle(camera: Camera) -> FloatArray:
@@ -65,8 +65,8 @@ def sensor_rectangle(camera: Camera) -> FloatArray:
     Without distortion it is the sensor itself, out to the edges of its outermost pixels. Raises InputError if the lens
     model does not cover the sensor's border.
     """
-    along = np.linspace(-0.5, 0.5, 65)
-    x, y = along * camera.width_px, along * camera.height_px
+    fractions = np.linspace(-0.5, 0.5, 65)
+    x, y = fractions * camera.width_px, fractions * camera.height_px
     centre = np.array([(camera.width_px - 1) / 2.0, (camera.height_px - 1) / 2.0])
     left, right, top, bottom = (
         camera.normalized_from_pixels(np.column_stack(np.broadcast_arrays(*edge)) + centre)
@@ -76,7 +76,9 @@ def sensor_rectangle(camera: Camera) -> FloatArray:
         [[left[:, 0].max(), top[:, 1].max()], [right[:, 0].min(), bottom[:, 1].min()]], dtype=np.float64
     )
     if not np.isfinite(rectangle).all():
-        raise InputError(f"camera {camera.name}: distortion {camera.distortion.tolist()} folds inside the sensor")
+        raise InputError(
+            f"camera {camera.name}: distortion {camera.distortion.tolist()} is not monotonic on the sensor"
+        )
     return rectangle
 
 
@@ -86,9 +88,9 @@ def sensor_bounds(camera: Camera) -> FloatArray:
 
 
 def corner_pattern(sides: int) -> FloatArray:
-    """Corners (sides, 2) of a tile as fractions of its width and height, in the image's (u, v).
+    """Corners (sides, 2) of a tile as fractions of its width and height, along the image's u and v.
 
-    A rectangle. A fifth corner divides the edge with the greatest v; a fifth and a sixth divide the left and the right.
+    A rectangle. A fifth corner divides the edge with the largest v; a fifth and a sixth divide the left and the right.
     """
     rectangle = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
     if sides == 5:
@@ -112,12 +114,12 @@ def _ranks(order: Booleans) -> tuple[FloatArray, FloatArray]:
     return first, first.max() - after
 
 
-def _positions_along(steps: FloatArray, apart: Booleans) -> FloatArray:
-    """Positions (n,) along one axis, near the steps (n,), and at least 1 apart for pairs in `apart` (n, n)."""
-    by_step = np.argsort(steps, kind="stable")
-    order = np.triu(apart[np.ix_(by_step, by_step)], 1)
+def _positions_along(steps: FloatArray, is_separated: Booleans) -> FloatArray:
+    """Positions (n,) along one axis, near the steps (n,), and at least 1 apart for pairs in a mask (n, n)."""
+    sorted_by_step = np.argsort(steps, kind="stable")
+    order = np.triu(is_separated[np.ix_(sorted_by_step, sorted_by_step)], 1)
     first, last = _ranks(order)
-    ordered = steps[by_step]
+    ordered = steps[sorted_by_step]
     target = (ordered - ordered[0]) / max(ordered[-1] - ordered[0], 1e-12) * float(last.max())
     rising, falling = first.copy(), last.copy()
     for k in range(len(steps)):
@@ -125,36 +127,36 @@ def _positions_along(steps: FloatArray, apart: Booleans) -> FloatArray:
     for k in reversed(range(len(steps))):
         falling[k] = max(first[k], min(target[k], (falling[k + 1 :][order[k, k + 1 :]] - 1.0).min(initial=last[k])))
     positions = np.empty(len(steps))
-    positions[by_step] = (rising + falling) / 2.0
+    positions[sorted_by_step] = (rising + falling) / 2.0
     return positions
 
 
 @lru_cache
 def tile_positions(arrangement: Arrangement) -> FloatArray:
-    """Positions (n, 2) of equal tiles that do not overlap, in tiles across and down; for a grid, columns and rows.
+    """Positions (n, 2) of equal tiles that do not overlap, in units of a tile; for a grid, columns and rows.
 
     Two tiles are separated along the axis with the greater distance between their views. Among trial ratios between
     the axes, the one with the smallest area in tiles is used, which gives the largest tiles.
     """
-    across, down = (np.abs(steps[:, None] - steps) for steps in arrangement.steps.T)
-    found = []
+    dx, dy = (np.abs(steps[:, None] - steps) for steps in arrangement.steps.T)
+    candidates = []
     for ratio in TILE_RATIOS:
-        horizontal = across * ratio >= down - 1e-9
-        found.append(
+        horizontal = dx * ratio >= dy - 1e-9
+        candidates.append(
             np.column_stack(
                 [
-                    _positions_along(steps, apart)
-                    for steps, apart in zip(arrangement.steps.T, (horizontal, ~horizontal), strict=True)
+                    _positions_along(steps, is_separated)
+                    for steps, is_separated in zip(arrangement.steps.T, (horizontal, ~horizontal), strict=True)
                 ]
             )
         )
-    return min(found, key=lambda positions: float(np.prod(positions.max(axis=0) + 1.0)))
+    return min(candidates, key=lambda positions: float(np.prod(positions.max(axis=0) + 1.0)))
 
 
 def tiles(spec: DesignSpec, gap: float) -> FloatArray:
     """Sub-images (n, sides, 2) in normalized coordinates: equal tiles of the sensor with a gap between neighbours.
 
-    The highest views have the greatest v, because the fold turns the image upside down. Corners are ordered as in
+    The highest views have the largest v, because the fold turns the image upside down. Corners are ordered as in
     `corner_pattern`.
     """
     low, high = sensor_rectangle(spec.camera)
@@ -178,8 +180,8 @@ def parabola_centres(chief_rays: FloatArray, scale: float, view_from_rig: FloatA
     coordinates. All virtual centres lie in the directrix plane, so all chief rays leave along the view axis.
     """
     rays = _rays(chief_rays, view_from_rig)
-    reach = scale * (1.0 - view_from_rig[2, 2]) / (1.0 - rays[..., 2:])
-    return reach * (rays - [0.0, 0.0, 1.0])
+    lengths = scale * (1.0 - view_from_rig[2, 2]) / (1.0 - rays[..., 2:])
+    return lengths * (rays - [0.0, 0.0, 1.0])
 
 
 def ellipsoid_centres(
@@ -223,7 +225,7 @@ def mirrors_of(spec: DesignSpec, centres_in_view_mm: FloatArray, corners: FloatA
     mirrors = []
     centres = (centres_in_view_mm @ spec.view_from_rig).round(CENTRE_DECIMALS_MM) + 0.0
     for centre, polygon in zip(centres, corners.round(NORMALIZED_DECIMALS), strict=True):
-        outline = cut(polygon, centre).round(OUTLINE_DECIMALS_MM) + 0.0
+        outline = intersect_plane(polygon, centre).round(OUTLINE_DECIMALS_MM) + 0.0
         glass = {"thickness_mm": spec.thickness_mm, "refractive_index": spec.refractive_index}
         try:
             if spec.is_second_surface:
@@ -271,14 +273,14 @@ def faceted_parabola(spec: DesignSpec) -> Layout:
     def excess_mm(gap: float) -> float:
         return smallest_gap_mm(_parabola_with_gap(spec, gap)) - spec.spacing_mm
 
-    lower, upper = 1e-7, 0.98 * max_gap
-    if excess_mm(lower) >= 0:
-        return _parabola_with_gap(spec, lower)
-    missing_mm = -excess_mm(upper)
+    low_gap, high_gap = 1e-7, 0.98 * max_gap
+    if excess_mm(low_gap) >= 0:
+        return _parabola_with_gap(spec, low_gap)
+    missing_mm = -excess_mm(high_gap)
     if missing_mm > 0:
         raise InfeasibleDesign(
             "spacing",
             f"facets {spec.spacing_mm:g} mm apart do not fit the parabola at scale {spec.scale_mm:g} mm: "
             f"they are {missing_mm:.3g} mm too close at any size",
         )
-    return _parabola_with_gap(spec, brentq(excess_mm, lower, upper, xtol=1e-7) + 2e-7)
+    return _parabola_with_gap(spec, brentq(excess_mm, low_gap, high_gap, xtol=1e-7) + 2e-7)

@@ -1,6 +1,6 @@
 """Separation of mirrors, their light and the camera's body, as smooth CasADi terms with unknown separating planes.
 
-Coordinates are view axes, lengths in units of the design's scale. Two convex solids are at least g apart exactly if
+Coordinates are in view axes, lengths in units of the design scale. Two convex solids are at least g apart exactly if
 some plane has one solid below it and the other at least g above it. This is exact for the solids of mirrors and the
 light they reflect, needs no guess of facing edges, and allows a neighbour to stand behind a mirror.
 """
@@ -25,7 +25,7 @@ from mirrorcam.optics.design.program.terms import Expression, Term, TermBuilder
 from mirrorcam.optics.geometry.arrangement import Arrangement
 
 BEAM_OFFSET = 0.1
-"""Largest offset, in thicknesses, between the beams of a second-surface mirror and its apparent mirror."""
+"""Maximum offset, in units of the thickness, between the beams of a second-surface mirror and its apparent mirror."""
 BOX_CORNERS = 8
 TILE_TOLERANCE = 1e-6
 """Tolerance for the positions of tiles."""
@@ -64,7 +64,7 @@ class SeparatingPlane:
 
 
 @lru_cache
-def seen_gap_term(sides: int) -> Term:
+def sub_image_gap_term(sides: int) -> Term:
     """Two sub-images lie on opposite sides of a line, a gap apart.
 
     Unknowns: corners of both, line (3). Parameters: gap in normalized coordinates.
@@ -84,7 +84,7 @@ def seen_gap_term(sides: int) -> Term:
 def gap_term(kind: Kind) -> Term:
     """The solids of two mirrors lie on opposite sides of a plane, a gap apart.
 
-    Unknowns: fold, both mirrors, plane (4). Parameters: optics, gap.
+    Unknowns: fold angle, both mirrors, plane (4). Parameters: optics, gap.
     """
     term = TermBuilder()
     optics, gap = Optics.of_term(term), term.parameter()
@@ -97,15 +97,15 @@ def gap_term(kind: Kind) -> Term:
 
 @lru_cache
 def incoming_term(kind: Kind) -> Term:
-    """The second mirror does not reach into the light from the pupil to the face of the first, their convex hull.
+    """The second mirror does not reach into the light from the pupil to the first's face: the convex hull of both.
 
-    Unknowns: fold, both mirrors, plane (4). Parameters: optics.
+    Unknowns: fold angle, both mirrors, plane (4). Parameters: optics.
     """
     term = TermBuilder()
     optics = Optics.of_term(term)
     light, other = add_mirror(kind, optics, term), add_mirror(kind, optics, term)
     plane = SeparatingPlane.unknown(term)
-    extent = ca.SX(0.0) if kind.pinhole else optics.radius * optics.along_pupil(plane.normal)
+    extent = ca.SX(0.0) if kind.pinhole else optics.radius * optics.in_pupil_plane(plane.normal)
     term.require(plane.offset - extent)
     plane.require_below(light.face)
     plane.require_above(other.solid, "occlusion")
@@ -118,7 +118,7 @@ def outgoing_term(kind: Kind) -> Term:
 
     That beam contains the light of the full pupil if the focus is beyond twice the distance of the mirrors.
 
-    Unknowns: fold, both mirrors, plane (4). Parameters: optics.
+    Unknowns: fold angle, both mirrors, plane (4). Parameters: optics.
     """
     term = TermBuilder()
     optics = Optics.of_term(term)
@@ -130,7 +130,7 @@ def outgoing_term(kind: Kind) -> Term:
 
 
 def _box(term: TermBuilder, optics: Optics) -> list[Expression]:
-    """Corners (3) in view axes of a box, whose corners in rig are parameters of the term."""
+    """Corners (3) in view axes of a box, whose corners in the rig frame are parameters of the term."""
     corners = term.parameter(3 * BOX_CORNERS)
     return [optics.view_from_rig @ corners[3 * k : 3 * k + 3] for k in range(BOX_CORNERS)]
 
@@ -139,7 +139,7 @@ def _box(term: TermBuilder, optics: Optics) -> list[Expression]:
 def body_gap_term(kind: Kind) -> Term:
     """The solid of a mirror and a box lie on opposite sides of a plane.
 
-    Unknowns: fold, mirror, plane (4). Parameters: optics, corners of the box in rig (24).
+    Unknowns: fold angle, mirror, plane (4). Parameters: optics, corners of the box in the rig frame (24).
     """
     term = TermBuilder()
     optics = Optics.of_term(term)
@@ -153,7 +153,7 @@ def body_gap_term(kind: Kind) -> Term:
 def body_light_term(kind: Kind) -> Term:
     """A box does not reach into the beam from a mirror's virtual centre through its face, to infinity.
 
-    Unknowns: fold, mirror, plane (4). Parameters: optics, corners of the box in rig (24).
+    Unknowns: fold angle, mirror, plane (4). Parameters: optics, corners of the box in the rig frame (24).
     """
     term = TermBuilder()
     optics = Optics.of_term(term)
@@ -184,10 +184,10 @@ def neighbour_pairs(arrangement: Arrangement) -> tuple[PairConstraint, ...]:
     """
     tiles, pairs = tile_positions(arrangement), []
     for i, j in combinations(range(len(tiles)), 2):
-        across, down = np.abs(tiles[j] - tiles[i]) + TILE_TOLERANCE
-        if max(down, across) > 1.0 + 2.0 * TILE_TOLERANCE:
+        dx, dy = np.abs(tiles[j] - tiles[i]) + TILE_TOLERANCE
+        if max(dx, dy) > 1.0 + 2.0 * TILE_TOLERANCE:
             continue
-        diagonal = min(down, across) >= 1.0
+        diagonal = min(dx, dy) >= 1.0
         pairs += [PairConstraint("seen", i, j), PairConstraint("gap", i, j)]
         legs: tuple[PairKind, ...] = ("in",) if diagonal else ("in", "out")
         pairs += [PairConstraint(leg, *ordered) for leg in legs for ordered in ((i, j), (j, i))]
@@ -197,14 +197,14 @@ def neighbour_pairs(arrangement: Arrangement) -> tuple[PairConstraint, ...]:
 def add_body(draft: Draft) -> None:
     """Add constraints that keep mirrors and their light out of the box around the camera's body."""
     spec = draft.spec
-    box = (spec.kept_free_in_rig_mm / spec.scale_mm).ravel()
+    box = (spec.keep_out_in_rig_mm / spec.scale_mm).ravel()
     if box.size == 0:
         return
     for mirror, point in zip(draft.mirrors, draft.seed.chief_points(spec.view_from_rig), strict=True):
-        sideways = -_unit(point * [1.0, 1.0, 0.0])
+        lateral = -_unit(point * [1.0, 1.0, 0.0])
         for term, normal in (
             (body_gap_term(draft.kind), -_unit(point)),
-            (body_light_term(draft.kind), sideways),
+            (body_light_term(draft.kind), lateral),
         ):
             plane = draft.program.unknown([*normal, normal @ point / 2.0], *_plane_range(3))
             draft.add(term, [*mirror, plane], [box])
@@ -219,21 +219,21 @@ def add_pairs(draft: Draft, pairs: tuple[PairConstraint, ...]) -> None:
         "out": outgoing_term(kind),
     }
     gap, seen_gap = spec.spacing_mm / spec.scale_mm, spec.seen_gap_mm / spec.scale_mm
-    moved, points = displacements(spec, draft.seed), draft.seed.chief_points(spec.view_from_rig)
+    shifts, points = displacements(spec, draft.seed), draft.seed.chief_points(spec.view_from_rig)
     for pair in pairs:
         plane = _first_plane(pair, draft.seed, points)
         unknown = draft.program.unknown(plane, *_plane_range(plane.size - 1))
         first, second = draft.mirrors[pair.first], draft.mirrors[pair.second]
         if pair.kind == "seen":
-            safe = safe_gap(moved[[pair.first, pair.second]], plane[:2])
-            draft.program.add(seen_gap_term(kind.sides), [first[1], second[1], unknown], [max(seen_gap, safe)])
+            safe = safe_gap(shifts[[pair.first, pair.second]], plane[:2])
+            draft.program.add(sub_image_gap_term(kind.sides), [first[1], second[1], unknown], [max(seen_gap, safe)])
         else:
             parameters: list[ArrayLike] = [gap] if pair.kind == "gap" else []
             draft.add(terms[pair.kind], [*first, *second, unknown], parameters)
 
 
 def _plane_range(size: int) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper limits of the normal (size) of a plane or line, and of its offset."""
+    """Minimum and maximum of the normal (size) of a plane or line, and of its offset."""
     limit = np.array([*np.ones(size), np.inf])
     return -limit, limit
 
@@ -242,16 +242,16 @@ def _first_plane(pair: PairConstraint, seed: Seed, points: FloatArray) -> FloatA
     """Start value of a pair's plane (normal, offset) or line (3); chief rays meet their mirrors at `points` (n, 3)."""
     if pair.kind == "seen":
         p, q = seed.chief_rays[pair.first], seed.chief_rays[pair.second]
-        across = _unit(q - p)
-        return np.array([*across, -across @ (p + q) / 2.0])
+        direction = _unit(q - p)
+        return np.array([*direction, -direction @ (p + q) / 2.0])
     a, b, centre = points[pair.first], points[pair.second], seed.centres[pair.first]
     if pair.kind == "gap":
         normal = _unit(b - a)
         return np.array([*normal, normal @ (a + b) / 2.0])
-    between = _unit(_unit(b) - _unit(a))
+    normal = _unit(_unit(b) - _unit(a))
     if pair.kind == "in":
-        return np.array([*between, 0.0])
-    reflected = between - 2.0 * (between @ centre) / (centre @ centre) * centre
+        return np.array([*normal, 0.0])
+    reflected = normal - 2.0 * (normal @ centre) / (centre @ centre) * centre
     return np.array([*reflected, reflected @ centre])
 
 

@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 
 LensName = Literal["brown_conrady", "rational", "thin_prism", "fisheye", "spline"]
 
-NUMBERED: Mapping[LensName, type[Lens]] = MappingProxyType(
+FIXED_SIZE_FAMILIES: Mapping[LensName, type[Lens]] = MappingProxyType(
     {"brown_conrady": BrownConrady, "rational": Rational, "thin_prism": ThinPrism, "fisheye": Fisheye}
 )
 """Families with a fixed number of coefficients."""
@@ -23,12 +23,12 @@ NUMBERED: Mapping[LensName, type[Lens]] = MappingProxyType(
 def lens_of(name: LensName, coefficients: FloatArray, grid: LensGrid | None = None) -> Lens:
     """The lens of a family.
 
-    Raises ValueError for a wrong number of coefficients, and unless `grid` is given exactly for a spline lens.
+    Raises ValueError for a wrong number of coefficients, a spline lens without `grid`, and another lens with it.
     """
     if (grid is None) == (name == "spline"):
         given = "without" if grid is None else "with"
-        raise ValueError(f"a {name} lens {given} lens_grid, expected one exactly for a spline lens")
-    lens = NUMBERED[name](coefficients) if grid is None else Spline(coefficients, grid)
+        raise ValueError(f"a {name} lens {given} lens_grid, expected one for a spline lens and for no other")
+    lens = FIXED_SIZE_FAMILIES[name](coefficients) if grid is None else Spline(coefficients, grid)
     if len(coefficients) != len(lens.names):
         names = ", ".join(lens.names) if grid is None else f"k1, k2, p1, p2, k3 and 2 x {grid.count} of its grid"
         raise ValueError(

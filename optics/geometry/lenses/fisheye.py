@@ -29,8 +29,8 @@ class Fisheye(Lens):
         k1, k2, k3, k4 = self.coefficients
         a2 = angle * angle
         radius = angle * (1.0 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
-        slope = 1.0 + a2 * (3.0 * k1 + a2 * (5.0 * k2 + a2 * (7.0 * k3 + a2 * 9.0 * k4)))
-        return radius, slope
+        d_radius = 1.0 + a2 * (3.0 * k1 + a2 * (5.0 * k2 + a2 * (7.0 * k3 + a2 * 9.0 * k4)))
+        return radius, d_radius
 
     def distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         r = np.sqrt(np.maximum(x * x + y * y, TINY))
@@ -41,9 +41,9 @@ class Fisheye(Lens):
         r2 = np.maximum(x * x + y * y, TINY)
         r = np.sqrt(r2)
         angle = np.arctan(r)
-        radius, slope = self._radius(angle)
+        radius, d_radius = self._radius(angle)
         factor = radius / r
-        d_factor = (slope / (1.0 + r2) - factor) / r2  # the derivative of the factor by r, divided by r
+        d_factor = (d_radius / (1.0 + r2) - factor) / r2  # the derivative of the factor with respect to r, divided by r
         a2 = angle * angle
         power = angle / r
         for k in range(4):
@@ -60,16 +60,16 @@ class Fisheye(Lens):
     def valid_radius(self) -> float:
         k1, k2, k3, k4 = self.coefficients
         roots = np.roots([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3, 9.0 * k4])
-        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 4.0 / np.pi**2)].real  # in 1 / a^2
-        return float(np.tan(1.0 / np.sqrt(turning.max()))) if turning.size else float("inf")
+        extrema = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 4.0 / np.pi**2)].real  # in 1 / a^2
+        return float(np.tan(1.0 / np.sqrt(extrema.max()))) if extrema.size else float("inf")
 
     def undistorted_estimate(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         target = np.hypot(x, y)
         max_angle = min(float(np.arctan(self.valid_radius)), 1.56)
         angle = np.minimum(target, 0.9 * max_angle)
         for _ in range(NEWTON_STEPS):
-            radius, slope = self._radius(angle)
-            angle = np.clip(angle - (radius - target) / np.maximum(slope, 1e-3), 0.0, max_angle)
+            radius, d_radius = self._radius(angle)
+            angle = np.clip(angle - (radius - target) / np.maximum(d_radius, 1e-3), 0.0, max_angle)
         converged = np.abs(self._radius(angle)[0] - target) < CONVERGED
         factor = np.where(target > 1e-12, np.tan(angle) / np.maximum(target, 1e-12), 1.0)
         factor = np.where(converged, factor, np.nan)

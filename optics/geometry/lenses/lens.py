@@ -12,7 +12,7 @@ from mirrorcam.core.values import FloatArray
 
 
 class Linearized(NamedTuple):
-    """Distorted coordinates (n,) and their derivatives; `xy` is the derivative of distorted x by y."""
+    """Distorted coordinates (n,) and their derivatives; `xy` is d distorted x / d y."""
 
     x: FloatArray
     y: FloatArray
@@ -47,8 +47,8 @@ class Lens(ABC):
     def linearized(self, x: FloatArray, y: FloatArray, focal: tuple[float, float], out: FloatArray) -> Linearized:
         """Distort normalized coordinates (n,), with derivatives.
 
-        The derivatives by the coefficients, times the focal lengths along x and y, are written to `out` (n, 2, k),
-        which must be zero.
+        Derivatives with respect to the coefficients, times the focal lengths along x and y, are written to `out`
+        (n, 2, k), which must be zero.
         """
 
     @property
@@ -59,7 +59,7 @@ class Lens(ABC):
     @property
     @abstractmethod
     def valid_radius(self) -> float:
-        """Normalized radius up to which the distorted radius grows (infinite if it never folds)."""
+        """Normalized radius up to which the distorted radius increases; infinite if it always does."""
 
     @abstractmethod
     def flipped(self, axis: int) -> Self:

@@ -1,4 +1,4 @@
-"""Lenses with polynomials of the radius, coefficients in OpenCV's order: Brown-Conrady, rational and thin-prism."""
+"""Polynomial distortion models, coefficients in OpenCV's order: Brown-Conrady, rational and thin-prism."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class BrownConrady(Lens):
         for row, focal_px, coordinate in ((0, focal[0], x), (1, focal[1], y)):
             for column, power in ((0, r2), (1, r4), (4, r6)):
                 out[:, row, column] = focal_px * coordinate * power
-        _tangential_by_coefficients(x, y, r2, focal, out)
+        _write_tangential_derivatives(x, y, r2, focal, out)
         return _linearized(x, y, r2, radial, d_radial, (p1, p2))
 
     @property
@@ -44,21 +44,21 @@ class BrownConrady(Lens):
         """Radius at which the radial part stops increasing; the tangential part is small in comparison."""
         k1, k2, _, _, k3 = self.coefficients
         roots = np.roots([1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3])
-        turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # r > 1e6 counts as never
-        return float(1.0 / np.sqrt(turning.max())) if turning.size else float("inf")
+        extrema = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # r > 1e6 counts as never
+        return float(1.0 / np.sqrt(extrema.max())) if extrema.size else float("inf")
 
     def flipped(self, axis: int) -> Self:
         return replace(self, coefficients=self.coefficients * FLIPS[axis])
 
 
 FLIPS = np.array([[1.0, 1.0, 1.0, -1.0, 1.0], [1.0, 1.0, -1.0, 1.0, 1.0]])
-"""Signs of k1, k2, p1, p2, k3 for a picture flipped left-right, and top-bottom."""
+"""Signs of k1, k2, p1, p2, k3 for pictures flipped left-right and top-bottom."""
 
 
 def _distorted(
     x: FloatArray, y: FloatArray, r2: FloatArray, radial: FloatArray, tangential: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Distorted x and y by a radial factor and the tangential coefficients (p1, p2)."""
+    """Distorted x and y from a radial factor and the tangential coefficients (p1, p2)."""
     p1, p2 = tangential
     xd = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
     yd = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
@@ -73,7 +73,7 @@ def _linearized(
     d_radial: FloatArray,
     tangential: tuple[float, float],
 ) -> Linearized:
-    """Distorted x and y with their derivatives by x and y; `d_radial` is the derivative of the factor by r^2."""
+    """Distorted x and y, and their derivatives with respect to x and y; `d_radial` is d factor / d r^2."""
     p1, p2 = tangential
     xd, yd = _distorted(x, y, r2, radial, tangential)
     cross = 2.0 * x * y * d_radial + 2.0 * p1 * x + 2.0 * p2 * y
@@ -82,10 +82,10 @@ def _linearized(
     return Linearized(xd, yd, xx, cross, cross, yy)
 
 
-def _tangential_by_coefficients(
+def _write_tangential_derivatives(
     x: FloatArray, y: FloatArray, r2: FloatArray, focal: tuple[float, float], out: FloatArray
 ) -> None:
-    """Write the derivatives by p1 and p2 to columns 2 and 3 of `out` (n, 2, k)."""
+    """Write the derivatives with respect to p1 and p2 to columns 2 and 3 of `out` (n, 2, k)."""
     out[:, 0, 2], out[:, 0, 3] = focal[0] * 2.0 * x * y, focal[0] * (r2 + 2.0 * x * x)
     out[:, 1, 2], out[:, 1, 3] = focal[1] * (r2 + 2.0 * y * y), focal[1] * 2.0 * x * y
 
@@ -113,21 +113,21 @@ class Rational(Lens):
         radial = (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) * inverse
         d_radial = (k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4 - radial * (k4 + 2.0 * k5 * r2 + 3.0 * k6 * r4)) * inverse
         for row, scaled in ((0, focal[0] * x * inverse), (1, focal[1] * y * inverse)):
-            for upper, lower, power in zip((0, 1, 4), (5, 6, 7), powers, strict=True):
-                out[:, row, upper] = scaled * power
-                out[:, row, lower] = -scaled * power * radial
-        _tangential_by_coefficients(x, y, r2, focal, out)
+            for numerator, denominator, power in zip((0, 1, 4), (5, 6, 7), powers, strict=True):
+                out[:, row, numerator] = scaled * power
+                out[:, row, denominator] = -scaled * power * radial
+        _write_tangential_derivatives(x, y, r2, focal, out)
         return _linearized(x, y, r2, radial, d_radial, (p1, p2))
 
     @property
     def valid_radius(self) -> float:
         """Radius at which the radial part stops increasing or has a pole."""
         k1, k2, _, _, k3, k4, k5, k6 = self.coefficients[:8]
-        upper, lower = np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])  # polynomials A and B of s = r^2
+        a, b = np.array([k3, k2, k1, 1.0]), np.array([k6, k5, k4, 1.0])  # numerator A, denominator B; in s = r^2
         # d (r A / B) / dr = (A B + 2 s (A' B - A B')) / B^2
-        wronskian: FloatArray = np.polysub(np.polymul(np.polyder(upper), lower), np.polymul(upper, np.polyder(lower)))
-        slope = np.polyadd(np.polymul(upper, lower), np.polymul([2.0, 0.0], wronskian))
-        return float(np.sqrt(min(_first_root(slope), _first_root(lower))))
+        wronskian: FloatArray = np.polysub(np.polymul(np.polyder(a), b), np.polymul(a, np.polyder(b)))
+        d_distorted = np.polyadd(np.polymul(a, b), np.polymul([2.0, 0.0], wronskian))
+        return float(np.sqrt(min(_first_root(d_distorted), _first_root(b))))
 
     @property
     def prior_sigmas(self) -> FloatArray:
@@ -143,13 +143,13 @@ class Rational(Lens):
 
 
 def _first_root(polynomial: FloatArray) -> float:
-    """Smallest positive root s of a polynomial with constant term (the last) 1; infinite if there is none.
+    """Smallest positive root s of a polynomial whose constant term, the last, is 1; infinite if there is none.
 
     Solves for 1 / s, whose polynomial has the leading coefficient 1, however small the others are.
     """
     roots = np.roots(polynomial[::-1])
-    turning = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # r > 1e6 counts as never
-    return float(1.0 / turning.max()) if turning.size else float("inf")
+    inverse_roots = roots[(np.abs(roots.imag) < 1e-12) & (roots.real > 1e-12)].real  # r > 1e6 counts as never
+    return float(1.0 / inverse_roots.max()) if inverse_roots.size else float("inf")
 
 
 class ThinPrism(Rational):
@@ -174,14 +174,14 @@ class ThinPrism(Rational):
         r4 = r2 * r2
         out[:, 0, 8], out[:, 0, 9] = focal[0] * r2, focal[0] * r4
         out[:, 1, 10], out[:, 1, 11] = focal[1] * r2, focal[1] * r4
-        by_x, by_y = 2.0 * s1 + 4.0 * s2 * r2, 2.0 * s3 + 4.0 * s4 * r2
+        d_x, d_y = 2.0 * s1 + 4.0 * s2 * r2, 2.0 * s3 + 4.0 * s4 * r2
         return Linearized(
             base.x + s1 * r2 + s2 * r4,
             base.y + s3 * r2 + s4 * r4,
-            base.xx + by_x * x,
-            base.xy + by_x * y,
-            base.yx + by_y * x,
-            base.yy + by_y * y,
+            base.xx + d_x * x,
+            base.xy + d_x * y,
+            base.yx + d_y * x,
+            base.yy + d_y * y,
         )
 
     def flipped(self, axis: int) -> Self:

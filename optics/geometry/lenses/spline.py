@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.lenses.lens import Lens, Linearized
 from mirrorcam.optics.geometry.lenses.polynomial import BrownConrady
 
 FIELD_SIGMA = 3e-4
-"""Prior of the field, in distorted coordinates: 0.4 px for a webcam. Without observations, the field stays zero."""
+"""Prior standard deviation of the field, in distorted coordinates: 0.4 px for a webcam. Without data, it is 0."""
 CELLS = 8  # along the longer side of the field
 DIRECTIONS, RADII = 24, 24  # samples of the field's Jacobian
 _CONTROLS = Bounds(4, 64)
@@ -56,12 +56,12 @@ class LensGrid(Value):
 
 @dataclass(frozen=True)
 class _Weights:
-    """The 16 control points (16, n) of each ray, their weights, and derivatives by stereographic coordinates."""
+    """The 16 control points (16, n) of each ray, their weights, and the derivatives d weights / du, dv."""
 
     index: NDArray[np.int64]
     weight: FloatArray
-    by_u: FloatArray
-    by_v: FloatArray
+    d_u: FloatArray
+    d_v: FloatArray
 
 
 @dataclass(frozen=True)
@@ -90,15 +90,15 @@ class Spline(Lens):
 
     def _weights(self, u: FloatArray, v: FloatArray) -> _Weights:
         """The weights of the control points at stereographic coordinates (n,)."""
-        col, across, d_across = _basis(u, self.grid.reach_x, self.grid.cols)
-        row, down, d_down = _basis(v, self.grid.reach_y, self.grid.rows)
+        col, weights_u, d_weights_u = _basis(u, self.grid.reach_x, self.grid.cols)
+        row, weights_v, d_weights_v = _basis(v, self.grid.reach_y, self.grid.rows)
         step = np.arange(4)[:, None]
         index = ((row + step)[:, None] * self.grid.cols + (col + step)[None]).reshape(16, -1)
         return _Weights(
             index,
-            (down[:, None] * across[None]).reshape(16, -1),
-            (down[:, None] * d_across[None]).reshape(16, -1),
-            (d_down[:, None] * across[None]).reshape(16, -1),
+            (weights_v[:, None] * weights_u[None]).reshape(16, -1),
+            (weights_v[:, None] * d_weights_u[None]).reshape(16, -1),
+            (d_weights_v[:, None] * weights_u[None]).reshape(16, -1),
         )
 
     def distorted(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -115,7 +115,7 @@ class Spline(Lens):
         weights = self._weights(half * x, half * y)
         controls = self._field[:, weights.index]
         dx, dy = np.einsum("akn,kn->an", controls, weights.weight)
-        (x_u, y_u), (x_v, y_v) = (np.einsum("akn,kn->an", controls, by) for by in (weights.by_u, weights.by_v))
+        (x_u, y_u), (x_v, y_v) = (np.einsum("akn,kn->an", controls, d) for d in (weights.d_u, weights.d_v))
         u_x, cross, v_y = half + d_half * x * x, d_half * x * y, half + d_half * y * y
         rows, count = np.arange(len(x)), self.grid.count
         for index, weight in zip(weights.index, weights.weight, strict=True):
@@ -132,7 +132,7 @@ class Spline(Lens):
 
     @property
     def valid_radius(self) -> float:
-        """Smallest radius at which the Brown-Conrady lens stops increasing or the field folds the view."""
+        """Smallest radius at which the Brown-Conrady lens stops increasing or the field makes the mapping ambiguous."""
         max_radius = min(self._brown_conrady.valid_radius, 1.5 * float(np.hypot(*self._normalized_reach)))
         angle = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
         radius = np.repeat(max_radius * (np.arange(RADII) + 1.0) / RADII, DIRECTIONS)
@@ -161,13 +161,13 @@ class Spline(Lens):
 
 
 def _basis(position: FloatArray, reach: float, controls: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-    """First of the four control points at each position (n,), their cubic weights (4, n), and the weights' slopes."""
+    """First of the four control points at each position (n,), their cubic weights (4, n), d weights / d position."""
     cells = controls - 3
     per_unit = cells / (2.0 * reach)
-    along = np.clip((position + reach) * per_unit, 0.0, cells)
-    first = np.clip(np.floor(np.nan_to_num(along)), 0, cells - 1).astype(np.int64)
-    t = along - first
+    cell = np.clip((position + reach) * per_unit, 0.0, cells)
+    first = np.clip(np.floor(np.nan_to_num(cell)), 0, cells - 1).astype(np.int64)
+    t = cell - first
     weights = np.array([(1.0 - t) ** 3, 3.0 * t**3 - 6.0 * t**2 + 4.0, -3.0 * t**3 + 3.0 * t**2 + 3.0 * t + 1.0, t**3])
-    slopes = np.array([-3.0 * (1.0 - t) ** 2, 9.0 * t**2 - 12.0 * t, -9.0 * t**2 + 6.0 * t + 3.0, 3.0 * t**2])
+    derivatives = np.array([-3.0 * (1.0 - t) ** 2, 9.0 * t**2 - 12.0 * t, -9.0 * t**2 + 6.0 * t + 3.0, 3.0 * t**2])
     scale = np.where(np.abs(position) <= reach, per_unit, 0.0)
-    return first, weights / 6.0, slopes / 6.0 * scale
+    return first, weights / 6.0, derivatives / 6.0 * scale

@@ -32,7 +32,7 @@ from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.designs.design_sweep import Runner, layout_name, sweep
-from mirrorcam.designs.sweep_files import design_here, design_on_cluster
+from mirrorcam.designs.sweep_files import design_locally, design_on_cluster
 from mirrorcam.render_scenes.sets.dataset import MANIFEST
 from mirrorcam.render_scenes.suites.recipe import SetRecipe
 from mirrorcam.render_scenes.suites.set_work import (
@@ -62,7 +62,7 @@ class Workers:
 def workers_here(count: int) -> Workers:
     """Return runners in processes of this machine, each on one core."""
     return Workers(
-        partial(design_here, workers=count),
+        partial(design_locally, workers=count),
         partial(run_local, workers=count, work=render_on_one_core),
         share_the_folder=True,
     )

@@ -84,7 +84,7 @@ def drift_line(layout: Layout, drift: Drift) -> str:
     """The result for a recording, in one line."""
     names = layout.mirror_names
     if drift.moved:
-        each = [f"{names[m.index]} by {m.size_deg:.3f}° ± {m.turn_sigma_deg:.3f}°" for m in drift.moved]
+        each = [f"{names[m.index]} by {m.angle_deg:.3f}° ± {m.rotation_sigma_deg:.3f}°" for m in drift.moved]
         subject = "a mirror has" if len(each) == 1 else f"{len(each)} mirrors have"
         return f"{subject} moved since the calibration: {', '.join(each[:4])}{', ...' if len(each) > 4 else ''}"
     if drift.undetermined and drift.mismatched:
@@ -118,15 +118,15 @@ def drift_metrics(layout: Layout, drift: Drift) -> dict[str, Metric]:
         "points": Metric(value=drift.points, unit=""),
         "match_sigma_px": Metric(value=drift.sigma_px, unit="px"),
     }
-    for axis, turn, sigma in zip("xyz", drift.common_turn_deg, drift.common_turn_sigma_deg, strict=True):
+    for axis, turn, sigma in zip("xyz", drift.common_rotation_deg, drift.common_rotation_sigma_deg, strict=True):
         figures[f"common_turn_{axis}_deg"] = Metric(value=turn, unit="deg")
         figures[f"common_turn_{axis}_sigma_deg"] = Metric(value=sigma, unit="deg")
     for mirror in drift.mirrors:
         row, column = divmod(mirror.index, layout.cols)
         values = {
             "statistic": Metric(value=mirror.statistic, unit="1", limit=1.0),
-            "turn_deg": Metric(value=mirror.size_deg, unit="deg"),
-            "turn_sigma_deg": Metric(value=mirror.turn_sigma_deg, unit="deg"),
+            "turn_deg": Metric(value=mirror.angle_deg, unit="deg"),
+            "turn_sigma_deg": Metric(value=mirror.rotation_sigma_deg, unit="deg"),
             "shift_mm": Metric(value=mirror.shift_mm, unit="mm"),
             "tells_deg": Metric(value=mirror.detectable_deg, unit="deg", limit=TARGET_DEG),
             "points": Metric(value=mirror.points, unit=""),
@@ -166,7 +166,7 @@ def mount_tilt(checks: Path | None) -> MountTilt:
 def bending_line(drift: Drift, tilt: MountTilt) -> str:
     """State whether bending of the mount explains the common turn of all mirrors."""
     bound = f"gravity bends the mount by {tilt.deg:.2g}° at most ({tilt.source}), which turns all mirrors equally"
-    turn, sigma = drift.common_turn_deg, drift.common_turn_sigma_deg
+    turn, sigma = drift.common_rotation_deg, drift.common_rotation_sigma_deg
     exceeds = np.abs(turn) - SURE * sigma > tilt.deg
     if exceeds.any():
         axis = int(np.argmax(np.abs(turn) / sigma))

@@ -88,8 +88,8 @@ def _figures(mirror: MirrorMove) -> tuple[str, ...]:
     if not mirror.tested:
         return ("-",) * 5
     return (
-        f"{mirror.size_deg:.4f}",
-        f"{mirror.turn_sigma_deg:.4f}",
+        f"{mirror.angle_deg:.4f}",
+        f"{mirror.rotation_sigma_deg:.4f}",
         f"{mirror.shift_mm:+.3f}",
         f"{mirror.statistic:.2f}",
         f"{mirror.detectable_deg:.3f}",

@@ -117,40 +117,40 @@ def design(
         output.refuse_others(*FILES)
         with output.staged(result="layout.json") as folder:
             with long_work("design", f"{spec.arrangement.text} mirrors"):
-                found = write_design(spec, folder, calls)
-            study, no_study = None, None
+                comparison = write_design(spec, folder, calls)
+            study, tolerance_error = None, None
             if tolerance:
                 from mirrorcam.designs.tolerance import write_tolerance
 
                 try:
                     with long_work("tolerance", "devices as built"):
-                        study = write_tolerance(found.optimised, requested.tolerances, folder)
+                        study = write_tolerance(comparison.optimised, requested.tolerances, folder)
                 except InputError as error:  # the design is written without it
-                    no_study = error
-    print_design(found, best_fold=spec.fold_deg == "auto")
+                    tolerance_error = error
+    print_design(comparison, best_fold=spec.fold_deg == "auto")
     written = ", ".join(name for name in FILES[:4] if (out / name).exists())
     say("design", f"{written} written to {out}")
     if study is not None:
         print_tolerance(study)
         say("tolerance", f"{out / 'tolerance.json'} and {out / 'tolerance.png'} written")
-    if no_study is not None:
-        raise no_study
+    if tolerance_error is not None:
+        raise tolerance_error
     return 0
 
 
-def print_design(found: DesignComparison, *, best_fold: bool) -> None:
+def print_design(comparison: DesignComparison, *, best_fold: bool) -> None:
     """Print figures of the layout next to the parabola's, then the checks and their limits.
 
     `best_fold` states that the optimiser chose the fold.
     """
     from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
 
-    spec = found.optimised.spec
+    spec = comparison.optimised.spec
     if best_fold and spec is not None:
         unlimited = "" if spec.camera.body_mm else ", not limited by the camera, whose body is unknown"
         say("design", f"best fold: {spec.fold_deg:g}°{unlimited}")
-    columns = {} if found.parabola is None else {"parabola": found.parabola}
-    columns["optimised"] = found.optimised
+    columns = {} if comparison.parabola is None else {"parabola": comparison.parabola}
+    columns["optimised"] = comparison.optimised
     focus = {name: focus_figures(layout) for name, layout in columns.items()}
     others = {
         column: {name: metric for name, metric in layout.metrics.items() if name not in focus[column]}
@@ -160,14 +160,14 @@ def print_design(found: DesignComparison, *, best_fold: bool) -> None:
     if any(focus.values()):
         print_metrics(focus, {"focus of the camera": ("",)})
     print_metrics({name: layout.verdict for name, layout in columns.items()}, {"verdict": ("",)})
-    if found.no_parabola:
-        say("design", f"no faceted parabola to compare with: {found.no_parabola}")
-    if remark := out_of_focus(found.optimised):
+    if comparison.no_parabola:
+        say("design", f"no faceted parabola to compare with: {comparison.no_parabola}")
+    if remark := out_of_focus(comparison.optimised):
         say("design", remark)
 
 
 def print_tolerance(study: Study) -> None:
-    """Print three tables: figures at the tolerances, medians over accuracy, and the share of each tolerance."""
+    """Print three tables: figures at the tolerances, medians by accuracy, and the share of each tolerance."""
     from mirrorcam.core.values import Metric
     from mirrorcam.designs.tolerance import hidden_mirrors, spread_columns
 
@@ -185,11 +185,11 @@ def print_tolerance(study: Study) -> None:
         for accuracy, spreads in study.spreads.items()
     }
     print_metrics(medians)
-    if study.shares:
+    if study.cause_fractions:
         say("tolerance", "causes of the deviations from the design (share of their mean square, one cause at a time):")
         print_metrics(
             {
                 cause: {name: Metric(value=round(100.0 * share), unit="%") for name, share in shares.items()}
-                for cause, shares in study.shares.items()
+                for cause, shares in study.cause_fractions.items()
             }
         )

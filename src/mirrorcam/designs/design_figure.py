@@ -19,30 +19,30 @@ from shapely import Polygon, union_all
 
 from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX, best_focus_mm, circles_px, nearness_per_mm
+from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX, best_focus_mm, circles_px, inverse_depths_per_mm
 from mirrorcam.optics.design.assess.layout_metrics import fitted_grid, grid_error
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.sub_images import common_region, fields_of_view, pixel_efficiency, seen_px
+from mirrorcam.optics.geometry.sub_images import common_region, fields_of_view, pixel_efficiency, region_outline_px
 
 MIRROR, VIEW, RAY, GRID, COMMON, CAMERA = "#4477aa", "#cc3311", "#ddaa33", "#777777", "#228833", "#333333"
 LINE_STYLES: tuple[Literal["solid", "dashed", "dotted", "dashdot"], ...] = ("solid", "dashed", "dotted", "dashdot")
 DEPTHS_PER_ROW = 2
 LEGEND_COLUMNS = 3
 SAME_COLUMN = 0.1
-"""Distance across, in steps, up to which views are drawn in one column from the side."""
+"""Distance along x, in steps, up to which views are drawn in one column in the side view."""
 SIDE_IN, HEAD_IN, SENSOR_IN, ROW_IN = 8.0, 1.0, 5.35, 3.9
 MARGIN_IN = {"left": 0.75, "right": 0.2, "bottom": 0.95, "top": 0.35}
 CIRCLE_COLOURS = ("#cc3311", "#000000", "#0077bb")
 DEPTH_LINE = "#bbbbbb"
 CIRCLE_STEPS = 60
 BEYOND_DEPTHS = 1.6
-"""Ratio by which circles are drawn beyond the working depths, as far as the mirrors allow."""
+"""Factor by which circles are drawn beyond the working depths, as far as the mirrors allow."""
 WIDE_DEPTHS = 10.0
-"""Ratio of the farthest to the nearest working depth from which on depths are on a logarithmic axis."""
+"""Ratio of the farthest to the nearest working depth above which the depth axis is logarithmic."""
 
 
 def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None:
-    """Write a PNG of two layouts side by side: sensor, mirrors from the side and the front, overlap at each depth.
+    """Write a PNG of two layouts side by side: sensor, mirrors from the side and from behind, overlap at each depth.
 
     Panels of one kind share their scale.
 
@@ -62,62 +62,64 @@ def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None
     """
     spec = optimised.spec or (parabola.spec if parabola else None)
     if spec is None:
-        raise ValueError("before_after needs a layout with a spec, found none to take depths from")
+        raise ValueError("neither layout has a spec, expected one with depths")
     sides = {"Faceted parabola": parabola} if parabola else {}
     sides["Optimised" if parabola else "Optimised (no parabola fits)"] = optimised
-    beside_each_other(sides, sorted(spec.depths_mm), path)
+    side_by_side(sides, sorted(spec.depths_mm), path)
 
 
-def beside_each_other(
+def side_by_side(
     sides: Mapping[str, Layout], depths_mm: Sequence[float], path: Path, *, dots_per_inch: float = 110.0
 ) -> None:
     """Write a PNG of layouts side by side, each under its title, as `before_after` does, for increasing depths."""
     overlap_rows = [depths_mm[k : k + DEPTHS_PER_ROW] for k in range(0, len(depths_mm), DEPTHS_PER_ROW)]
     height_in = HEAD_IN + SENSOR_IN + ROW_IN * (1 + len(overlap_rows))
     figure = Figure(figsize=(len(sides) * SIDE_IN, height_in))
-    same_scale: list[list[Axes]] = []
+    axes_by_layout: list[list[Axes]] = []
     for number, (name, layout) in enumerate(sides.items()):
         left_in = number * SIDE_IN
-        middle, top_in = (left_in + SIDE_IN / 2.0) / figure.get_figwidth(), height_in - HEAD_IN
-        figure.text(middle, 1.0 - 0.35 / height_in, name, ha="center", va="center", fontsize=17, fontweight="bold")
-        shares = _figures(layout, depths_mm)
-        figure.text(middle, 1.0 - 0.75 / height_in, shares, ha="center", va="center", fontsize=13)
+        centre, top_in = (left_in + SIDE_IN / 2.0) / figure.get_figwidth(), height_in - HEAD_IN
+        figure.text(centre, 1.0 - 0.35 / height_in, name, ha="center", va="center", fontsize=17, fontweight="bold")
+        summary = _figures(layout, depths_mm)
+        figure.text(centre, 1.0 - 0.75 / height_in, summary, ha="center", va="center", fontsize=13)
         _sensor(_row(figure, left_in, top_in, SENSOR_IN, (1.0,))[0], layout, depths_mm)
-        from_side, from_front = _row(figure, left_in, top_in - SENSOR_IN, ROW_IN, (1.15, 1.0))
+        from_side, from_behind = _row(figure, left_in, top_in - SENSOR_IN, ROW_IN, (1.15, 1.0))
         _side(from_side, layout)
-        _front(from_front, layout)
-        same_scale.append([from_side, from_front])
-        for below, row in enumerate(overlap_rows, start=1):
-            panels = _row(figure, left_in, top_in - SENSOR_IN - ROW_IN * below, ROW_IN, (1.0,) * len(row))
+        _behind(from_behind, layout)
+        axes_by_layout.append([from_side, from_behind])
+        for number_below, row in enumerate(overlap_rows, start=1):
+            panels = _row(figure, left_in, top_in - SENSOR_IN - ROW_IN * number_below, ROW_IN, (1.0,) * len(row))
             for axes, depth_mm in zip(panels, row, strict=True):
                 _overlap(axes, layout, depth_mm)
-            same_scale[-1].extend(panels)
-    for column in zip(*same_scale, strict=True):
+            axes_by_layout[-1].extend(panels)
+    for column in zip(*axes_by_layout, strict=True):
         _share_limits(column)
     with atomic(path) as temporary:
         figure.savefig(temporary, dpi=dots_per_inch)
 
 
 def _row(figure: Figure, left_in: float, top_in: float, height_in: float, widths: Sequence[float]) -> list[Axes]:
-    """Add a row of axes to a column; placed by hand, since matplotlib's layout engines vary from run to run."""
-    across, upwards = figure.get_size_inches()
+    """Add a row of axes to a column; placed explicitly, since matplotlib's layout engines vary from run to run."""
+    width_in, figure_height_in = figure.get_size_inches()
     panels = []
     for width in widths:
         cell_in = SIDE_IN * width / sum(widths)
         size = (cell_in - MARGIN_IN["left"] - MARGIN_IN["right"], height_in - MARGIN_IN["top"] - MARGIN_IN["bottom"])
         corner = (left_in + MARGIN_IN["left"], top_in - height_in + MARGIN_IN["bottom"])
-        rectangle = (corner[0] / across, corner[1] / upwards, size[0] / across, size[1] / upwards)
+        rectangle = (corner[0] / width_in, corner[1] / figure_height_in, size[0] / width_in, size[1] / figure_height_in)
         panels.append(figure.add_axes(rectangle))
         left_in += cell_in
     return panels
 
 
 def _figures(layout: Layout, depths_mm: Sequence[float]) -> str:
-    shares = [pixel_efficiency(layout, depth_mm, layout.camera.pupil) for depth_mm in depths_mm]
-    if len(shares) > DEPTHS_PER_ROW:
-        efficiency = f"{min(shares):.0%} to {max(shares):.0%} at {depths_mm[0]:g} to {depths_mm[-1]:g} mm"
+    efficiencies = [pixel_efficiency(layout, depth_mm, layout.camera.pupil) for depth_mm in depths_mm]
+    if len(efficiencies) > DEPTHS_PER_ROW:
+        efficiency = f"{min(efficiencies):.0%} to {max(efficiencies):.0%} at {depths_mm[0]:g} to {depths_mm[-1]:g} mm"
     else:
-        efficiency = ", ".join(f"{share:.0%} at {depth:g} mm" for share, depth in zip(shares, depths_mm, strict=True))
+        efficiency = ", ".join(
+            f"{value:.0%} at {depth:g} mm" for value, depth in zip(efficiencies, depths_mm, strict=True)
+        )
     return f"grid error {grid_error(layout):.3f} of a spacing, usable pixels {efficiency}"
 
 
@@ -164,11 +166,11 @@ def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
     for depth_mm, line in zip(depths_mm, cycle(LINE_STYLES)):
         region, _ = common_region(layout, depth_mm)
         for k in range(len(layout.mirrors) if not region.is_empty else 0):
-            seen = seen_px(layout, region, depth_mm, k)
-            _outline(axes, seen, facecolor=_fill(COMMON, 0.25), edgecolor=COMMON, linewidth=1.3, linestyle=line)
+            outline = region_outline_px(layout, region, depth_mm, k)
+            _outline(axes, outline, facecolor=_fill(COMMON, 0.25), edgecolor=COMMON, linewidth=1.3, linestyle=line)
     for k in range(len(layout.mirrors)):
-        middle = layout.outline_px(k).mean(axis=0)
-        name = axes.annotate(layout.mirror_names[k], middle, ha="center", va="center", fontsize=11, color=CAMERA)
+        centre = layout.outline_px(k).mean(axis=0)
+        name = axes.annotate(layout.mirror_names[k], centre, ha="center", va="center", fontsize=11, color=CAMERA)
         name.set_path_effects([withStroke(linewidth=3.0, foreground="white")])
     axes.set(xlim=(-0.5, camera.width_px - 0.5), ylim=(camera.height_px - 0.5, -0.5))
     handles = [Patch(facecolor=_fill(MIRROR, 0.18), edgecolor=MIRROR, label="sub-image")]
@@ -181,30 +183,30 @@ def _sensor(axes: Axes, layout: Layout, depths_mm: Sequence[float]) -> None:
 def _virtual_cameras(axes: Axes, layout: Layout, first: int, second: int) -> None:
     """Draw virtual centres, the fitted ideal grid or pattern and the deviations from it, along two axes of the view."""
     arrangement = layout.arrangement
-    smaller = min(1.0, 4.0 / (arrangement.extent.max() + 1.0))
+    marker_scale = min(1.0, 4.0 / (arrangement.extent.max() + 1.0))
     grid = fitted_grid(layout)[0][..., [first, second]]
     for i, j in arrangement.neighbours:
         axes.plot(*grid.reshape(-1, 2)[[i, j]].T, color=GRID, linewidth=0.9, zorder=2)
     centres = layout.virtual_centres_in_view_mm.reshape(-1, 3)[:, [first, second]]
     for centre, node in zip(centres, grid.reshape(-1, 2), strict=True):
         axes.plot(*np.array([centre, node]).T, color=VIEW, linewidth=1.6, zorder=3)
-    axes.plot(*grid.reshape(-1, 2).T, "s", color="white", markeredgecolor=GRID, markersize=6 * smaller, zorder=4)
-    axes.plot(*centres.T, "o", color=VIEW, markersize=5 * smaller, zorder=5)
+    axes.plot(*grid.reshape(-1, 2).T, "s", color="white", markeredgecolor=GRID, markersize=6 * marker_scale, zorder=4)
+    axes.plot(*centres.T, "o", color=VIEW, markersize=5 * marker_scale, zorder=5)
 
 
 def _side(axes: Axes, layout: Layout) -> None:
     """Draw mirrors, camera, chief rays and virtual cameras from the side; the scene is to the right."""
-    turn, across = layout.view_from_rig.T, layout.arrangement.steps[:, 0]
-    depths = np.concatenate([mirror.outline_in_rig_mm @ turn for mirror in layout.mirrors])[:, 2]
+    rig_from_view, steps_x = layout.view_from_rig.T, layout.arrangement.steps[:, 0]
+    depths = np.concatenate([mirror.outline_in_rig_mm @ rig_from_view for mirror in layout.mirrors])[:, 2]
     end_mm = depths.max() + 0.5 * np.ptp(depths)
     for k, mirror in enumerate(layout.mirrors):
-        outline = mirror.outline_in_rig_mm @ turn
-        if abs(across[k] - across[layout.central_index]) < SAME_COLUMN:
-            seen = mirror.apparent
-            chief = layout.view_from_rig @ seen.cut(seen.outline_normalized.mean(axis=0))
-            leaving = chief - layout.view_from_rig @ seen.virtual_centre_in_rig_mm
-            end = chief + leaving * ((end_mm - chief[2]) / leaving[2])
-            axes.plot(*np.array([np.zeros(3), chief, end])[:, [2, 1]].T, color=RAY, linewidth=1.2, zorder=1)
+        outline = mirror.outline_in_rig_mm @ rig_from_view
+        if abs(steps_x[k] - steps_x[layout.central_index]) < SAME_COLUMN:
+            apparent = mirror.apparent
+            point = layout.view_from_rig @ apparent.intersect(apparent.outline_normalized.mean(axis=0))
+            direction = point - layout.view_from_rig @ apparent.virtual_centre_in_rig_mm
+            end = point + direction * ((end_mm - point[2]) / direction[2])
+            axes.plot(*np.array([np.zeros(3), point, end])[:, [2, 1]].T, color=RAY, linewidth=1.2, zorder=1)
         _outline(axes, outline[:, [2, 1]], facecolor=_fill(MIRROR, 0.25), edgecolor=MIRROR, linewidth=1.2)
     _virtual_cameras(axes, layout, 2, 1)
     axes.plot(0.0, 0.0, "^", color=CAMERA, markersize=10)
@@ -216,7 +218,7 @@ def _side(axes: Axes, layout: Layout) -> None:
     _finish(axes, "From the side", "z mm (towards the scene)", "y mm (down)", handles)
 
 
-def _front(axes: Axes, layout: Layout) -> None:
+def _behind(axes: Axes, layout: Layout) -> None:
     """Draw mirrors and virtual cameras from behind, along the view axis; x points right."""
     for mirror in layout.mirrors:
         outline = (mirror.outline_in_rig_mm @ layout.view_from_rig.T)[:, :2]
@@ -235,16 +237,18 @@ def _overlap(axes: Axes, layout: Layout, depth_mm: float) -> None:
     """Draw the fields of all views on the plane at a depth, and the field that they share."""
     region, footprints = common_region(layout, depth_mm)
     opacity, linewidth = min(0.07, 0.7 / len(footprints)), max(0.9 - len(footprints) / 80.0, 0.3)
-    for seen in footprints:
-        if not seen.is_empty:
-            _outline(axes, _vertices(seen), facecolor=_fill(MIRROR, opacity), edgecolor=MIRROR, linewidth=linewidth)
+    for footprint in footprints:
+        if not footprint.is_empty:
+            _outline(
+                axes, _vertices(footprint), facecolor=_fill(MIRROR, opacity), edgecolor=MIRROR, linewidth=linewidth
+            )
     if not region.is_empty:
         _outline(axes, _vertices(region), facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, linewidth=1.6)
     axes.margins(0.04)
     axes.autoscale_view()
-    share, union = pixel_efficiency(layout, depth_mm, layout.camera.pupil), union_all(footprints).area
+    efficiency, union = pixel_efficiency(layout, depth_mm, layout.camera.pupil), union_all(footprints).area
     overlap = region.area / union if union else 0.0
-    title = f"{depth_mm:g} mm: {share:.0%} of the pixels usable, IoU {overlap:.2f}"
+    title = f"{depth_mm:g} mm: {efficiency:.0%} of the pixels usable, IoU {overlap:.2f}"
     handles = [
         Line2D([], [], color=MIRROR, label="one view"),
         Patch(facecolor=_fill(COMMON, 0.45), edgecolor=COMMON, label="all views"),
@@ -260,25 +264,25 @@ def focus_figure(layout: Layout, depths_mm: Sequence[float], path: Path) -> None
     Parameters
     ----------
     layout
-        Its camera has an aperture, and its views share a part of each depth.
+        A layout whose camera has an aperture and whose views have a common region at each depth.
     depths_mm
         The working depths, at which curves have a mark.
     path
         The file, which is written atomically.
     """
     camera, views = layout.camera, fields_of_view(layout)
-    working = np.array([nearness_per_mm(views, depth_mm) for depth_mm in depths_mm])
+    working = np.array([inverse_depths_per_mm(views, depth_mm) for depth_mm in depths_mm])
     best_mm = best_focus_mm(working)
-    mirrors = _drawn_mirrors(layout, working)
-    first_mm = max(min(depths_mm) / BEYOND_DEPTHS, views.reach_mm * 1.02)
-    drawn_mm = np.geomspace(first_mm, max(depths_mm) * BEYOND_DEPTHS, CIRCLE_STEPS)
-    nearness = np.array([nearness_per_mm(views, depth_mm) for depth_mm in drawn_mm])
+    mirrors = _mirrors_to_draw(layout, working)
+    first_mm = max(min(depths_mm) / BEYOND_DEPTHS, views.mirror_depth_mm * 1.02)
+    plotted_mm = np.geomspace(first_mm, max(depths_mm) * BEYOND_DEPTHS, CIRCLE_STEPS)
+    inverse_depths = np.array([inverse_depths_per_mm(views, depth_mm) for depth_mm in plotted_mm])
     figure = Figure(figsize=(7.5, 4.6), layout="constrained")
     axes = figure.subplots()
     for focus_mm, line in ((camera.focus_mm, "solid"), (best_mm, "dashed")):
-        circles, marks = (circles_px(camera, values, focus_mm) for values in (nearness, working))
+        circles, marks = (circles_px(camera, values, focus_mm) for values in (inverse_depths, working))
         for colour, k in zip(CIRCLE_COLOURS, mirrors, strict=False):
-            axes.plot(drawn_mm, circles[:, k], color=colour, linestyle=line, linewidth=1.6)
+            axes.plot(plotted_mm, circles[:, k], color=colour, linestyle=line, linewidth=1.6)
             axes.plot(depths_mm, marks[:, k], "o", color=colour, markersize=4, zorder=3)
     axes.set_title(f"{camera.name}: aperture {camera.aperture_mm:g} mm", fontsize=11)
     _finish_depths(axes, depths_mm)
@@ -296,14 +300,14 @@ def focus_figure(layout: Layout, depths_mm: Sequence[float], path: Path) -> None
         figure.savefig(temporary, dpi=110)
 
 
-def _drawn_mirrors(layout: Layout, working: FloatArray) -> dict[int, str]:
-    """Names of the mirrors drawn, by index: the nearest, the central and the farthest, by 1/z (depths, mirrors, 2)."""
-    chosen = {
+def _mirrors_to_draw(layout: Layout, working: FloatArray) -> dict[int, str]:
+    """Names of the mirrors to draw, by index: the nearest, the central and the farthest, by 1/z (depths, m, 2)."""
+    indices = {
         "nearest": int(working[..., 1].max(axis=0).argmax()),
         "central": layout.central_index,
         "farthest": int(working[..., 0].min(axis=0).argmin()),
     }
-    return {k: " and ".join(name for name, index in chosen.items() if index == k) for k in chosen.values()}
+    return {k: " and ".join(name for name, index in indices.items() if index == k) for k in indices.values()}
 
 
 def _finish_depths(axes: Axes, depths_mm: Sequence[float]) -> None:

@@ -23,7 +23,7 @@ DESIGN_FILE = "design.toml"
 
 
 def _completed(tolerances: object) -> object:
-    """Complete a table of tolerances with those of a hand-made device."""
+    """Fill in missing tolerances with those of a hand-made device."""
     if not isinstance(tolerances, dict):
         return tolerances
     return Tolerances.hobby().model_dump() | with_tuples(tolerances)
@@ -78,7 +78,7 @@ def _request_from(path: Path, tables: Any) -> DesignRequest:
         return model_from(DesignRequest, path, tables)
     layout = model_from(Layout, path, tables)
     if layout.spec is None:
-        raise InputError(f"{path}: a layout without its request, expected one that `mirrorcam design` wrote")
+        raise InputError(f"{path}: a layout without its request, expected one written by `mirrorcam design`")
     return DesignRequest(**{name: getattr(layout.spec, name) for name in DesignSpec.model_fields})
 
 
@@ -108,7 +108,6 @@ def compare_designs(spec: DesignSpec, calls: Calls = in_turn) -> DesignCompariso
 
     Raises InfeasibleDesign if no layout meets the spec.
     """
-
     optimised = optimise.design(spec, calls)
     try:
         return DesignComparison(optimised, assessed_parabola(spec))
@@ -124,11 +123,11 @@ def write_design(spec: DesignSpec, folder: Path, calls: Calls = in_turn) -> Desi
     """
     from mirrorcam.designs.design_figure import before_after, focus_figure
 
-    found = compare_designs(spec, calls)
-    found.optimised.save(folder / "layout.json")
-    if found.parabola is not None:
-        found.parabola.save(folder / "parabola.json")
-    before_after(found.parabola, found.optimised, folder / "before_after.png")
+    comparison = compare_designs(spec, calls)
+    comparison.optimised.save(folder / "layout.json")
+    if comparison.parabola is not None:
+        comparison.parabola.save(folder / "parabola.json")
+    before_after(comparison.parabola, comparison.optimised, folder / "before_after.png")
     if spec.camera.aperture_mm > 0.0:
-        focus_figure(found.optimised, spec.depths_mm, folder / "focus.png")
-    return found
+        focus_figure(comparison.optimised, spec.depths_mm, folder / "focus.png")
+    return comparison

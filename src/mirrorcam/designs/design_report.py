@@ -20,7 +20,7 @@ TEMPLATES = Path(__file__).parent
 HEADLINES = {
     "usable_efficiency": "of the sensor is usable",
     "grid_error": "grid error",
-    "fov_x": "field of view, across",
+    "fov_x": "horizontal field of view",
     "depth_sigma": "sigma of depth",
 }
 
@@ -42,12 +42,12 @@ def design_pictures(layout: Layout, parabola: Layout | None, study: Study | None
     if layout.spec is None:
         raise ValueError("a layout without a spec, expected one that was designed")
     depths_mm = sorted(layout.spec.depths_mm)
-    found = []
+    pictures = []
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "picture.png"
 
         def add(title: str, alt: str) -> None:
-            found.append(ReportPicture(title, alt, base64.b64encode(read_bytes(path)).decode()))
+            pictures.append(ReportPicture(title, alt, base64.b64encode(read_bytes(path)).decode()))
 
         before_after(parabola, layout, path)
         add("Sensor, mirrors and coverage", "Sub-images, mirrors, virtual cameras and overlap next to the parabola's")
@@ -57,7 +57,7 @@ def design_pictures(layout: Layout, parabola: Layout | None, study: Study | None
         if study is not None:
             tolerance_figure(study, path)
             add("Devices as built", "Figures of devices built with tolerances, against the accuracy of building")
-    return found
+    return pictures
 
 
 def design_report(
@@ -65,8 +65,8 @@ def design_report(
 ) -> str:
     """Render the page of a designed layout, compared with its faceted parabola.
 
-    `not_built` is the reason why a picture of devices as built is missing, if it is. Raises ValueError for a layout
-    without a spec.
+    `not_built` is the reason why the picture of devices as built is missing; "" if it is not. Raises ValueError for a
+    layout without a spec.
     """
     spec = layout.spec
     if spec is None:
@@ -110,8 +110,8 @@ def _figures(layout: Layout, parabola: Layout | None) -> Table:
         return Table(("Figure", "This design"), rows, "words")
     both = []
     for name, metric in layout.metrics.items():
-        before = parabola.metrics.get(name)
-        texts = values_text([metric, before]) if before else [value_text(metric), ""]
+        reference = parabola.metrics.get(name)
+        texts = values_text([metric, reference]) if reference else [value_text(metric), ""]
         both.append((sentence_case(label_text(name)), *texts))
     return Table(("Figure", "This design", "Faceted parabola"), both, "words")
 

@@ -35,14 +35,14 @@ def layout_name(spec: DesignSpec) -> str:
 
 def finished_designs(folder: Path) -> list[tuple[Outcome, Path]]:
     """The solved designs in the folder of a sweep, each with its layout's file; raises InputError if there is none."""
-    found = []
+    designs = []
     for path in sorted((folder / "layouts").glob("*.json")):
         layout = read_record(Layout, path)
         if layout is not None and layout.spec is not None:
-            found.append((Outcome(spec=layout.spec, status="solved", metrics=layout.metrics), path))
-    if not found:
+            designs.append((Outcome(spec=layout.spec, status="solved", metrics=layout.metrics), path))
+    if not designs:
         raise InputError(f"{folder}: holds no solved design, expected the folder of a `mirrorcam sweep`")
-    return found
+    return designs
 
 
 def outcome_of(spec: DesignSpec, answer: Answer | Died) -> Outcome:
@@ -62,15 +62,15 @@ def sweep(
     """Return the outcome of each spec, in order, read from the store of the folder if possible, else computed.
 
     Every finished design is stored, and its layout written, at once: an interrupted sweep loses none. Raises InputError
-    if a layout was changed since a sweep wrote it, unless files may be replaced, and if a worker runs another version
-    of the code or of the libraries that designs depend on.
+    if a layout was changed since a sweep wrote it, unless files may be replaced, and if a worker runs a
+    different version of the code or of the libraries that designs depend on.
     """
-    outcomes = {number: found for number, spec in enumerate(specs) if (found := _finished(spec, output)) is not None}
+    outcomes = {number: stored for number, spec in enumerate(specs) if (stored := _finished(spec, output)) is not None}
     missing = [number for number in range(len(specs)) if number not in outcomes]
     progress(len(outcomes), len(specs))
     if missing:
         for index, outcome in run([specs[number] for number in missing]):
-            outcomes[missing[index]] = _keep(specs[missing[index]], outcome, output)
+            outcomes[missing[index]] = _store(specs[missing[index]], outcome, output)
             progress(len(outcomes), len(specs))
     return [outcomes[number] for number in range(len(specs))]
 
@@ -78,22 +78,22 @@ def sweep(
 def _finished(spec: DesignSpec, output: OutputFolder) -> Outcome | None:
     """Read a spec's outcome from the store, and restore a missing layout; None if the store has no outcome."""
     output.grouped(_key(spec)).refuse_others(layout_name(spec))
-    kept = output.results.get(f"design-{_key(spec)}", program_of(CODE))
-    if kept is None:
+    stored = output.results.get(f"design-{_key(spec)}", program_of(CODE))
+    if stored is None:
         return None
-    outcome = Outcome.model_validate_json(kept[_OUTCOME])
-    if kept[_LAYOUT] and not (output.path / layout_name(spec)).exists():
-        _write_layout(spec, kept[_LAYOUT].decode(), output)
+    outcome = Outcome.model_validate_json(stored[_OUTCOME])
+    if stored[_LAYOUT] and not (output.path / layout_name(spec)).exists():
+        _write_layout(spec, stored[_LAYOUT].decode(), output)
     return outcome
 
 
-def _keep(spec: DesignSpec, answer: Answer | Died, output: OutputFolder) -> Outcome:
+def _store(spec: DesignSpec, answer: Answer | Died, output: OutputFolder) -> Outcome:
     """Store an answer and write its layout; a failure is not stored, so that the next sweep tries again."""
     outcome = outcome_of(spec, answer)
     if isinstance(answer, Died):
         answer = Answer(file_text(outcome))
-    if other := differing_keys(answer.made_with, program_of(CODE)):
-        raise InputError(f"{other[0]} of a worker differs from this machine's, expected the same on all workers")
+    if differences := differing_keys(answer.made_with, program_of(CODE)):
+        raise InputError(f"{differences[0]} of a worker differs from this machine's, expected the same on all workers")
     if outcome.status != "failed":
         contents = {_OUTCOME: answer.outcome.encode(), _LAYOUT: answer.layout.encode()}
         output.results.put(f"design-{_key(spec)}", program_of(CODE), contents)

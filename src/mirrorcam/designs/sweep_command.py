@@ -49,17 +49,17 @@ def sweep(
         require("cluster")
     from mirrorcam.core.figures.figure_texts import count_text
     from mirrorcam.core.processes.worker_pool import cores
-    from mirrorcam.designs.sweep_files import SweepRequest, design_here, design_on_cluster, read_sweep, write_sweep
+    from mirrorcam.designs.sweep_files import SweepRequest, design_locally, design_on_cluster, read_sweep, write_sweep
     from mirrorcam.optics.geometry.sub_images import sensor_polygon
 
     specs = (SweepRequest() if request is None else read_sweep(request)).specs()
-    sensor_polygon(specs[0].camera)  # refuses a lens that folds inside the sensor, before any work
+    sensor_polygon(specs[0].camera)  # refuses a lens whose distortion is not monotonic on the sensor, before any work
     if scheduler is not None:
-        runner, by = partial(design_on_cluster, address=scheduler), f"the workers of {scheduler}"
+        runner, executor = partial(design_on_cluster, address=scheduler), f"the workers of {scheduler}"
     else:
         count = workers or cores()
-        runner, by = partial(design_here, workers=count), count_text(count, "worker")
-    with long_work("sweep", f"{count_text(len(specs), 'design')}, {by}", "designs") as advance:
+        runner, executor = partial(design_locally, workers=count), count_text(count, "worker")
+    with long_work("sweep", f"{count_text(len(specs), 'design')}, {executor}", "designs") as advance:
         swept = write_sweep(specs, out, runner, table=table, force=force, progress=advance)
     for line in summary(swept.outcomes):
         say("sweep", line)
@@ -72,9 +72,9 @@ def summary(outcomes: Sequence[Outcome]) -> list[str]:
     """Summarise outcomes in lines of text: counts of each status, violated constraints, failures."""
     statuses = Counter(outcome.status for outcome in outcomes)
     lines = [", ".join(f"{statuses[status]} {status}" for status in ("solved", "infeasible", "failed"))]
-    bound = Counter(outcome.constraint for outcome in outcomes if outcome.status == "infeasible")
-    if bound:
-        lines.append("infeasible for " + ", ".join(f"{constraint} ({n})" for constraint, n in bound.most_common()))
+    violated = Counter(outcome.constraint for outcome in outcomes if outcome.status == "infeasible")
+    if violated:
+        lines.append("infeasible for " + ", ".join(f"{constraint} ({n})" for constraint, n in violated.most_common()))
     for outcome in outcomes:
         if outcome.status == "failed":
             spec = outcome.spec

@@ -23,21 +23,21 @@ WIDTH_IN, HEIGHT_IN = 15.0, 10.0
 LEGEND_IN, LEGEND_COLUMN_IN = 1.0, 0.85
 MARGIN_IN = {"left": 0.8, "right": 0.25, "bottom": 0.85, "top": 0.55}
 LEGEND_ROWS = 30
-NAMED_COUNTS, LEVEL_NAMES = 16, 6
+MAX_COUNT_LABELS, MAX_HORIZONTAL_LABELS = 16, 6
 FAINT = 0.35
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A figure of merit: name, unit, value of an outcome, and whether more is better."""
+    """A figure of merit: name, unit, value of an outcome, and whether larger is better."""
 
     name: str
     unit: str
     value: Callable[[Outcome], float | None]
-    more_is_better: bool = True
+    larger_is_better: bool = True
 
 
-def _of(name: str) -> Callable[[Outcome], float | None]:
+def _figure(name: str) -> Callable[[Outcome], float | None]:
     return lambda outcome: summary_figures(outcome)[name]
 
 
@@ -46,13 +46,13 @@ def _grid_error(outcome: Outcome) -> float | None:
     return figure.value if figure.known else None
 
 
-FIELD_OF_VIEW = Axis("field of view", "diagonal, deg", _of("fov_diagonal_deg"))
-DEPTH_OF_FIELD = Axis("depth of field", "1/near - 1/far, 1/m", _of("depth_of_field_per_m"))
-GRID_ERROR = Axis("grid error", "of a spacing", _grid_error, more_is_better=False)
-EFFICIENCY = Axis("pixel efficiency", "mean of the depths", _of("pixel_efficiency_mean"))
+FIELD_OF_VIEW = Axis("field of view", "diagonal, deg", _figure("fov_diagonal_deg"))
+DEPTH_OF_FIELD = Axis("depth of field", "1/near - 1/far, 1/m", _figure("depth_of_field_per_m"))
+GRID_ERROR = Axis("grid error", "of a spacing", _grid_error, larger_is_better=False)
+EFFICIENCY = Axis("pixel efficiency", "mean of the depths", _figure("pixel_efficiency_mean"))
 
 
-def counts_of(outcomes: Sequence[Outcome]) -> dict[tuple[int, int], str]:
+def count_colours(outcomes: Sequence[Outcome]) -> dict[tuple[int, int], str]:
     """Colour of each count (rows, cols): the more mirrors, the lighter."""
     counts = sorted({_count(outcome) for outcome in outcomes}, key=lambda count: (count[0] * count[1], count))
     shades = matplotlib.colormaps["plasma"](np.linspace(0.0, 0.88, len(counts)))
@@ -63,7 +63,7 @@ def _count(outcome: Outcome) -> tuple[int, int]:
     return outcome.spec.rows, outcome.spec.cols
 
 
-def _endless(outcome: Outcome) -> bool:
+def _reaches_infinity(outcome: Outcome) -> bool:
     farthest = outcome.metrics.get("depth_farthest_mm")
     return farthest is not None and farthest.value >= MAX_DEPTH_MM
 
@@ -76,24 +76,24 @@ def pareto(outcomes: Sequence[Outcome], path: Path) -> None:
     solved = [outcome for outcome in outcomes if outcome.status == "solved"]
     if not solved:
         raise ValueError(f"no solved design among {len(outcomes)}, expected one or more")
-    colours = counts_of(solved)
+    colours = count_colours(solved)
     columns = -(-len(colours) // LEGEND_ROWS)
     width_in = WIDTH_IN - LEGEND_IN - LEGEND_COLUMN_IN * columns
     figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN))
     above, below = HEIGHT_IN * 0.42, 0.0
     for column, (x, y) in enumerate(((FIELD_OF_VIEW, DEPTH_OF_FIELD), (GRID_ERROR, EFFICIENCY))):
         axes = _panel(figure, column * width_in / 2.0, above, width_in / 2.0, HEIGHT_IN - above)
-        _trade(axes, solved, x, y, colours)
+        _trade_off(axes, solved, x, y, colours)
     for column, axis in enumerate((FIELD_OF_VIEW, DEPTH_OF_FIELD, GRID_ERROR, EFFICIENCY)):
         axes = _panel(figure, column * width_in / 4.0, below, width_in / 4.0, above)
         _against_count(axes, solved, axis, colours)
-    _legend(figure, colours, columns, endless=any(_endless(outcome) for outcome in solved))
+    _legend(figure, colours, columns, endless=any(_reaches_infinity(outcome) for outcome in solved))
     with atomic(path) as temporary:
         figure.savefig(temporary, dpi=110)
 
 
 def _panel(figure: Figure, left_in: float, bottom_in: float, width_in: float, height_in: float) -> Axes:
-    """Add axes to a cell of the figure; placed by hand, since matplotlib's layout engines vary from run to run."""
+    """Add axes to a cell of the figure; placed explicitly, since matplotlib's layout engines vary from run to run."""
     left, bottom = left_in + MARGIN_IN["left"], bottom_in + MARGIN_IN["bottom"]
     width = width_in - MARGIN_IN["left"] - MARGIN_IN["right"]
     height = height_in - MARGIN_IN["bottom"] - MARGIN_IN["top"]
@@ -111,32 +111,32 @@ def _finish(axes: Axes, title: str, x: str, y: str) -> None:
 
 def _front(points: Sequence[tuple[float, float]], x: Axis, y: Axis) -> list[tuple[float, float]]:
     """The points of the Pareto front, along it."""
-    signs = [1.0 if axis.more_is_better else -1.0 for axis in (x, y)]
+    signs = [1.0 if axis.larger_is_better else -1.0 for axis in (x, y)]
     return [points[number] for number in pareto_front([(signs[0] * a, signs[1] * b) for a, b in points])]
 
 
-def _trade(axes: Axes, solved: Sequence[Outcome], x: Axis, y: Axis, colours: dict[tuple[int, int], str]) -> None:
+def _trade_off(axes: Axes, solved: Sequence[Outcome], x: Axis, y: Axis, colours: dict[tuple[int, int], str]) -> None:
     """Plot two figures of merit against each other, with each count's Pareto front and, wider, the overall front."""
-    found = [
+    points = [
         (a, b, outcome)
         for outcome in solved
         if (a := x.value(outcome)) is not None and (b := y.value(outcome)) is not None
     ]
-    overall = _front([(a, b) for a, b, _ in found], x, y)
-    # Steps: between two designs of the front, only the worse value of each figure is certain to be reached.
+    overall = _front([(a, b) for a, b, _ in points], x, y)
+    # Steps: between two designs of the front, only the worse value of each figure is certain to be achieved.
     axes.plot(*np.array(overall).reshape(-1, 2).T, color=FRONT, linewidth=5.0, drawstyle="steps-pre", zorder=1)
     for count, colour in colours.items():
-        own = [(a, b, outcome) for a, b, outcome in found if _count(outcome) == count]
-        front = _front([(a, b) for a, b, _ in own], x, y)
+        count_points = [(a, b, outcome) for a, b, outcome in points if _count(outcome) == count]
+        front = _front([(a, b) for a, b, _ in count_points], x, y)
         axes.plot(*np.array(front).reshape(-1, 2).T, color=colour, linewidth=1.3, zorder=2)
-        for a, b, outcome in own:
+        for a, b, outcome in count_points:
             on_front = (a, b) in front
-            style: dict[str, Any] = {"marker": "^" if _endless(outcome) and DEPTH_OF_FIELD in (x, y) else "o"}
+            style: dict[str, Any] = {"marker": "^" if _reaches_infinity(outcome) and DEPTH_OF_FIELD in (x, y) else "o"}
             style |= {"markersize": 7.5 if on_front else 5.0, "alpha": 1.0 if on_front else FAINT}
             edge = "white" if on_front else colour
             axes.plot(a, b, color=colour, markeredgecolor=edge, zorder=4 if on_front else 3, **style)
     axes.margins(0.06)
-    better = "right" if x.more_is_better else "left"
+    better = "right" if x.larger_is_better else "left"
     title = f"{x.name.capitalize()} against {y.name} (better: up, {better})"
     _finish(axes, title, f"{x.name}, {x.unit}", f"{y.name}, {y.unit}")
 
@@ -145,18 +145,20 @@ def _against_count(axes: Axes, solved: Sequence[Outcome], axis: Axis, colours: d
     """Plot one figure of merit of every design over its count, and a line through the best of each count."""
     best: list[tuple[float, float]] = []
     for column, (count, colour) in enumerate(colours.items()):
-        values = [axis.value(outcome) for outcome in solved if _count(outcome) == count]
-        known = [value for value in values if value is not None]
-        if not known:
+        all_values = [axis.value(outcome) for outcome in solved if _count(outcome) == count]
+        values = [value for value in all_values if value is not None]
+        if not values:
             continue
-        spread = np.linspace(-0.28, 0.28, len(known)) if len(known) > 1 else np.zeros(1)
-        axes.plot(column + spread, known, "o", color=colour, markersize=4.0, alpha=0.7, zorder=2)
-        first = int(np.argmax(known) if axis.more_is_better else np.argmin(known))
-        best.append((column + float(spread[first]), known[first]))
+        spread = np.linspace(-0.28, 0.28, len(values)) if len(values) > 1 else np.zeros(1)
+        axes.plot(column + spread, values, "o", color=colour, markersize=4.0, alpha=0.7, zorder=2)
+        best_index = int(np.argmax(values) if axis.larger_is_better else np.argmin(values))
+        best.append((column + float(spread[best_index]), values[best_index]))
     axes.plot(*np.array(best).reshape(-1, 2).T, color=BEST, linewidth=1.1, zorder=1)
-    named = list(enumerate(colours))[:: -(-len(colours) // NAMED_COUNTS)]
-    names = [f"{rows}x{cols}" for _, (rows, cols) in named]
-    axes.set_xticks([column for column, _ in named], names, rotation=90 if len(named) > LEVEL_NAMES else 0)
+    labelled = list(enumerate(colours))[:: -(-len(colours) // MAX_COUNT_LABELS)]
+    names = [f"{rows}x{cols}" for _, (rows, cols) in labelled]
+    axes.set_xticks(
+        [column for column, _ in labelled], names, rotation=90 if len(labelled) > MAX_HORIZONTAL_LABELS else 0
+    )
     axes.set_xlim(-0.6, len(colours) - 0.4)
     _finish(axes, f"{axis.name.capitalize()} by count", "rows x columns of mirrors", f"{axis.name}, {axis.unit}")
 
@@ -175,5 +177,7 @@ def _legend(figure: Figure, colours: dict[tuple[int, int], str], columns: int, *
     left = 1.0 - (LEGEND_IN + LEGEND_COLUMN_IN * columns) / WIDTH_IN
     style: dict[str, Any] = {"frameon": False, "fontsize": 9, "borderaxespad": 0.0}
     figure.legend(handles=marks, loc="upper left", bbox_to_anchor=(left, 1.0 - MARGIN_IN["top"] / HEIGHT_IN), **style)
-    own = [Line2D([], [], color=colour, marker="o", label=f"{rows}x{cols}") for (rows, cols), colour in colours.items()]
-    figure.legend(handles=own, loc="upper left", ncols=columns, bbox_to_anchor=(left, 0.80), **style)
+    count_handles = [
+        Line2D([], [], color=colour, marker="o", label=f"{rows}x{cols}") for (rows, cols), colour in colours.items()
+    ]
+    figure.legend(handles=count_handles, loc="upper left", ncols=columns, bbox_to_anchor=(left, 0.80), **style)

@@ -48,7 +48,7 @@ class SweepRequest(Value):
     def _check(self) -> Self:
         varied = next((name for name in VARIED if name in self.common.model_fields_set), None)
         if varied is not None:
-            raise ValueError(f"common.{varied}: is varied by the sweep, expected it only in the sweep's lists")
+            raise ValueError(f"common.{varied}: varied by the sweep, set it only in the sweep's lists")
         self.specs()
         return self
 
@@ -95,13 +95,13 @@ def write_sweep(
     specs
         The specs, in the order of the table.
     folder
-        Folder of the sweep; designs that an interrupted sweep finished there are kept.
+        Folder of the sweep; designs finished there by an interrupted sweep are kept.
     run
         Runner of the designs.
     table
         Format and suffix of the table, `sweep.csv` by default.
     force
-        Whether to replace a table and a figure that no sweep wrote, or that were changed since.
+        Whether to replace a table and a figure that were not written by a sweep, or were changed since.
     progress
         Called with the number of designs done and their total.
 
@@ -123,7 +123,7 @@ def write_sweep(
     return SweepFiles(tuple(outcomes), files)
 
 
-def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
+def grouped(specs: Sequence[DesignSpec]) -> list[list[int]]:
     """Group the numbers of specs by structure: the problem built for one spec of a group is reused for the next.
 
     Arrays of many mirrors come first, so that all cores finish at about the same time.
@@ -134,17 +134,17 @@ def in_order(specs: Sequence[DesignSpec]) -> list[list[int]]:
     return sorted(groups.values(), key=lambda group: -specs[group[0]].rows * specs[group[0]].cols)
 
 
-def design_here(
+def design_locally(
     specs: Sequence[DesignSpec], workers: int, work: Work[str, Answer] = answer
 ) -> Generator[tuple[int, Answer | Died], None, None]:
     """Yield index and answer of each spec as processes of this machine finish it."""
-    yield from run_local([spec.model_dump_json() for spec in specs], workers, work, in_order(specs))
+    yield from run_local([spec.model_dump_json() for spec in specs], workers, work, grouped(specs))
 
 
 def design_on_cluster(
     specs: Sequence[DesignSpec], address: str, work: Work[str, Answer] = answer
 ) -> Generator[tuple[int, Answer | Died], None, None]:
     """Yield index and answer of each spec as workers of the scheduler at `address` finish it."""
-    order = [number for group in in_order(specs) for number in group]
+    order = [number for group in grouped(specs) for number in group]
     for index, outcome in run_cluster([specs[number].model_dump_json() for number in order], address, work):
         yield order[index], outcome

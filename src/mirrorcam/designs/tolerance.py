@@ -32,22 +32,22 @@ PANELS: tuple[tuple[str, str, tuple[str, ...]], ...] = (
     ("After calibration", "part", ("usable_window", "off_sensor")),
 )
 """Title, unit and figures; figures of one unit share a scale."""
-ACROSS = 4
+PANELS_PER_ROW = 4
 WIDTH_IN, HEAD_IN, PANEL_IN, BAR_IN = 17.0, 0.9, 3.9, 0.3
 MARGIN_IN = {"left": 0.85, "right": 0.25, "bottom": 0.65, "top": 0.45}
 BARS_IN = {"left": 2.6, "right": 0.25, "bottom": 1.1, "top": 0.45}
 
 
 def tolerance_metrics(study: Study) -> dict[str, Metric]:
-    """The study, flat: tolerances, figures at each accuracy (a factor on them), and the share of each cause."""
+    """The study as a flat table: tolerances, figures at each accuracy (a factor on them), and shares of causes."""
     metrics = {f"tolerance.{name}": _of_tolerance(study.tolerances, name) for name in WORKMANSHIP}
     metrics["devices"] = Metric(value=study.devices, unit="drawn")
     for accuracy, spreads in study.spreads.items():
-        at = "" if accuracy == 1.0 else f"at_{accuracy:g}x."
+        prefix = "" if accuracy == 1.0 else f"at_{accuracy:g}x."
         for name, spread in spreads.items():
-            metrics |= {f"{at}{name}.{column}": metric for column, metric in spread_columns(spread).items()}
-        metrics[f"{at}hidden_mirrors"] = hidden_mirrors(study, accuracy)
-    for cause, shares in study.shares.items():
+            metrics |= {f"{prefix}{name}.{column}": metric for column, metric in spread_columns(spread).items()}
+        metrics[f"{prefix}hidden_mirrors"] = hidden_mirrors(study, accuracy)
+    for cause, shares in study.cause_fractions.items():
         for name, share in shares.items():
             metrics[f"share.{cause.replace(' ', '_')}.{name}"] = Metric(value=share, unit=SHARE_UNIT)
     return metrics
@@ -56,15 +56,15 @@ def tolerance_metrics(study: Study) -> dict[str, Metric]:
 def write_tolerance(layout: Layout, tolerances: Tolerances, out: Path) -> Study:
     """Study a layout at the depths of its spec; write tolerance.json and tolerance.png into `out`."""
     if layout.spec is None:
-        raise ValueError("write_tolerance needs a layout with a spec, found none to take depths from")
-    found = monte_carlo.study(layout, tolerances, sorted(layout.spec.depths_mm))
-    write_metrics(out / "tolerance.json", tolerance_metrics(found))
-    tolerance_figure(found, out / "tolerance.png")
-    return found
+        raise ValueError("the layout has no spec, expected one with depths")
+    study = monte_carlo.study(layout, tolerances, sorted(layout.spec.depths_mm))
+    write_metrics(out / "tolerance.json", tolerance_metrics(study))
+    tolerance_figure(study, out / "tolerance.png")
+    return study
 
 
 def hidden_mirrors(study: Study, accuracy: float) -> Metric:
-    """Share of devices in which a mirror occludes another, at a factor on the tolerances."""
+    """Fraction of devices in which a mirror occludes another, at a factor on the tolerances."""
     return Metric(value=study.hidden[accuracy], unit="of the devices")
 
 
@@ -86,24 +86,24 @@ def tolerance_figure(study: Study, path: Path) -> None:
         for title, unit, stems in PANELS
         if (names := [name for stem in stems for name in figures if name.startswith(stem)])
     ]
-    rows = -(-len(panels) // ACROSS)
+    rows = -(-len(panels) // PANELS_PER_ROW)
     bars_in = BARS_IN["top"] + BAR_IN * len(figures) + BARS_IN["bottom"]
     height_in = HEAD_IN + PANEL_IN * rows + bars_in
     figure = Figure(figsize=(WIDTH_IN, height_in))
     figure.text(0.5, 1.0 - 0.3 / height_in, "What a maker can expect", ha="center", va="center", fontsize=16)
-    drawn = f"{study.devices} devices; 1x is one standard deviation of {study.tolerances.workmanship}"
-    figure.text(0.5, 1.0 - 0.66 / height_in, drawn, ha="center", va="center", fontsize=11)
-    by_unit: dict[str, list[Axes]] = {}
+    subtitle = f"{study.devices} devices; 1x is one standard deviation of {study.tolerances.workmanship}"
+    figure.text(0.5, 1.0 - 0.66 / height_in, subtitle, ha="center", va="center", fontsize=11)
+    axes_by_unit: dict[str, list[Axes]] = {}
     for number, (title, unit, names) in enumerate(panels):
-        row, column = divmod(number, ACROSS)
-        width_in = WIDTH_IN / ACROSS
+        row, column = divmod(number, PANELS_PER_ROW)
+        width_in = WIDTH_IN / PANELS_PER_ROW
         left_in, bottom_in = column * width_in, height_in - HEAD_IN - (row + 1) * PANEL_IN
         axes = _axes(figure, left_in, bottom_in, width_in, PANEL_IN, MARGIN_IN)
         _over_accuracy(axes, study, title, unit, names)
-        by_unit.setdefault(unit, []).append(axes)
-    for alike in by_unit.values():
-        highest = max(axes.get_ylim()[1] for axes in alike)
-        for axes in alike:
+        axes_by_unit.setdefault(unit, []).append(axes)
+    for same_unit in axes_by_unit.values():
+        highest = max(axes.get_ylim()[1] for axes in same_unit)
+        for axes in same_unit:
             axes.set_ylim(top=highest)
     _shares(_axes(figure, 0.0, 0.0, WIDTH_IN, bars_in, BARS_IN), study, figures)
     with atomic(path) as temporary:
@@ -113,11 +113,13 @@ def tolerance_figure(study: Study, path: Path) -> None:
 def _axes(
     figure: Figure, left_in: float, bottom_in: float, width_in: float, height_in: float, margin_in: dict[str, float]
 ) -> Axes:
-    """Add axes to a cell of the figure; placed by hand, since matplotlib's layout engines vary from run to run."""
-    across, upwards = figure.get_size_inches()
+    """Add axes to a cell of the figure; placed explicitly, since matplotlib's layout engines vary from run to run."""
+    total_width_in, total_height_in = figure.get_size_inches()
     size = width_in - margin_in["left"] - margin_in["right"], height_in - margin_in["top"] - margin_in["bottom"]
     corner = left_in + margin_in["left"], bottom_in + margin_in["bottom"]
-    return figure.add_axes((corner[0] / across, corner[1] / upwards, size[0] / across, size[1] / upwards))
+    return figure.add_axes(
+        (corner[0] / total_width_in, corner[1] / total_height_in, size[0] / total_width_in, size[1] / total_height_in)
+    )
 
 
 def _label(name: str) -> str:
@@ -132,7 +134,7 @@ def _over_accuracy(axes: Axes, study: Study, title: str, unit: str, names: Seque
     """Draw median and range of figures over accuracy; accuracy 0 is the design itself."""
     accuracies = [0.0, *study.spreads]
     for name, colour in zip(names, cycle(COLOURS)):
-        spreads = [of[name] for of in study.spreads.values()]
+        spreads = [by_name[name] for by_name in study.spreads.values()]
         design = spreads[0].nominal
         low, median, high = (
             [design, *(getattr(spread, end) for spread in spreads)] for end in ("low", "median", "high")
@@ -152,17 +154,17 @@ def _over_accuracy(axes: Axes, study: Study, title: str, unit: str, names: Seque
 
 
 def _shares(axes: Axes, study: Study, figures: Sequence[str]) -> None:
-    """Draw the share of each tolerance in the spread of figures, as bars of one length."""
+    """Draw the share of each tolerance in the spread of figures, as bars of equal length."""
     rows = np.arange(len(figures))
     start = np.zeros(len(figures))
     for cause, colour in zip(CAUSES, COLOURS, strict=True):
-        if cause in study.shares:
-            parts = np.array([study.shares[cause][name] for name in figures])
+        if cause in study.cause_fractions:
+            parts = np.array([study.cause_fractions[cause][name] for name in figures])
             axes.barh(rows, parts, left=start, color=colour, height=0.75, label=cause)
             start += parts
     axes.set(xlim=(0.0, 1.0), ylim=(len(figures) - 0.4, -0.6))
     axes.set_yticks(rows, [_label(name) for name in figures], fontsize=9)
     axes.xaxis.set_major_formatter(PercentFormatter(1.0))
     axes.set_title("Share of each tolerance in the mean square deviation from the design, one at a time")
-    if study.shares:
+    if study.cause_fractions:
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=len(COLOURS), frameon=False, fontsize=10)

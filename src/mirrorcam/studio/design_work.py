@@ -47,7 +47,7 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
     except InfeasibleDesign as error:
         from mirrorcam.studio.drawing import violation_drawing
 
-        drawing = None if error.where is None else violation_drawing(spec, error.where)
+        drawing = None if error.violation is None else violation_drawing(spec, error.violation)
         return RefusedDesign(error.constraint, error.finding, drawing)
     except InputError as error:
         return RefusedDesign("", str(error))

@@ -87,7 +87,7 @@ def violation_drawing(spec: DesignSpec, where: LeastViolation) -> ViolationDrawi
     """Return the drawing of an infeasible request: its mirrors, whose sub-images may overlap, and the violations."""
     rotation, camera = spec.view_from_rig.T, spec.camera
     beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in where.mirrors)
-    body = np.zeros((0, 3)) if camera.body_mm is None else spec.kept_free_in_rig_mm
+    body = np.zeros((0, 3)) if camera.body_mm is None else spec.keep_out_in_rig_mm
     return ViolationDrawing(
         sensor_px=(camera.width_px, camera.height_px),
         body_mm=_rounded(body @ rotation, MM_DECIMALS),
@@ -144,19 +144,19 @@ def _outline_px(layout: Layout, index: int) -> FloatArray:
 def _chief(mirror: Mirror, beyond_mm: float) -> FloatArray:
     """Return the chief ray (3, 3) in the rig frame, mm: the pupil, the mirror, and a point towards the scene."""
     apparent = mirror.apparent
-    hit = apparent.cut(apparent.outline_normalized.mean(axis=0))
+    hit = apparent.intersect(apparent.outline_normalized.mean(axis=0))
     reflected = hit - apparent.virtual_centre_in_rig_mm
     return np.array([np.zeros(3), hit, hit + reflected * (beyond_mm / np.linalg.norm(reflected))])
 
 
 def _rays(views: FieldsOfView) -> ViewRays:
-    mirror = [k for k, part in views.corners_of.items() for _ in range(part.start, part.stop)]
+    mirror = [k for k, part in views.corner_slices.items() for _ in range(part.start, part.stop)]
     directions = views.directions / views.directions[:, 2:]
     return ViewRays(
         mirror=mirror,
         points_mm=_rounded(views.origins_mm, MM_DECIMALS),
         directions=_rounded(directions, RAY_DECIMALS),
-        reach_mm=round(views.reach_mm, MM_DECIMALS),
+        reach_mm=round(views.mirror_depth_mm, MM_DECIMALS),
     )
 
 
@@ -172,7 +172,7 @@ def _common_px(layout: Layout, views: FieldsOfView, depth_mm: float) -> list[lis
 def _curves(
     layout: Layout, views: FieldsOfView, spacings: FloatArray, depths_mm: Sequence[float], *, coarse: bool
 ) -> Curves:
-    nearest_mm = max(views.reach_mm * 1.02, 0.4 * depths_mm[0])
+    nearest_mm = max(views.mirror_depth_mm * 1.02, 0.4 * depths_mm[0])
     farthest_mm = max(MAX_DEPTH_RATIO * depths_mm[-1], 1.1 * nearest_mm)
     sample_depths_mm = np.geomspace(nearest_mm, farthest_mm, COARSE_CURVE_POINTS if coarse else CURVE_POINTS)
     focal_px = np.array([layout.camera.fx_px, layout.camera.fy_px])

@@ -15,7 +15,7 @@ from mirrorcam.core.disk.output_folder import HIDDEN, results_folder
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died
-from mirrorcam.designs.sweep_files import design_here, design_on_cluster
+from mirrorcam.designs.sweep_files import design_locally, design_on_cluster
 from mirrorcam.designs.sweep_work import Answer
 from mirrorcam.optics.design.spec_grid import grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -63,7 +63,7 @@ def test_a_killed_worker_costs_no_design(cluster: tuple[str, list[subprocess.Pop
     outcomes = sweep_into(SPECS, tmp_path / "cluster", with_a_kill)
     assert first.wait(timeout=10) == -signal.SIGKILL
     assert [outcome.status for outcome in outcomes] == ["solved"] * len(SPECS)
-    assert outcomes == sweep_into(SPECS, tmp_path / "local", partial(design_here, workers=2))
+    assert outcomes == sweep_into(SPECS, tmp_path / "local", partial(design_locally, workers=2))
     assert files_of(tmp_path / "cluster") == files_of(tmp_path / "local")
 
 
@@ -101,7 +101,7 @@ def test_a_lost_scheduler_keeps_what_is_finished(
 
     def noting(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
         asked.extend(specs)
-        yield from design_here(specs, 2)
+        yield from design_locally(specs, 2)
 
     sweep_into(SPECS, tmp_path, noting)
     assert len(asked) + len([name for name in kept if name.startswith("layouts/")]) == len(SPECS)

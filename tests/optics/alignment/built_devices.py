@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.alignment.alignment import view_turns
+from mirrorcam.optics.alignment.alignment import view_rotation_signs
 from mirrorcam.optics.alignment.build_errors import CAMERA_ERRORS, RIGID_ERRORS, BuildErrors, BuiltDevice
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -63,7 +63,7 @@ def tilts_deg(layout: Layout, errors: BuildErrors, units: FloatArray) -> FloatAr
     found = []
     for k in range(len(layout.mirrors)):
         about_x, about_y = np.degrees((units * device.sigma)[device.tilts(k)])
-        right, down = view_turns(layout, k)
+        right, down = view_rotation_signs(layout, k)
         found.append([right * about_y, down * about_x])
     return np.array(found)
 

@@ -14,7 +14,7 @@ from mirrorcam.optics.alignment.alignment import (
     SceneAligner,
     mean_grey,
     mirror_tilt,
-    view_turns,
+    view_rotation_signs,
 )
 from mirrorcam.optics.alignment.build_errors import CAMERA_ERRORS, BuildErrors, BuiltDevice
 from mirrorcam.optics.geometry.camera import Camera
@@ -29,9 +29,9 @@ SMALL_CAMERA = Camera(width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_
 LAYOUT = faceted_parabola(SMALL_CAMERA, DesignSpec(camera=SMALL_CAMERA), fill=0.9)
 
 
-def test_a_view_turns_to_where_the_signs_say(default_layout: Layout) -> None:
+def test_a_view_rotates_as_the_signs_say(default_layout: Layout) -> None:
     for index in range(9):
-        right, down = view_turns(default_layout, index)
+        right, down = view_rotation_signs(default_layout, index)
         mirror = default_layout.mirrors[index]
         middle = mirror.outline_in_rig_mm.mean(axis=0)
         for axis, sign, which in ((1, right, 0), (0, down, 1)):
@@ -59,14 +59,14 @@ def test_tilts_of_a_device_are_within_their_deviations(default_layout: Layout) -
 
 
 @pytest.mark.slow
-def test_a_turn_of_the_camera_is_none_of_the_mirrors(default_layout: Layout) -> None:
+def test_a_rotation_of_the_camera_is_not_one_of_the_mirrors(default_layout: Layout) -> None:
     pinhole = default_layout.replaced(camera=default_layout.camera.replaced(aperture_mm=0.0))
     units = np.zeros(BuiltDevice(pinhole, BuildErrors()).count)
     units[3:6] = 1.5, 0.0, -1.5
     found = EdgeAligner(pinhole).align([sheet(built(pinhole, BuildErrors(), units)).round().astype(np.uint8)])
     determined = [value for each in found.mirrors for value in (each.right_deg, each.down_deg) if np.isfinite(value)]
     assert determined and np.sqrt(np.mean(np.square(determined))) < 0.3  # they share part of it: 0.75 deg look alike
-    assert found.camera_turn_deg[2] == pytest.approx(-0.75, abs=0.15)
+    assert found.camera_rotation_deg[2] == pytest.approx(-0.75, abs=0.15)
 
 
 def test_tilts_in_words() -> None:
@@ -113,17 +113,17 @@ def drawn(fitter: EdgeFitter, seed: int) -> FloatArray:
 def test_edges_of_a_white_sheet_are_found_where_they_are(pinhole: Layout, fitter: EdgeFitter) -> None:
     units = drawn(fitter, 0)
     found = fitter.fit(sheet(built(pinhole, BuildErrors(), units)))
-    for place, points in enumerate((found.stations.own, found.stations.other)):
+    for place, points in enumerate((found.stations.edge, found.stations.neighbour_edge)):
         truth = fitter.device.pixels(points, units)
         designed = fitter.device.pixels(points, np.zeros(fitter.device.count))
-        off = ((truth - designed) * found.stations.out).sum(axis=1) - found.offset_px[:, place]
+        off = ((truth - designed) * found.stations.outward).sum(axis=1) - found.offset_px[:, place]
         kept = found.stations.has_neighbour if place else np.ones(len(off), bool)
         assert np.sqrt(np.mean(off[kept] ** 2)) < 0.6
         assert np.abs(truth - designed).max() > 8.0
 
 
 @pytest.mark.slow
-def test_the_turn_of_the_camera_is_found(pinhole: Layout, fitter: EdgeFitter) -> None:
+def test_the_rotation_of_the_camera_is_measured(pinhole: Layout, fitter: EdgeFitter) -> None:
     units = np.zeros(fitter.device.count)
     units[3:6] = 1.2, -1.0, 0.8
     found = fitter.fit(sheet(built(pinhole, BuildErrors(), units)))
@@ -139,14 +139,14 @@ def test_a_dark_frame_determines_nothing(fitter: EdgeFitter) -> None:
     assert np.isnan(found.station_offset_px).mean() > 0.9
     mirrors = np.sqrt(np.diag(found.covariance))[CAMERA_ERRORS:]
     assert mirrors.min() > 0.5
-    designed, seen = found.seen_points
+    designed, seen = found.edge_positions
     assert len(designed) == len(seen) < 0.1 * found.station_offset_px.size
 
 
 @pytest.mark.slow
-def test_seen_points_are_as_far_from_the_design_as_edges_are(pinhole: Layout, fitter: EdgeFitter) -> None:
+def test_edge_positions_are_as_far_from_the_design_as_edges_are(pinhole: Layout, fitter: EdgeFitter) -> None:
     found = fitter.fit(sheet(pinhole))
-    designed, seen = found.seen_points
+    designed, seen = found.edge_positions
     assert len(designed) > 60
     assert np.median(np.linalg.norm(seen - designed, axis=1)) < 0.6
 

@@ -7,7 +7,7 @@ import pytest
 
 from mirrorcam.optics.alignment.build_errors import BuildErrors, BuiltDevice
 from mirrorcam.optics.alignment.edge_profiles import (
-    REACH_PX,
+    MAX_EXTENT_PX,
     STATIONS,
     Stations,
     edge_residuals,
@@ -27,21 +27,26 @@ def test_stations_lie_inside_the_sensor_on_edges_that_point_outwards(default_lay
     assert len(seen.position_px) > 60
     assert (seen.position_px > 0.0).all() and (seen.position_px < [1919.0, 1079.0]).all()
     middles = np.array([default_layout.outline_px(k).mean(axis=0) for k in range(9)])
-    assert (((seen.position_px - middles[seen.own.mirror]) * seen.out).sum(axis=1) > 0.0).all()
+    assert (((seen.position_px - middles[seen.edge.mirror]) * seen.outward).sum(axis=1) > 0.0).all()
 
 
 def test_each_pair_of_edges_has_its_stations_once(seen: Stations) -> None:
     pairs = {
         frozenset([(int(a), int(b)), (int(c), int(d))])
         for a, b, c, d, paired in zip(
-            seen.own.mirror, seen.own.edge, seen.other.mirror, seen.other.edge, seen.has_neighbour, strict=True
+            seen.edge.mirror,
+            seen.edge.edge,
+            seen.neighbour_edge.mirror,
+            seen.neighbour_edge.edge,
+            seen.has_neighbour,
+            strict=True,
         )
         if paired
     }
     assert len(pairs) * STATIONS == seen.has_neighbour.sum()
     assert len(pairs) == 12  # 3 x 3 mirrors: six horizontal and six vertical pairs
-    assert (seen.gap_px[seen.has_neighbour] > 0.0).all() and (seen.gap_px < REACH_PX).all()
-    assert (seen.own.mirror != seen.other.mirror)[seen.has_neighbour].all()
+    assert (seen.gap_px[seen.has_neighbour] > 0.0).all() and (seen.gap_px < MAX_EXTENT_PX).all()
+    assert (seen.edge.mirror != seen.neighbour_edge.mirror)[seen.has_neighbour].all()
 
 
 def test_a_pinhole_blurs_no_edge(default_layout: Layout, seen: Stations) -> None:

@@ -30,7 +30,7 @@ def test_a_rotation_of_a_few_digits_is_made_exact() -> None:
     np.testing.assert_allclose(found @ found.T, np.eye(3), atol=1e-15)
     np.testing.assert_allclose(found, turn, atol=5e-6)
     assert np.linalg.det(orthogonal(np.diag([-1.0, 1.0, 1.0]), "here")) == pytest.approx(-1.0)
-    with pytest.raises(InputError, match="here: is not a rotation"):
+    with pytest.raises(InputError, match="here: not a rotation"):
         orthogonal(1.01 * turn, "here")
     with pytest.raises(InputError, match="expected a rotation"):
         orthogonal(np.eye(4), "here")

@@ -19,7 +19,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_gaps import seen_closer_than
+from mirrorcam.optics.geometry.mirror_gaps import sub_images_closer_than
 
 CAMERAS = (
     Camera.c920(),
@@ -130,7 +130,7 @@ def test_a_mirror_that_leaves_the_sensor_is_named(size: tuple[int, int], row: in
     mirror, side = layout.mirrors[index], 1.0 if right else -1.0
     corners = mirror.outline_normalized.copy()
     corners[np.argsort(side * corners[:, 0])[-2:], 0] += side * out_px / layout.camera.fx_px
-    broken = damaged(layout, index, mirror.replaced(outline_in_rig_mm=mirror.cut(corners)))
+    broken = damaged(layout, index, mirror.replaced(outline_in_rig_mm=mirror.intersect(corners)))
     assert "outside_sensor_px" in failed(broken, spec)
     assert verify(broken, spec)["outside_sensor_px"].value == pytest.approx(out_px, abs=0.1)
 
@@ -164,11 +164,11 @@ def test_a_sub_image_that_reaches_for_another_is_named(size: tuple[int, int], da
     corners = mirror.outline_normalized.copy()
     nearest = neighbour.outline_normalized[:, 0].min()
     corners[np.argsort(corners[:, 0])[-2:], 0] = nearest - part * gap
-    broken = damaged(layout, index, mirror.replaced(outline_in_rig_mm=mirror.cut(corners)))
+    broken = damaged(layout, index, mirror.replaced(outline_in_rig_mm=mirror.intersect(corners)))
     assert "smallest_seen_gap_mm" in failed(broken, spec)
     found = verify(broken, spec)["smallest_seen_gap_mm"].value
     assert found == pytest.approx(part * spec.seen_gap_mm, abs=1e-6)
-    assert [(index, index + 1)] == seen_closer_than(broken.mirrors, gap)
+    assert [(index, index + 1)] == sub_images_closer_than(broken.mirrors, gap)
 
 
 @given(st.sampled_from([(1, 2), (2, 1)]), st.integers(0, 1), st.floats(0.05, 0.45))

@@ -66,7 +66,7 @@ def test_sub_images_too_close_are_joined_from_mirror_to_mirror() -> None:
         assert violation.missing_mm == pytest.approx(20.0 - 80.0 * np.linalg.norm(ends[1] - ends[0]), abs=1e-6)
 
 
-def test_an_edge_too_short_is_the_place() -> None:
+def test_an_edge_that_is_too_short_is_the_reported_segment() -> None:
     at = found(ROW.replaced(min_edge_mm=1000.0), "size")
     for violation in at.violations:
         (k,) = violation.mirrors
@@ -97,7 +97,7 @@ def test_mirrors_in_the_box_around_the_camera_are_met_in_it() -> None:
     spec = ROW.replaced(body_clearance_mm=70.0)
     at = found(spec, "body")
     assert {violation.mirrors for violation in at.violations} == {(0,), (1,), (2,)}
-    low, high = spec.kept_free_in_rig_mm.min(axis=0), spec.kept_free_in_rig_mm.max(axis=0)
+    low, high = spec.keep_out_in_rig_mm.min(axis=0), spec.keep_out_in_rig_mm.max(axis=0)
     for violation in at.violations:
         assert (violation.place_in_rig_mm >= low - 1e-6).all()
         assert (violation.place_in_rig_mm <= high + 1e-6).all()
@@ -124,8 +124,8 @@ def test_the_refusal_keeps_it_between_processes() -> None:
     refusal = InfeasibleDesign("size", "too small", found(ROW.replaced(min_edge_mm=1000.0), "size"))
     again = pickle.loads(pickle.dumps(refusal))
     assert (str(again), again.constraint, again.finding) == (str(refusal), "size", "too small")
-    assert again.where == refusal.where
-    assert LeastViolation.model_validate_json(refusal.where.model_dump_json()) == refusal.where
+    assert again.violation == refusal.violation
+    assert LeastViolation.model_validate_json(refusal.violation.model_dump_json()) == refusal.violation
 
 
 def test_closest_points_are_as_far_apart_as_the_hulls() -> None:

@@ -279,7 +279,7 @@ def test_other_requests(changes: dict[str, object]) -> None:
 
 
 @pytest.mark.slow
-def test_mirrors_that_are_no_neighbours_keep_apart_too() -> None:
+def test_mirrors_that_are_not_neighbours_are_separated_too() -> None:
     # Such a near scene needs mirrors so slanted that the first row blocks light of the third.
     spec = DesignSpec(depths_mm=(30.0,))
     layout = designed(spec)
@@ -343,7 +343,8 @@ def _cost_as_built(layout: Layout, drawn: Perturbations) -> float:
     """The objective of the default spec, with the mean efficiency of devices with a pinhole camera."""
     views, size_px = built_views(layout, drawn), layout.camera.width_px * layout.camera.height_px
     seen = [
-        views.seen_px(views.common_regions(depth)[0], depth).sum(axis=1).mean() / size_px for depth in (300.0, 500.0)
+        views.pixel_count(views.common_regions(depth)[0], depth).sum(axis=1).mean() / size_px
+        for depth in (300.0, 500.0)
     ]
     return float(0.3 * (layout.metrics["grid_error"].value / 0.25) ** 2 + 0.7 * (1.0 - np.mean(seen)))
 

@@ -21,7 +21,7 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
             (
                 "depth",
                 DesignSpec(depths_mm=(10.0, 500.0), fold_deg=90.0),
-                r"10 mm is nearer than the mirrors, they reach [\d.]+ mm past it",
+                r"10 mm is nearer than the mirrors: they reach [\d.]+ mm past it",
             ),
             (
                 "overlap",
@@ -36,17 +36,17 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
             (
                 "spacing",
                 DesignSpec(rows=2, cols=2, spacing_mm=100.0),
-                r"mirrors cannot be 100 mm apart, they come [\d.]+ mm too close",
+                r"mirrors cannot be 100 mm apart: they come [\d.]+ mm too close",
             ),
             (
                 "seen gap",
                 DesignSpec(scale_mm=0.001),
-                r"sub-images cannot be 0.5 mm apart, they come 0.498 mm too close",
+                r"sub-images cannot be 0.5 mm apart: they come 0.498 mm too close",
             ),
             (
                 "seen gap",
                 DesignSpec(rows=2, cols=2, seen_gap_mm=100.0),
-                r"sub-images cannot be 100 mm apart, they come \d+(\.\d)? mm too close",
+                r"sub-images cannot be 100 mm apart: they come \d+(\.\d)? mm too close",
             ),
             (
                 "body",
@@ -67,7 +67,7 @@ def test_infeasible_specs_are_refused_by_constraint(constraint: str, spec: Desig
     with pytest.raises(InfeasibleDesign, match=f"^infeasible design, {constraint} constraint: .*{message}") as refusal:
         design(spec)
     assert refusal.value.constraint == constraint
-    where = refusal.value.where
+    where = refusal.value.violation
     if spec.scale_mm > 1.0:  # mirrors at a micrometre cannot be drawn
         assert where is not None
         assert where.constraint == constraint

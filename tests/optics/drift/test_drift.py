@@ -32,14 +32,14 @@ def test_nothing_moved(frames: list[Any]) -> None:
 
 
 @pytest.mark.parametrize("index", a_few(1, [0, 4, 7]))
-def test_a_turn_of_two_hundredths_of_a_degree_is_detected_and_solved(frames: list[Any], index: int) -> None:
+def test_a_rotation_of_two_hundredths_of_a_degree_is_detected_and_solved(frames: list[Any], index: int) -> None:
     calibrated = device().calibrated
     turn = across(calibrated, index, 0.02, np.random.default_rng(index))
     drift = drift_in(turned(calibrated, index, turn), frames)
     assert [mirror.index for mirror in drift.moved] == [index]
     move = drift.moved[0]
-    assert np.linalg.norm(move.turn_deg + turn) < 0.01
-    assert np.linalg.norm(move.turn_deg + turn) < 3.0 * move.turn_sigma_deg
+    assert np.linalg.norm(move.rotation_deg + turn) < 0.01
+    assert np.linalg.norm(move.rotation_deg + turn) < 3.0 * move.rotation_sigma_deg
 
 
 @pytest.mark.slow

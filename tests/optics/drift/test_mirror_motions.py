@@ -19,7 +19,7 @@ from mirrorcam.optics.drift.scene_fit import parameter_names
 from tests.optics.drift.calibrated_device import device, turned
 
 
-def test_the_derivative_of_the_turn_is_that_of_differences() -> None:
+def test_the_derivative_of_the_rotation_agrees_with_differences() -> None:
     layout = device().truth
     names = parameter_names(layout)
     mirror = layout.mirrors[3]
@@ -30,14 +30,14 @@ def test_the_derivative_of_the_turn_is_that_of_differences() -> None:
     assert rotation_jacobian(layout, names, 3) @ change == pytest.approx(turn, abs=2e-3 * float(np.linalg.norm(turn)))
 
 
-def test_turns_about_the_middle_are_those_of_differences() -> None:
+def test_rotations_about_the_centre_agree_with_differences() -> None:
     layout = device().truth
     mirror, turn = layout.mirrors[3], np.array([0.0003, -0.0005, 0.0008])
     moved = turned(layout, 3, np.degrees(turn)).mirrors[3].virtual_centre_in_rig_mm - mirror.virtual_centre_in_rig_mm
     assert turn @ centre_changes(mirror) == pytest.approx(moved, abs=2e-3 * float(np.linalg.norm(moved)))
 
 
-def test_a_shift_and_a_turn_have_their_variances() -> None:
+def test_a_shift_and_a_rotation_have_their_variances() -> None:
     mirror = device().truth.mirrors[3]
     n = mirror.normal_in_rig
     assert n @ motion_covariance(mirror, 0.0, 0.3) @ n == pytest.approx(0.6**2)

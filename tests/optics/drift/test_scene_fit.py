@@ -62,7 +62,7 @@ def test_a_turned_mirror_is_found_where_it_is() -> None:
     assert change == pytest.approx(expected, abs=1e-3 * float(np.linalg.norm(expected)))
 
 
-def test_a_scene_that_moves_while_rows_are_read_is_no_turn_of_a_mirror() -> None:
+def test_a_scene_that_moves_during_readout_is_not_a_rotation_of_a_mirror() -> None:
     truth = device().truth
     twist = np.array([0.01, -0.008, 0.004, 3.0, -2.0, 1.0])
     moved = turned(truth, INDEX, np.array([0.02, 0.0, 0.0]))
@@ -84,7 +84,7 @@ def test_contributions_of_cells_scatter_no_more_than_independent_noise() -> None
     assert 0.4 < np.trace(white.T @ fit.scatter @ white) / kept.sum() < 1.1
 
 
-def test_points_that_are_matched_wrong_hardly_count() -> None:
+def test_wrong_matches_hardly_count() -> None:
     truth = device().truth
     moved = turned(truth, INDEX, np.array([0.03, 0.0, 0.02]))
     matches = seen(moved, 0.05)

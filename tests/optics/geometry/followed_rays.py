@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.mirror import Mirror, cut
+from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
 from mirrorcam.optics.geometry.transforms import transform
 
 SQUARE = np.array([[-0.18, -0.15], [0.12, -0.15], [0.12, 0.15], [-0.18, 0.15]])
@@ -16,14 +16,14 @@ FOCAL_PX = 1360.38
 
 def mirror(**fields: object) -> Mirror:
     centre = np.array([9.0, -80.0, 84.0])
-    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(SQUARE, centre), **fields)
+    return Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=intersect_plane(SQUARE, centre), **fields)
 
 
 def scene_points(count: int = 60) -> FloatArray:
     """Points (n, 3) that this mirror shows to the camera, 200 to 900 mm away."""
     random = np.random.default_rng(5)
     plain = mirror()
-    through = plain.cut(random.uniform(SQUARE.min(axis=0), SQUARE.max(axis=0), (count, 2)))
+    through = plain.intersect(random.uniform(SQUARE.min(axis=0), SQUARE.max(axis=0), (count, 2)))
     rays = through - plain.virtual_centre_in_rig_mm
     return through + rays / np.linalg.norm(rays, axis=1, keepdims=True) * random.uniform(200.0, 900.0, (count, 1))
 

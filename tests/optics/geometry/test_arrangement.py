@@ -64,8 +64,8 @@ def test_names_stand_for_patterns() -> None:
     [
         ([[0, 0]], "has 1 positions, expected 2 to 144"),
         (np.zeros((145, 2)) + np.arange(145)[:, None], "has 145 positions"),
-        ([[0, 0], [1, 0], [1, 1e-9]], "positions 1 and 2 in the same place"),
-        ([[0, 0], [0, 0]], "positions 0 and 1 in the same place"),
+        ([[0, 0], [1, 0], [1, 1e-9]], "coincident positions 1 and 2"),
+        ([[0, 0], [0, 0]], "coincident positions 0 and 1"),
         ([[0, 0, 1], [1, 0, 1]], r"shape \(2, 3\), expected \(n, 2\)"),
         ([[0, 0], [0, np.nan]], "NaN"),
     ],

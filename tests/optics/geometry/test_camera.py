@@ -190,7 +190,7 @@ def test_cameras_refuse_by_name(changes: dict[str, Any], where: str) -> None:
 
 
 def test_a_body_is_a_box() -> None:
-    with pytest.raises(InvalidValue, match="the box's least corner, then its greatest"):
+    with pytest.raises(InvalidValue, match="the box's minimum corner, then its maximum"):
         Camera.c920().replaced(body_mm=((0.0, 0.0, 0.0), (1.0, -1.0, 1.0)))
 
 

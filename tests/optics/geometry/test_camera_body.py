@@ -64,8 +64,8 @@ def test_lens_and_holes_are_within_the_body(name: str) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"guessed": ("lens_z_mm",)}, "guessed: lens_z_mm is no dimension of a body"),
-        ({"guessed": ("name",)}, "guessed: name is no dimension of a body"),
+        ({"guessed": ("lens_z_mm",)}, "guessed: lens_z_mm is not a dimension of a body"),
+        ({"guessed": ("name",)}, "guessed: name is not a dimension of a body"),
         ({"end_radius_mm": 12.6}, "end_radius_mm 12.6, expected at most half of 90 x 25"),
         ({"foot_mm": (1.0, 0.0, 1.0)}, "foot_mm"),
         ({"lens_protrusion_mm": -1.0}, "lens_protrusion_mm"),

@@ -134,7 +134,7 @@ def test_an_own_camera_is_a_profile_or_the_optics_or_the_body_alone(tmp_path: Pa
         ("width_px = 1000\n", "", r"mine\.toml: optics\.(width|cx)_px: "),
         ("fx_px = 1000.0", "fx_px = 1000.0\nbody_mm = [[0, 0, 0], [1, 1, 1]]", "optics.body_mm is given"),
         ('name = "mine"', 'name = "mine"\nguessed = ["lens"]', "guessed: lens is not a field"),
-        ("cable_mm = 4.0", 'cable_mm = 4.0\nguessed = ["lens"]', "guessed: lens is no dimension of a body"),
+        ("cable_mm = 4.0", 'cable_mm = 4.0\nguessed = ["lens"]', "guessed: lens is not a dimension of a body"),
         ("[published]", '[set_aside]\nvertical_deg = "why"\n[published]', "set_aside: vertical_deg is not published"),
         ("https://example.org/ruler", "a ruler", r"mine\.toml: sources\.0\.url: "),
         ('"a ruler"', '"a \\u001b[31m ruler"', r"sources\.0\.title: .*cannot be printed"),

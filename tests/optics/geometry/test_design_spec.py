@@ -57,7 +57,7 @@ def test_a_refusal_names_its_constraint() -> None:
     assert str(refusal) == "infeasible design, spacing constraint: mirrors come 3 mm too close"
 
 
-def test_a_pattern_takes_the_place_of_rows_and_columns() -> None:
+def test_a_pattern_replaces_rows_and_columns() -> None:
     spec = DesignSpec(pattern=Pattern.ring(8))
     assert (spec.arrangement.rows, spec.arrangement.cols, spec.arrangement.text) == (1, 8, "ring8")
     written = spec.model_dump(mode="json")

@@ -120,7 +120,7 @@ def test_the_central_mirror(rows: int, cols: int, central: int, parabola_layout:
     corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * 0.01
     template = parabola_layout.mirrors[4]
     mirrors = tuple(
-        template.replaced(outline_in_rig_mm=template.cut(corners + 0.03 * np.array([col, row])))
+        template.replaced(outline_in_rig_mm=template.intersect(corners + 0.03 * np.array([col, row])))
         for row in range(rows)
         for col in range(cols)
     )
@@ -211,13 +211,13 @@ def test_crossing_dented_and_overlapping_outlines_are_refused(tmp_path: Path, pa
     mirrors, place = parabola_layout.mirrors, ["mirrors", 4, "outline_in_rig_mm"]
     with pytest.raises(InputError, match=r"mirrors\.4: outline crosses itself, expected a convex polygon"):
         load(tmp_path, _with(data_of(parabola_layout), place, _outline(mirrors[4], [0, 2, 1, 3])))
-    dent = mirrors[4].cut(np.array([[-0.1, -0.1], [0.1, -0.1], [0.0, 0.0], [0.1, 0.1], [-0.1, 0.1]])).tolist()
+    dent = mirrors[4].intersect(np.array([[-0.1, -0.1], [0.1, -0.1], [0.0, 0.0], [0.1, 0.1], [-0.1, 0.1]])).tolist()
     with pytest.raises(InputError, match=r"mirrors\.4: outline is not convex, expected a convex polygon"):
         load(tmp_path, _with(data_of(parabola_layout), place, dent))
-    wide = mirrors[4].cut(np.array([[-0.3, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.3, 0.1]])).tolist()
+    wide = mirrors[4].intersect(np.array([[-0.3, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.3, 0.1]])).tolist()
     with pytest.raises(InputError, match=r"outlines of mirrors 1-0 and 1-1 overlap in the image, expected a gap"):
         load(tmp_path, _with(data_of(parabola_layout), place, wide))
-    inside = mirrors[3].cut(0.5 * mirrors[4].outline_normalized).tolist()
+    inside = mirrors[3].intersect(0.5 * mirrors[4].outline_normalized).tolist()
     with pytest.raises(InputError, match=r"outlines of mirrors 1-0 and 1-1 overlap in the image"):
         load(tmp_path, _with(data_of(parabola_layout), ["mirrors", 3, "outline_in_rig_mm"], inside))
 
@@ -227,7 +227,7 @@ def test_a_device_may_hide_a_sliver_that_a_design_may_not(parabola_layout: Layou
     def grown(by: float) -> tuple[Mirror, ...]:
         outline = parabola_layout.mirrors[4].outline_normalized.copy()
         outline[outline[:, 0] < 0, 0] -= by
-        cut = parabola_layout.mirrors[4].replaced(outline_in_rig_mm=parabola_layout.mirrors[4].cut(outline))
+        cut = parabola_layout.mirrors[4].replaced(outline_in_rig_mm=parabola_layout.mirrors[4].intersect(outline))
         return (*parabola_layout.mirrors[:4], cut, *parabola_layout.mirrors[5:])
 
     width = float(np.ptp(parabola_layout.mirrors[4].outline_normalized[:, 0]))

@@ -45,7 +45,7 @@ def test_a_bent_layout_keeps_no_figures_of_the_one_before(default_layout: Layout
     assert bent.camera == default_layout.camera
 
 
-def test_images_move_by_twice_the_turn(default_layout: Layout, table: GravityTable) -> None:
+def test_images_rotate_by_twice_the_mirrors_rotation(default_layout: Layout, table: GravityTable) -> None:
     bent = layout_in_pose(default_layout, table, DOWN)
     shifts = image_shifts_px(default_layout, bent, 500.0)
     assert len(shifts) == len(default_layout.mirrors)

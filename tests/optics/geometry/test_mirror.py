@@ -108,11 +108,11 @@ def test_a_plane_gives_its_mirror_whatever_the_length_and_sign_of_its_normal(
     assert np.allclose(found.virtual_centre_in_rig_mm, centre, rtol=1e-9, atol=1e-9)
 
 
-def test_viewing_rays_are_cut_where_the_plane_is() -> None:
+def test_viewing_rays_intersect_the_plane() -> None:
     one = mirror()
     assert np.allclose(one.outline_normalized, QUAD)
-    assert np.allclose(one.cut(np.array(QUAD)), one.outline_in_rig_mm)
-    inside = one.cut(np.zeros((2, 7, 2)))
+    assert np.allclose(one.intersect(np.array(QUAD)), one.outline_in_rig_mm)
+    inside = one.intersect(np.zeros((2, 7, 2)))
     assert inside.shape == (2, 7, 3)
     assert np.allclose(inside @ one.normal_in_rig, -one.distance_mm)
 
@@ -199,7 +199,7 @@ def test_invalid_mirrors_are_refused() -> None:
     corners = [[0, -50, -1], [9, -50, 5], [0, -50, 9]]
     with pytest.raises(InvalidValue, match="outline has a corner behind the camera, expected z > 0"):
         Mirror.from_plane(np.array([0.0, -50, 0]), np.array([0.0, 1, 0]), outline_in_rig_mm=corners)
-    assert "lies in the pupil" in refusal(virtual_centre_in_rig_mm=[0.0, 0.0, 1e-4])
+    assert "coincides with the pupil" in refusal(virtual_centre_in_rig_mm=[0.0, 0.0, 1e-4])
     assert "NaN or infinite" in refusal(virtual_centre_in_rig_mm=[np.nan, -80, 80])
     assert "shape (2,), expected (3)" in refusal(virtual_centre_in_rig_mm=[-80, 80])
     assert "shape (3, 2), expected (n, 3)" in refusal(outline_in_rig_mm=np.zeros((3, 2)))
@@ -268,7 +268,7 @@ def test_half_spaces_touch_every_corner_and_hold_all_of_them(surface: Literal["f
     assert (solid.corners_in_rig_mm.mean(axis=0) @ normals.T < offsets).all()
 
 
-def test_a_point_is_inside_where_it_is_between_the_faces_and_within_the_outline() -> None:
+def test_a_point_is_inside_between_the_faces_and_within_the_outline() -> None:
     of = pentagon("first")
     middle = CORNERS.mean(axis=0)
     normals, offsets = of.solid.half_spaces

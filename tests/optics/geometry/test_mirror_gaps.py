@@ -18,10 +18,10 @@ from mirrorcam.optics.geometry.mirror_gaps import (
     edges_mm,
     hull_distance,
     pairs_closer_than,
-    seen_closer_than,
     smallest_gap_mm,
-    smallest_seen_gap,
+    smallest_sub_image_gap,
     stacked,
+    sub_images_closer_than,
 )
 from tests.optics.seeing_mirrors import mirror_seeing
 
@@ -84,13 +84,15 @@ def test_bodies_of_different_numbers_of_corners_stack() -> None:
 
 
 def test_the_gap_between_sub_images_is_that_between_their_outlines(parabola_layout: Layout) -> None:
-    found = smallest_seen_gap(parabola_layout.mirrors)
+    found = smallest_sub_image_gap(parabola_layout.mirrors)
     outlines = [Polygon(mirror.outline_normalized) for mirror in parabola_layout.mirrors]
     gaps = {(i, j): outlines[i].distance(outlines[j]) for i, j in combinations(range(len(outlines)), 2)}
     assert found == min(gaps.values())
     for gap in (found, 1.001 * found, 0.1):
-        assert seen_closer_than(parabola_layout.mirrors, gap) == sorted(p for p, apart in gaps.items() if apart < gap)
-    assert smallest_seen_gap(parabola_layout.mirrors[:1]) == np.inf
+        assert sub_images_closer_than(parabola_layout.mirrors, gap) == sorted(
+            p for p, apart in gaps.items() if apart < gap
+        )
+    assert smallest_sub_image_gap(parabola_layout.mirrors[:1]) == np.inf
 
 
 def test_edges_and_area_are_those_of_the_outline() -> None:

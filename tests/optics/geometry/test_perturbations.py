@@ -145,7 +145,7 @@ def test_a_camera_out_of_place_sees_the_mirrors_it_was_given_from_there(default_
 
 def test_a_turned_camera_sees_everything_turned(default_layout: Layout) -> None:
     tolerances = Tolerances.none().replaced(camera_turn_deg=1.0)
-    vector = draw_perturbations(tolerances, 9, 1, np.random.default_rng(6)).camera_turns_rad[0]
+    vector = draw_perturbations(tolerances, 9, 1, np.random.default_rng(6)).camera_rotations_rad[0]
     turn = Rotation.from_rotvec(vector).as_matrix()
     built = draw_as_built(default_layout, tolerances, np.random.default_rng(6))
     expected = default_layout.virtual_centres_in_rig_mm @ turn

@@ -11,9 +11,9 @@ from shapely import Point, Polygon, contains_xy
 
 from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.design.assess.chief_rays import apparent_offset_mm, traced
-from mirrorcam.optics.geometry.mirror import Mirror, cut
+from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
 from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays, dot, plane_of
-from mirrorcam.optics.geometry.plate import PlatePath, inner_tangent, outer_tangent, rise_mm
+from mirrorcam.optics.geometry.plate import PlatePath, rise_mm, solve_tangent_in_air, tangent_in_glass
 from tests.optics.geometry.followed_rays import (
     mirror,
     missed_px,
@@ -29,19 +29,21 @@ def appearing(
     centre: FloatArray, thickness_mm: float = 3.0, index: float = 1.49, corners: FloatArray = SQUARE
 ) -> Mirror:
     """The second-surface mirror whose apparent mirror has a virtual centre and normalized corners."""
-    return Mirror.second_surface(centre, cut(corners, centre), thickness_mm=thickness_mm, refractive_index=index)
+    return Mirror.second_surface(
+        centre, intersect_plane(corners, centre), thickness_mm=thickness_mm, refractive_index=index
+    )
 
 
 @given(st.floats(0.0, 1.55), INDICES)
 def test_snells_law(angle: float, index: float) -> None:
-    inside = np.arctan(inner_tangent(np.array(np.tan(angle)), index))
+    inside = np.arctan(tangent_in_glass(np.array(np.tan(angle)), index))
     assert np.sin(angle) == pytest.approx(index * np.sin(inside), rel=1e-9, abs=1e-12)
 
 
 @given(st.floats(0.0, 20.0), st.floats(0.01, 200.0), st.floats(0.01, 20.0), INDICES)
-def test_the_ray_that_goes_so_far_across_is_found(tangent: float, air: float, glass: float, index: float) -> None:
-    across = air * tangent + glass * float(inner_tangent(np.array(tangent), index))
-    assert outer_tangent(across, air, glass, index) == pytest.approx(tangent, rel=1e-9, abs=1e-12)
+def test_the_ray_with_a_given_lateral_offset_is_found(tangent: float, air: float, glass: float, index: float) -> None:
+    across = air * tangent + glass * float(tangent_in_glass(np.array(tangent), index))
+    assert solve_tangent_in_air(across, air, glass, index) == pytest.approx(tangent, rel=1e-9, abs=1e-12)
 
 
 def test_a_plate_lifts_its_back_as_textbooks_say() -> None:
@@ -58,7 +60,7 @@ def test_apparent_undoes_second_surface(centre: FloatArray, thickness_mm: float,
     stored = appearing(centre, thickness_mm, index)
     assert (stored.surface, stored.thickness_mm, stored.refractive_index) == ("second", thickness_mm, index)
     assert np.allclose(stored.apparent.virtual_centre_in_rig_mm, centre, atol=1e-9)
-    assert np.allclose(stored.apparent.outline_in_rig_mm, cut(SQUARE, centre), atol=1e-9)
+    assert np.allclose(stored.apparent.outline_in_rig_mm, intersect_plane(SQUARE, centre), atol=1e-9)
     assert not stored.apparent.is_second_surface
     # The reflecting surface lies behind the apparent plane, by less than the thickness.
     assert stored.apparent.distance_mm <= stored.distance_mm < stored.apparent.distance_mm + thickness_mm
@@ -109,13 +111,13 @@ def test_the_traced_path_is_the_quickest() -> None:
         assert length(0.1 * step) > length(np.zeros(6))
 
 
-def test_light_is_as_far_off_as_exact_rays_are() -> None:
+def test_the_apparent_offset_is_that_of_exact_rays() -> None:
     stored = appearing(np.array([20.0, -85.0, 90.0]), 5.0, 1.6)
     grid = np.stack(np.meshgrid(np.linspace(-0.1, 0.1, 101), np.linspace(-0.1, 0.1, 101)), axis=-1).reshape(-1, 2)
     usable = Polygon(stored.usable_normalized)
     grid = grid[contains_xy(usable, grid)]
     _, leaving, directions = traced(stored, grid)
-    plain = stored.apparent.cut(grid)
+    plain = stored.apparent.intersect(grid)
     beside = np.linalg.norm(np.cross(leaving - plain, directions), axis=1) / np.linalg.norm(directions, axis=1)
     assert apparent_offset_mm(stored) == pytest.approx(beside.max(), rel=0.03)
     assert apparent_offset_mm(stored) > 0.01
@@ -170,7 +172,7 @@ def paths(thickness_mm: float) -> tuple[FloatArray, PlatePath]:
         1.49 * one,
         np.zeros((3, 1)),
     )
-    return points, PlatePath.through(points, plane_of(arrays.centre_mm), arrays)
+    return points, PlatePath.trace(points, plane_of(arrays.centre_mm), arrays)
 
 
 def test_light_is_reflected_on_the_plane_between_pupil_and_image() -> None:
@@ -197,7 +199,7 @@ def test_derivatives_of_the_point_of_reflection_agree_with_finite_differences() 
 
     def value(point: FloatArray, distance: float = 0.0, thickness: float = 0.0) -> FloatArray:
         moved = MirrorArrays(np.zeros((3, 1)), np.zeros((3, 1)), arrays[0] + thickness, arrays[1], np.zeros((3, 1)))
-        through = PlatePath.through(point, (path.normal, path.distance_mm + distance), moved)
+        through = PlatePath.trace(point, (path.normal, path.distance_mm + distance), moved)
         return np.einsum("akn,kn->an", rows, through.reflection_point_mm())
 
     h = 1e-4

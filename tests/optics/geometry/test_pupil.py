@@ -7,7 +7,7 @@ import pytest
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import HalfPlanes, disc_part, outline_aperture, segment_share
+from mirrorcam.optics.geometry.pupil import HalfPlanes, disc_part, outline_aperture, segment_fraction
 from mirrorcam.render_scenes.truth.light_rays import reflected
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 
@@ -41,7 +41,7 @@ def test_a_shift_moves_the_border_as_far_on_the_mirror(default_layout: Layout) -
     chief = mirror.outline_normalized.mean(axis=0)[None] + np.linspace(0.0, 0.1, 200)[:, None] * [1.0, 0.3]
     here, shifted = (outline_aperture(mirror, chief, FOCUS_MM, shift) for shift in (None, np.full(200, 2.0)))
     foot = -mirror.distance_mm * mirror.normal_in_rig
-    moved = mirror.cut(chief)
+    moved = mirror.intersect(chief)
     outwards = moved - foot
     moved += 2.0 * outwards / np.linalg.norm(outwards, axis=1, keepdims=True)
     there = outline_aperture(mirror, moved[:, :2] / moved[:, 2:], FOCUS_MM)
@@ -59,20 +59,20 @@ def test_parts_are_those_of_evenly_spread_points() -> None:
     points = sunflower(100_000)
     inside = (points @ direction.swapaxes(1, 2) + distance[:, None] >= 0.0).all(axis=2)
     share = inside.mean(axis=1)
-    np.testing.assert_allclose(part.share[:20], share[:20], atol=2e-4)
-    np.testing.assert_allclose(part.share, share, atol=4e-3)
+    np.testing.assert_allclose(part.fraction[:20], share[:20], atol=2e-4)
+    np.testing.assert_allclose(part.fraction, share, atol=4e-3)
     for k in np.flatnonzero(share > 0.02):
         x, y = points[inside[k]].T
         np.testing.assert_allclose(share[k] * (part.centroid[k] - [x.mean(), y.mean()]), 0.0, atol=4e-3)
         covariance = np.cov(x, y)
         np.testing.assert_allclose(share[k] * (part.spread[k] - covariance[[0, 1, 0], [0, 1, 1]]), 0.0, atol=4e-3)
     assert (share == 0.0).any()
-    assert (part.centroid[part.share == 0.0] == 0.0).all()
+    assert (part.centroid[part.fraction == 0.0] == 0.0).all()
 
 
 def test_half_a_disc_has_its_closed_form_in_millimetres() -> None:
     part = disc_part(HalfPlanes(np.array([[[0.0, 1.0]]]), np.zeros((1, 1))), 0.9)
-    np.testing.assert_allclose(part.share, 0.5)
+    np.testing.assert_allclose(part.fraction, 0.5)
     np.testing.assert_allclose(part.centroid, [[0.0, 4.0 / (3.0 * np.pi)]], atol=1e-12)
     np.testing.assert_allclose(part.spread, [[0.25, 0.25 - (4.0 / (3.0 * np.pi)) ** 2, 0.0]], atol=1e-12)
 
@@ -80,13 +80,13 @@ def test_half_a_disc_has_its_closed_form_in_millimetres() -> None:
 def test_a_pinhole_is_either_clear_or_blocked() -> None:
     planes = HalfPlanes(np.array([[[1.0, 0.0]], [[1.0, 0.0]]]), np.array([[1e-9], [-1e-9]]))
     part = disc_part(planes, 0.0)
-    np.testing.assert_array_equal(part.share, [1.0, 0.0])
+    np.testing.assert_array_equal(part.fraction, [1.0, 0.0])
     np.testing.assert_array_equal(part.centroid, 0.0)
 
 
-def test_the_share_of_a_disc_is_that_of_its_area() -> None:
+def test_a_segment_has_its_fraction_of_the_discs_area() -> None:
     at = np.linspace(-1.2, 1.2, 25)
     y = (np.arange(20_000) + 0.5) / 10_000 - 1.0
     chords = np.sqrt(1.0 - y**2)
     expected = [float(chords[y > -inside].sum() / chords.sum()) for inside in at]
-    assert segment_share(at) == pytest.approx(expected, abs=1e-4)
+    assert segment_fraction(at) == pytest.approx(expected, abs=1e-4)

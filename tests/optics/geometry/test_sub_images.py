@@ -16,11 +16,11 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil, outline_aperture
 from mirrorcam.optics.geometry.sub_images import (
     clipped,
+    clipped_polygons,
     common_region,
-    each_clipped,
     fields_of_view,
     pixel_efficiency,
-    seen_px,
+    region_outline_px,
     sensor_polygon,
     sub_image_polygons,
     unvignetted_outline,
@@ -34,20 +34,20 @@ SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])
 PUPIL = Pupil(1.8, 450.0)
 
 
-def test_what_is_left_lies_beyond_the_line() -> None:
+def test_the_clipped_part_lies_beyond_the_line() -> None:
     heights = SQUARE @ [1.0, 1.0] - 1.0
     part = clipped(SQUARE, heights)
     expected = Polygon(SQUARE).difference(Polygon([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
     assert Polygon(part).symmetric_difference(expected).area < 1e-12
 
 
-def test_all_or_nothing_may_be_left() -> None:
+def test_clipping_may_keep_all_or_nothing() -> None:
     np.testing.assert_array_equal(clipped(SQUARE, np.ones(4)), SQUARE)
     assert clipped(SQUARE, -np.ones(4)).shape == (0, 2)
     assert clipped(np.zeros((0, 2)), np.zeros(0)).shape == (0, 2)
 
 
-def test_polygons_at_once_are_clipped_as_each_alone() -> None:
+def test_polygons_clipped_together_equal_those_clipped_alone() -> None:
     """Twice in a row, a triangle that repeats its last corner among quadrangles."""
     random = np.random.default_rng(1)
     polygons = SQUARE + random.uniform(-0.4, 0.4, (40, 4, 2))
@@ -55,7 +55,7 @@ def test_polygons_at_once_are_clipped_as_each_alone() -> None:
     together, alone = polygons, [polygon[:3] if k % 3 == 0 else polygon for k, polygon in enumerate(polygons)]
     for _ in range(2):
         slopes, reach = random.normal(size=(40, 2)), random.normal(0.5, 0.5, 40)
-        together = each_clipped(together, (together @ slopes[..., None])[..., 0] + reach[:, None])
+        together = clipped_polygons(together, (together @ slopes[..., None])[..., 0] + reach[:, None])
         alone = [clipped(part, part @ slope + far) for part, slope, far in zip(alone, slopes, reach, strict=True)]
     assert together.shape[1] <= 6
     assert {len(part) for part in alone} == {0, 3, 4, 5}
@@ -80,7 +80,7 @@ def test_the_sensor_reaches_to_the_edges_of_its_outermost_pixels() -> None:
     width, height = (size / focal for size, focal in ((1920, camera.fx_px), (1080, camera.fy_px)))
     assert sensor_polygon(camera).area == pytest.approx(width * height)
     folding = camera.replaced(distortion=[-0.9, 0.0, 0.0, 0.0, 0.0])
-    with pytest.raises(InputError, match="folds inside the sensor"):
+    with pytest.raises(InputError, match="is not monotonic on the sensor"):
         sensor_polygon(folding)
 
 
@@ -97,14 +97,14 @@ def test_a_mirror_outside_the_sensor_has_an_empty_sub_image() -> None:
 def test_a_depth_within_the_mirrors_has_no_footprints() -> None:
     views = fields_of_view(two_rectangles())
     with pytest.raises(InputError, match="is nearer than the mirrors, which reach"):
-        views.footprints(views.reach_mm)
-    assert not any(seen.is_empty for seen in views.footprints(views.reach_mm + 1.0))
+        views.footprints(views.mirror_depth_mm)
+    assert not any(seen.is_empty for seen in views.footprints(views.mirror_depth_mm + 1.0))
 
 
 def test_an_outline_on_the_sensor_is_where_its_points_project() -> None:
     layout = two_rectangles()
     region, _ = common_region(layout, DEPTH_MM)
-    outline = seen_px(layout, region, DEPTH_MM, 1)
+    outline = region_outline_px(layout, region, DEPTH_MM, 1)
     corners = np.column_stack([vertices(region), np.full(4, DEPTH_MM)]) @ layout.view_from_rig
     assert_allclose(outline, layout.project(corners, 1))
 
@@ -126,7 +126,7 @@ def test_efficiency_equals_a_count_of_pixels_through_a_distorting_lens(fold_deg:
     rays = camera.unproject(pixels)
     seeing = np.zeros(len(pixels), dtype=bool)
     for mirror in layout.mirrors:
-        on_mirror = mirror.cut(rays[:, :2])
+        on_mirror = mirror.intersect(rays[:, :2])
         leaving = on_mirror - mirror.virtual_centre_in_rig_mm
         at = on_mirror + leaving * ((500.0 - on_mirror @ axis) / (leaving @ axis))[:, None]
         here = contains_xy(Polygon(mirror.outline_normalized), rays[:, :2])
@@ -172,7 +172,7 @@ def test_a_mirror_narrower_than_the_blur_has_no_unvignetted_pixel(default_layout
     assert unvignetted_outline(default_layout.mirrors[0], Pupil(40.0, PUPIL.focus_mm)).shape == (0, 2)
 
 
-def test_many_mirrors_have_the_outlines_of_each_alone(default_layout: Layout) -> None:
+def test_outlines_computed_together_equal_those_computed_alone(default_layout: Layout) -> None:
     """A triangle that repeats its last corner among them, and one too small for the pupil."""
     small, mirrors = 0.02, list(default_layout.mirrors)
     corners = mirrors[0].outline_in_rig_mm

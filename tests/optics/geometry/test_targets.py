@@ -42,8 +42,8 @@ def test_corners_run_row_by_row_from_the_top_left(board: Checkerboard | Charuco)
 
 
 def test_opencv_agrees_on_the_charuco_corners() -> None:
-    assert np.allclose(CHARUCO.opencv.getChessboardCorners(), CHARUCO.corners_in_board_mm)
-    assert CHARUCO.opencv.getChessboardSize() == (7, 5)
+    assert np.allclose(CHARUCO.opencv_board.getChessboardCorners(), CHARUCO.corners_in_board_mm)
+    assert CHARUCO.opencv_board.getChessboardSize() == (7, 5)
 
 
 @pytest.mark.parametrize("board", [CHARUCO, default_board()])
@@ -51,7 +51,7 @@ def test_charuco_corners_are_found_where_they_were_printed(board: Charuco) -> No
     px, border = 40, 20
     image = np.pad(board.image(px), border, constant_values=255)
     assert board.image(px).shape == (board.rows * px, board.cols * px)
-    found, ids, _, _ = cv2.aruco.CharucoDetector(board.opencv).detectBoard(image)
+    found, ids, _, _ = cv2.aruco.CharucoDetector(board.opencv_board).detectBoard(image)
     assert sorted(np.ravel(ids)) == list(range(len(board.corners_in_board_mm)))
     # The printed edge between pixels 39 and 40 lies at 39.5 where pixel centres are whole numbers.
     expected = board.corners_in_board_mm[np.ravel(ids), :2] / board.square_mm * px - 0.5 + border
@@ -154,16 +154,19 @@ def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
         ),
         (
             'kind = "charuco"\ncols = 12\nrows = 10\nsquare_mm = 3\nmarker_mm = 2\ndictionary = "DICT_4X4_50"\n',
-            "60 markers are needed, DICT_4X4_50 has 50",
+            "60 markers are needed, but DICT_4X4_50 has 50",
         ),
         (
             'kind = "charuco"\ncols = 8\nrows = 6\nsquare_mm = 3\nmarker_mm = 2\nfirst_marker = 230\n',
-            "24 markers are needed from 230 on, DICT_4X4_250 has 250",
+            "24 markers are needed, starting at id 230, but DICT_4X4_250 has 250",
         ),
         ('kind = "charuco"\ncols = 8\nrows = 6\nsquare_mm = 3\nmarker_mm = 2\nlegacy = 1\n', "legacy: Input should"),
         ('kind = "aprilgrid"\ncols = 6\nrows = 6\ntag_mm = 88\n', "aprilgrid.spacing: Field required"),
         ('kind = "aprilgrid"\ncols = 6\nrows = 6\ntag_mm = 88\nspacing = 1.5\n', "spacing: Input should be less than"),
-        ('kind = "aprilgrid"\ncols = 30\nrows = 20\ntag_mm = 8\nspacing = 0.3\n', "600 tags are needed, 36h11 has 587"),
+        (
+            'kind = "aprilgrid"\ncols = 30\nrows = 20\ntag_mm = 8\nspacing = 0.3\n',
+            "600 tags are needed but 36h11 has only 587",
+        ),
         ("cols == 8", "not valid TOML"),
         ("cols = 8\n", "'kind' is missing"),
     ],
@@ -221,7 +224,7 @@ def test_tags_are_printed_as_kalibr_prints_them(number: int) -> None:
     assert (image[low - 30 : low, left : left + 100] == 255).all()
 
 
-def test_opencv_reads_the_tags_half_a_turn_round() -> None:
+def test_opencv_reads_the_tags_rotated_by_180_degrees() -> None:
     parameters = cv2.aruco.DetectorParameters()
     parameters.markerBorderBits = 2
     # Remove the squares, which connect the outlines of tags.

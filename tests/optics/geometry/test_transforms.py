@@ -15,7 +15,7 @@ def random_transforms(count: int) -> FloatArray:
     return rigid(Rotation.random(count, random_state=1).as_matrix(), RANDOM.normal(size=(count, 3)))
 
 
-def test_points_are_turned_then_shifted() -> None:
+def test_points_are_rotated_then_shifted() -> None:
     turn = Rotation.from_euler("z", 90.0, degrees=True).as_matrix()
     np.testing.assert_allclose(transform(rigid(turn, [10.0, 0.0, 3.0]), np.array([[1.0, 2.0, 0.0]])), [[8.0, 1.0, 3.0]])
 

@@ -16,6 +16,6 @@ def test_a_violation_is_written_and_read() -> None:
     assert LeastViolation.model_validate_json(whole.model_dump_json()) == whole
 
 
-def test_a_place_is_a_segment() -> None:
+def test_a_place_must_be_a_segment() -> None:
     with pytest.raises(InvalidValue, match=r"expected \(2, 3\)"):
         Violation(mirrors=(0,), missing_mm=1.0, place_in_rig_mm=SEGMENT[:1])

@@ -48,7 +48,7 @@ def through_mirror(mirror: Mirror, rays: FloatArray) -> tuple[FloatArray, FloatA
     """Return points and directions (n, 3), in rig, of rays from the pupil after a mirror, by Snell's law in vectors."""
     normal = mirror.normal_in_rig
     if not mirror.is_second_surface:
-        return mirror.cut(rays[:, :2]), rays @ mirror.reflection
+        return mirror.intersect(rays[:, :2]), rays @ mirror.reflection
     index, thickness_mm = mirror.refractive_index, mirror.thickness_mm
     front_mm = mirror.distance_mm - thickness_mm
     rays = rays / np.linalg.norm(rays, axis=1, keepdims=True)

@@ -38,7 +38,7 @@ def test_shares_of_the_pupil_are_those_of_the_disc_that_edges_cut(
     views = mirror_views(layout, pupil, 0.9)
     for number, mirror in enumerate(views.table[:, INDEX].astype(int)):
         _, points = pixels_of(layout, mirror, pupil)
-        exact = disc_part(clear_aperture(layout.mirrors[mirror], points, pupil.focus_mm), pupil.radius_mm).share
+        exact = disc_part(clear_aperture(layout.mirrors[mirror], points, pupil.focus_mm), pupil.radius_mm).fraction
         found = np.array([pupil_share(views, number, *point) for point in points])
         # At corners, the share is the product of two.
         assert np.abs(found - exact).max() < 0.12

@@ -34,7 +34,7 @@ def grey(radiance: NDArray[np.float32]) -> NDArray[np.uint8]:
 
 
 def ids_of(picture: NDArray[np.uint8], target: Charuco) -> set[int]:
-    detector = cv2.aruco.CharucoDetector(target.opencv)
+    detector = cv2.aruco.CharucoDetector(target.opencv_board)
     _, ids, _, _ = detector.detectBoard(picture)
     return set() if ids is None else {int(number) for number in ids.ravel()}
 

@@ -28,14 +28,14 @@ def test_shares_and_centroids_are_those_of_the_half_planes(small_layout: Layout)
         second = maps["second.mirror"].ravel() == number
         for place, chosen in (("first", first), ("second", second)):
             found = {name: maps[f"{place}.{name}"].ravel()[chosen] for name in ("share", "x", "y")}
-            np.testing.assert_allclose(found["share"], part.share[chosen], atol=6.0 / SAMPLES)
+            np.testing.assert_allclose(found["share"], part.fraction[chosen], atol=6.0 / SAMPLES)
             for axis, name in enumerate("xy"):
                 expected = PUPIL.radius_mm * part.centroid[chosen, axis]
                 assert np.abs((found[name] - expected) * found["share"]).max(initial=0.0) < 0.04
         # Where the corners of four mirrors meet, two fill more of the pupil.
         others = ~first & ~second
-        assert (part.share[others] < maps["second.share"].ravel()[others] + 4.0 / SAMPLES).all()
-        cut += int(((part.share > 0.0) & (part.share < 1.0)).sum())
+        assert (part.fraction[others] < maps["second.share"].ravel()[others] + 4.0 / SAMPLES).all()
+        cut += int(((part.fraction > 0.0) & (part.fraction < 1.0)).sum())
     assert cut > 0.05 * len(chief)  # a quarter of the pixels, of four times the size, are as often at an edge
 
 

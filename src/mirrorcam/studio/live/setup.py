@@ -109,7 +109,7 @@ class LiveSetup:
         edges = self._previous = self._edges.align(frames, None if restart else self._previous)
         scene = None if self._scene is None else self._scene.align(frames[-FRAMES:])
         assert edges.edges is not None
-        designed, detected = edges.edges.seen_points
+        designed, detected = edges.edges.edge_positions
         return AlignmentReport(
             names=self.layout.mirror_names,
             edges=_words(edges),
@@ -156,7 +156,7 @@ def _words(alignment: Alignment) -> tuple[TiltWords, ...]:
 
 def camera_words(alignment: Alignment) -> str:
     """Orientation of the camera: "camera turned 0.4° right, 0.1° up, rolled 0.2°"; axes of the picture."""
-    rotation, sigma = alignment.camera_turn_deg, alignment.camera_turn_sigma_deg
+    rotation, sigma = alignment.camera_rotation_deg, alignment.camera_rotation_sigma_deg
     if not np.isfinite(rotation).all():
         return "camera orientation not determined"
     right, up, roll = rotation[1], rotation[0], rotation[2]

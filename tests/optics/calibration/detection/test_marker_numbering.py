@@ -18,7 +18,7 @@ WHITE = [(col, row) for row in range(9) for col in range(12) if (row + col) % 2]
 MARKERS = Markers(
     codes=np.array(
         [
-            BOARD.opencv.getDictionary().generateImageMarker(n, 6, borderBits=1)[1:-1, 1:-1] > 0
+            BOARD.opencv_board.getDictionary().generateImageMarker(n, 6, borderBits=1)[1:-1, 1:-1] > 0
             for n in range(len(WHITE))
         ]
     ),
@@ -54,7 +54,7 @@ def test_a_part_is_numbered(turn: int, blur_px: float) -> None:
 
 def test_a_part_without_markers_of_the_board_is_not_numbered() -> None:
     grid, _ = part(np.s_[2:7], np.s_[3:7], 0)
-    other = BOARD.replaced(dictionary="DICT_4X4_1000").opencv.getDictionary()
+    other = BOARD.replaced(dictionary="DICT_4X4_1000").opencv_board.getDictionary()
     codes = np.array([other.generateImageMarker(n + 700, 6, borderBits=1)[1:-1, 1:-1] > 0 for n in range(len(WHITE))])
     picture = drawn(blur_px=0.7)
     assert numbered_by_markers(picture, grid, Markers(codes, MARKERS.places, 0.75, parity=1)) is None

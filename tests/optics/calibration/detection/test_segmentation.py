@@ -57,7 +57,7 @@ def widened(layout: Layout, index: int, *, left_px: float = 0.0, right_px: float
     """The layout with one mirror wider on the sensor."""
     mirror, corners = layout.mirrors[index], layout.outline_px(index, 1)
     corners[:, 0] += np.where(corners[:, 0] < corners[:, 0].mean(), -left_px, right_px)
-    outline = mirror.cut(layout.camera.normalized_from_pixels(corners))
+    outline = mirror.intersect(layout.camera.normalized_from_pixels(corners))
     return layout.replaced(
         mirrors=(*layout.mirrors[:index], mirror.replaced(outline_in_rig_mm=outline), *layout.mirrors[index + 1 :])
     )
@@ -107,7 +107,7 @@ def test_a_bent_mirror_is_the_same_surface_about_its_new_middle() -> None:
 
     assert seen(cut) == pytest.approx(seen(bent), abs=0.005)
     # From the outline alone, the plane would touch the surface at another point.
-    naive = bent.replaced(outline_in_rig_mm=bent.cut(cut.outline_normalized))
+    naive = bent.replaced(outline_in_rig_mm=bent.intersect(cut.outline_normalized))
     assert np.abs(seen(naive) - seen(bent)).max() > 0.05
 
 

@@ -26,7 +26,7 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
-from mirrorcam.optics.geometry.mirror import Mirror, cut, reflect
+from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane, reflect
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.calibration.diagnostics.conftest import BOARD, JOINT, NOISE_PX, Scene
 from tests.optics.layouts import faceted_parabola
@@ -50,7 +50,7 @@ def resolved(scene: Scene) -> list[Layout]:
 def replaced(layout: Layout, estimate: Estimate) -> Layout:
     """The layout with the camera and the virtual centres of an estimate, cut along the same rays."""
     mirrors = tuple(
-        Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(mirror.outline_normalized, centre))
+        Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=intersect_plane(mirror.outline_normalized, centre))
         for mirror, centre in zip(layout.mirrors, estimate.virtual_centres_in_rig_mm, strict=True)
     )
     return layout.replaced(camera=estimate.camera, mirrors=mirrors)

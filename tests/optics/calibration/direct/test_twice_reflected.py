@@ -8,7 +8,7 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.mirror import reflect
-from mirrorcam.optics.geometry.plate import inner_tangent
+from mirrorcam.optics.geometry.plate import tangent_in_glass
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.calibration.direct.twice_reflected import on_first_mirror, twice_reflected
 from tests.optics.calibration.direct.two_mirrors import BOARD, CAMERA, POSES, corner_of_two_mirrors, lying
@@ -37,7 +37,7 @@ def traced(estimate: Estimate, pixels: FloatArray, path: tuple[int, int]) -> tup
         points = points + (height / along)[:, None] * rays  # on the front
         across = rays + along[:, None] * normal
         size = np.linalg.norm(across, axis=1)
-        inner = inner_tangent(size / along, estimate.refractive_index[mirror])
+        inner = tangent_in_glass(size / along, estimate.refractive_index[mirror])
         points = points + (2.0 * thickness * inner / size)[:, None] * across  # down to the coating and up again
         rays = rays + 2.0 * along[:, None] * normal
     return points, rays

@@ -73,7 +73,7 @@ def test_two_camchains_are_refused(exported: Path, tmp_path: Path) -> None:
         ("a.yaml", "[" * 5000, "not valid YAML"),
         ("a.yaml", "a: 1", "no calibration in a known format"),
         ("a.json", "{", "not valid JSON"),
-        ("a.xml", "<opencv_storage/>", "a FileStorage as XML, expected YAML or JSON"),
+        ("a.xml", "<opencv_storage/>", "FileStorage in XML, expected YAML or JSON"),
         ("a.txt", "hello", "no calibration in a known format"),
     ],
 )

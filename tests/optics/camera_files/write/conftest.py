@@ -13,7 +13,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.write import VirtualCamera, virtual_cameras, write_exports
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import Mirror, cut
+from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
 
 TOLERANCE_PX = 1e-6
 
@@ -52,7 +52,9 @@ def sideways_layout() -> Layout:
     mirrors = []
     for side in (-1.0, 1.0):
         centre = np.array([side * 160.0, 5.0, 20.0])
-        mirrors.append(Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=cut(corners * [side, 1.0], centre)))
+        mirrors.append(
+            Mirror(virtual_centre_in_rig_mm=centre, outline_in_rig_mm=intersect_plane(corners * [side, 1.0], centre))
+        )
     return Layout(rows=1, cols=2, camera=camera, mirrors=tuple(mirrors), view_from_rig=np.eye(3))
 
 

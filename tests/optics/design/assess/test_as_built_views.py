@@ -71,7 +71,7 @@ def assert_same_views(layout: Layout, perturbations: Perturbations, built: Layou
     views = built_views(layout, perturbations)
     assert_allclose(views.centres_mm[0], built.virtual_centres_in_view_mm.reshape(-1, 3), atol=1e-9)
     for pupil, depth_mm in product((PINHOLE, Pupil(1.8, 500.0)), DEPTHS_MM):
-        assert_same_overlap(views.through(pupil), fields_of_view(built, pupil), depth_mm)
+        assert_same_overlap(views.unvignetted(pupil), fields_of_view(built, pupil), depth_mm)
 
 
 def assert_same_overlap(views: BuiltViews, alone: FieldsOfView, depth_mm: float) -> None:
@@ -81,7 +81,7 @@ def assert_same_overlap(views: BuiltViews, alone: FieldsOfView, depth_mm: float)
     assert region.area > 100.0
     assert regions[0].symmetric_difference(region).area < 1e-6 * region.area
     assert_allclose(shapely.area(footprints[0]), shapely.area(seen), rtol=1e-9)
-    share = views.seen_px(regions, depth_mm)[0].sum() / (camera.width_px * camera.height_px)
+    share = views.pixel_count(regions, depth_mm)[0].sum() / (camera.width_px * camera.height_px)
     assert share == pytest.approx(alone.pixel_efficiency(region, depth_mm), rel=1e-9)
 
 
@@ -101,8 +101,10 @@ def test_devices_do_not_disturb_each_other(layout: Layout) -> None:
     third = Perturbations(**{name: values[3:4] for name, values in vars(many).items()})
     together, alone = built_views(layout, many), built_views(layout, third)
     (regions, _), (region, _) = (views.common_regions(DEPTHS_MM[0]) for views in (together, alone))
-    assert_allclose(together.seen_px(regions, DEPTHS_MM[0])[3], alone.seen_px(region, DEPTHS_MM[0])[0], rtol=1e-12)
-    assert len(set(together.seen_px(regions, DEPTHS_MM[0]).sum(axis=1))) == 5
+    assert_allclose(
+        together.pixel_count(regions, DEPTHS_MM[0])[3], alone.pixel_count(region, DEPTHS_MM[0])[0], rtol=1e-12
+    )
+    assert len(set(together.pixel_count(regions, DEPTHS_MM[0]).sum(axis=1))) == 5
 
 
 def test_pixels_are_those_of_the_layout_as_built(layout: Layout) -> None:
@@ -112,7 +114,7 @@ def test_pixels_are_those_of_the_layout_as_built(layout: Layout) -> None:
     perturbations = draw_perturbations(tolerances, count, 1, np.random.default_rng(2))
     built = draw_as_built(layout, tolerances, np.random.default_rng(2))
     points = np.random.default_rng(11).normal([0.0, 450.0, 90.0], [40.0, 40.0, 30.0], (20, 3))
-    turn = Rotation.from_rotvec(perturbations.camera_turns_rad[0]).as_matrix()
+    turn = Rotation.from_rotvec(perturbations.camera_rotations_rad[0]).as_matrix()
     in_rig = (points - perturbations.camera_shifts_mm[0]) @ turn
     expected = np.array([built.camera.project(mirror.apparent.reflect(in_rig)) for mirror in built.mirrors])
     found = built_views(layout, perturbations).pixels(
@@ -129,14 +131,14 @@ def test_a_pixel_lands_on_the_point_that_it_shows(layout: Layout) -> None:
     points = np.array([[5.0, -85.0, 400.0], [-20.0, -95.0, 400.0], [15.0, -70.0, 400.0]])
     for device, camera in enumerate(views.cameras):
         pixels = views.pixels(points, np.array(device), np.array(1))
-        landed = views.landing(camera.normalized_from_pixels(pixels), np.array(device), np.array(1), 400.0)
+        landed = views.points_at_depth(camera.normalized_from_pixels(pixels), np.array(device), np.array(1), 400.0)
         assert_allclose(landed, points[:, :2], atol=1e-6)
 
 
 def test_a_turn_of_the_camera_alone_moves_pictures_and_not_what_they_show(default_layout: Layout) -> None:
     wide = default_layout.camera.replaced(width_px=14000, height_px=8000, cx_px=6999.5, cy_px=3999.5)
     layout = default_layout.replaced(camera=wide)
-    turned = replace(exact(layout), camera_turns_rad=np.array([[0.01, -0.02, 0.03]]))
+    turned = replace(exact(layout), camera_rotations_rad=np.array([[0.01, -0.02, 0.03]]))
     views, design = built_views(layout, turned), built_views(layout, exact(layout))
     for depth_mm in DEPTHS_MM:
         region, before = views.common_regions(depth_mm)[0][0], design.common_regions(depth_mm)[0][0]
@@ -152,7 +154,7 @@ def test_light_that_does_not_head_for_the_scene_is_left_out() -> None:
     tilts[0, 1, 0], tilts[0, 4, 0] = -1.2, -0.75
     views = built_views(layout, replace(exact(layout), tilts_rad=tilts))
     assert shapely.is_empty(views.sub_images[0, 1])
-    part, all_of_it = views.sub_images[0, 4], views.shown[0, 4]
+    part, all_of_it = views.sub_images[0, 4], views.usable[0, 4]
     assert 0.1 < part.area / all_of_it.area < 0.9
     normal = views.normals[0, 4] @ layout.view_from_rig
     for region, heads_forward in ((part, True), (all_of_it.difference(part).buffer(-1e-4), False)):
@@ -172,10 +174,10 @@ def test_mirrors_that_hide_others_are_found(default_layout: Layout) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "complaint"),
     [
-        ("thickness_mm", -1.2, r"a drawn mirror is -0\.2 mm thick"),
-        ("shifts_mm", 90.0, "a drawn mirror reaches past the pupil"),
-        ("tilts_rad", 1.2, "a drawn mirror reaches past the pupil"),
-        ("camera_turns_rad", 2.0, "a drawn mirror reaches behind the camera"),
+        ("thickness_mm", -1.2, r"a sampled mirror is -0\.2 mm thick"),
+        ("shifts_mm", 90.0, "a sampled mirror reaches past the pupil"),
+        ("tilts_rad", 1.2, "a sampled mirror reaches past the pupil"),
+        ("camera_rotations_rad", 2.0, "a sampled mirror reaches behind the camera"),
     ],
 )
 def test_impossible_devices_are_refused(default_layout: Layout, name: str, value: float, complaint: str) -> None:

@@ -8,8 +8,8 @@ from scipy.integrate import dblquad
 
 from mirrorcam.optics.design.assess.depth_sigma import (
     DEPTH_UNKNOWN,
+    GRADIENT_GREY,
     NOISE_GREY,
-    SLOPE_GREY,
     WINDOW_PX,
     depth_sigma_metrics,
     depth_sigma_mm,
@@ -37,7 +37,7 @@ def test_of_equal_views_it_is_the_closed_form() -> None:
     layout = upright_views(*(80.0 + baselines))
     ahead_mm = DEPTH_MM + 80.1
     spread = np.sqrt(np.sum((baselines - baselines.mean()) ** 2))
-    expected = ahead_mm**2 / (F_PX * spread) * NOISE_GREY / (SLOPE_GREY * np.sqrt(WINDOW_PX))
+    expected = ahead_mm**2 / (F_PX * spread) * NOISE_GREY / (GRADIENT_GREY * np.sqrt(WINDOW_PX))
     (sigma,) = depth_sigma_mm(layout, np.array([[0.0, -80.1, DEPTH_MM]]))
     assert sigma == pytest.approx(expected, rel=2e-3)
 
@@ -64,7 +64,7 @@ def test_unequal_views_have_the_information_of_all_amplitudes_and_the_depth() ->
     longest = 8.0 / np.sqrt(variances.min())
     whole, _ = dblquad(information, 0.0, 2.0 * np.pi, 1e-6, longest, epsrel=1e-5)
     # A sharp picture of the spectrum of slopes 1 over frequencies in the plane has the mean square pi / (2 variance).
-    spectrum = SLOPE_GREY**2 / (np.pi / (2.0 * SHARP_VARIANCE_PX2))
+    spectrum = GRADIENT_GREY**2 / (np.pi / (2.0 * SHARP_VARIANCE_PX2))
     expected = 1.0 / np.sqrt(whole * spectrum * WINDOW_PX / density[1])
     (sigma,) = depth_sigma_mm(layout, np.array([[x, y, DEPTH_MM]]))
     assert sigma == pytest.approx(expected, rel=5e-3)

@@ -73,7 +73,7 @@ def test_no_other_focus_has_a_smaller_largest_circle(default_layout: Layout) -> 
     found = focus_metrics(fields_of_view(default_layout), DEPTHS_MM)
     best_mm, least_px = (found[name].value for name in ("best_focus_mm", "circle_at_best_focus_px"))
     searched = minimize_scalar(
-        lambda nearness: largest_circle_px(with_camera(default_layout, focus_mm=1.0 / nearness)),
+        lambda inverse_depths: largest_circle_px(with_camera(default_layout, focus_mm=1.0 / inverse_depths)),
         bounds=(1e-3, 4e-3),
         method="bounded",
         options={"xatol": 1e-9},
@@ -109,7 +109,7 @@ def test_a_pinhole_has_no_focus(default_layout: Layout) -> None:
     assert focus_metrics(fields_of_view(with_camera(default_layout, aperture_mm=0.0)), DEPTHS_MM) == {}
 
 
-def test_a_depth_at_which_views_share_nothing_has_no_circle() -> None:
+def test_a_depth_without_a_common_region_has_no_circle() -> None:
     upper, lower = mirror_seeing((-40, 30, 110, 160), 80.0), mirror_seeing((-20, 50, 20, 105), 100.0)
     layout = Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=(lower, upper))
     assert focus_metrics(fields_of_view(layout), [DEPTH_MM]) == {}
@@ -126,6 +126,6 @@ def test_circles_of_confusion_above_the_limit_are_reported_with_advice(fold_90_l
         return out_of_focus(layout.replaced(metrics=evaluate(layout, DesignSpec().depths_mm)))
 
     assert remark().endswith("reach 3.12 px, more than 2 px: the focus at 402 mm reduces them to 1.92 px")
-    assert remark(aperture_mm=3.6).endswith("402 mm reduces them to 3.84 px, also an aperture of 1.88 mm to 2 px")
+    assert remark(aperture_mm=3.6).endswith("3.84 px, and an aperture of 1.88 mm would reduce them to 2 px")
     assert remark(focus_mm=402.0) == ""
     assert remark(aperture_mm=0.0) == ""

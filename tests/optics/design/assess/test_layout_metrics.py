@@ -62,7 +62,7 @@ def test_field_of_view_is_the_angle_of_the_common_region(two_rectangles: Layout)
     assert metrics["fov_y_deg"].value == pytest.approx(upwards)
 
 
-def test_views_that_share_nothing_score_zero() -> None:
+def test_views_without_a_common_region_score_zero() -> None:
     upper, lower = mirror_seeing((-40, 30, 110, 160), 80.0), mirror_seeing((-20, 50, 20, 105), 100.0)
     metrics = evaluate(Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=(lower, upper)), [DEPTH_MM])
     assert metrics["pixel_efficiency_300mm"].value == 0.0
@@ -118,7 +118,7 @@ def test_grid_error_is_the_same_at_any_scale() -> None:
     assert errors[0] == pytest.approx(errors[1], abs=1e-3)
 
 
-def test_views_in_one_place_are_no_grid(two_rectangles: Layout) -> None:
+def test_coincident_views_do_not_form_a_grid(two_rectangles: Layout) -> None:
     with pytest.raises(InputError, match="apart along an axis of the grid"):
         grid_error(two_rectangles.replaced(rows=1, cols=2))
 
@@ -180,7 +180,7 @@ def test_a_depth_range_ends_at_the_mirrors() -> None:
     assert evaluate(layout, [DEPTH_MM])["depth_nearest_mm"].value == pytest.approx(reach_mm, rel=1e-5)
 
 
-def test_views_that_share_nothing_have_no_depth_range() -> None:
+def test_views_without_a_common_region_have_no_depth_range() -> None:
     upper, lower = mirror_seeing((-40, 30, 110, 160), 80.0), mirror_seeing((-20, 50, 20, 105), 100.0)
     metrics = evaluate(Layout(rows=2, cols=1, camera=Camera.c920(), mirrors=(lower, upper)), [DEPTH_MM])
     assert not [name for name in metrics if name.startswith("depth_nearest") or name.startswith("depth_farthest")]
@@ -258,7 +258,7 @@ def test_a_depth_range_ends_before_the_pupil_if_mirrors_fold_light_past_it() -> 
     spec = DesignSpec(rows=1, cols=2, scale_mm=400.0, fold_deg=150.0, tradeoff=0.0)
     layout = faceted_parabola(spec)
     views = fields_of_view(layout)
-    assert views.reach_mm < 0.0
+    assert views.mirror_depth_mm < 0.0
     found = depth_range_mm(views, [2.0, 3.0])
     assert found is not None
     assert found[0] == MIN_DEPTH_MM

@@ -49,7 +49,7 @@ def test_without_tolerances_every_device_is_the_design(default_layout: Layout) -
         for spread in spreads.values():
             assert spread.low == spread.median == spread.high
             assert spread.median == pytest.approx(spread.nominal, rel=1e-12)
-    assert found.shares == {}
+    assert found.cause_fractions == {}
     assert set(found.hidden.values()) == {0.0}
 
 
@@ -77,7 +77,7 @@ def test_percentiles_are_those_of_the_normal_distribution() -> None:
         assert (spread.median - spread.nominal) / (accuracy * sigma) == pytest.approx(0.0, abs=0.08)
         assert (spread.high - spread.nominal) / (accuracy * sigma) == pytest.approx(P95, abs=0.12)
         assert (spread.low - spread.nominal) / (accuracy * sigma) == pytest.approx(-P95, abs=0.12)
-    assert found.shares == {"mirror offset": dict.fromkeys(found.spreads[1.0], 1.0)}
+    assert found.cause_fractions == {"mirror offset": dict.fromkeys(found.spreads[1.0], 1.0)}
 
 
 @pytest.mark.slow
@@ -86,7 +86,7 @@ def test_shares_are_those_of_the_variance() -> None:
     layout = converging_pair()
     found = study(
         layout, Tolerances.none().replaced(offset_mm=0.6, camera_offset_mm=0.7), (300.0,), devices=1500
-    ).shares
+    ).cause_fractions
     first, second = (mirror.normal_in_rig for mirror in layout.mirrors)
     by_mirrors = (2.0 * 0.6) ** 2 * (first[0] ** 2 + second[0] ** 2)
     by_camera = (2.0 * 0.7) ** 2 * np.sum((first[0] * first - second[0] * second) ** 2)
@@ -103,7 +103,7 @@ def test_the_camera_itself_is_no_better_in_a_better_holder(default_layout: Layou
         for accuracy in ACCURACIES:
             assert found.spreads[accuracy][name] == spread
     assert found.spreads[1.0]["uncalibrated_error_300mm"].median > 3.0
-    assert list(found.shares) == ["camera itself"]
+    assert list(found.cause_fractions) == ["camera itself"]
 
 
 def test_a_hobby_printer_costs_efficiency_and_shares_name_the_cause(default_layout: Layout) -> None:
@@ -112,10 +112,12 @@ def test_a_hobby_printer_costs_efficiency_and_shares_name_the_cause(default_layo
         medians = [of[name].median for of in found.spreads.values()]
         assert medians == sorted(medians, reverse=True)
         assert medians[0] < found.spreads[1.0][name].nominal
-    for of_cause in zip(*(shares.values() for shares in found.shares.values()), strict=True):
+    for of_cause in zip(*(shares.values() for shares in found.cause_fractions.values()), strict=True):
         assert sum(of_cause) == pytest.approx(1.0)
-    tilt = found.shares["mirror tilt"]
-    assert all(tilt["misregistration_300mm"] >= shares["misregistration_300mm"] for shares in found.shares.values())
+    tilt = found.cause_fractions["mirror tilt"]
+    assert all(
+        tilt["misregistration_300mm"] >= shares["misregistration_300mm"] for shares in found.cause_fractions.values()
+    )
     assert found.hidden[0.25] == 0.0 < found.hidden[2.0] < 1.0
 
 
@@ -131,9 +133,12 @@ def test_the_same_seed_gives_the_same_study(default_layout: Layout) -> None:
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"sheet_thickness_mm": 0.25}, r"sheet_thickness_mm 0\.25.*, 2 times that: a drawn mirror is -0\.\d+ mm thick"),
-        ({"tilt_deg": 45.0}, r"tolerances tilt_deg 45\.0, .*: a drawn mirror reaches"),
-        ({"distortion_mean": (-0.6, 0.0, 0.0, 0.0, 0.0)}, "distortion .* folds inside the sensor"),
+        (
+            {"sheet_thickness_mm": 0.25},
+            r"sheet_thickness_mm 0\.25.*, 2 times that: a sampled mirror is -0\.\d+ mm thick",
+        ),
+        ({"tilt_deg": 45.0}, r"tolerances tilt_deg 45\.0, .*: a sampled mirror reaches"),
+        ({"distortion_mean": (-0.6, 0.0, 0.0, 0.0, 0.0)}, "distortion .* is not monotonic on the sensor"),
     ],
 )
 def test_impossible_devices_are_refused_in_one_line(
@@ -147,7 +152,7 @@ def test_impossible_devices_are_refused_in_one_line(
 def test_every_tolerance_is_a_cause_of_its_own(default_layout: Layout) -> None:
     everything = Tolerances.hobby().replaced(focal_percent=1.0)
     found = study(default_layout, everything, DEPTHS_MM, devices=3)
-    assert len(found.shares) == len(WORKMANSHIP) + 1
+    assert len(found.cause_fractions) == len(WORKMANSHIP) + 1
 
 
 def exact(layout: Layout) -> Perturbations:
@@ -333,7 +338,7 @@ def test_points_past_the_lens_model_do_not_count(default_layout: Layout) -> None
     perturbations = replace(
         exact(default_layout),
         lens=np.array([[0.0, 0.0, 0.0, 0.0, -0.19]]),
-        camera_turns_rad=np.array([[0.0, 0.25, 0.0]]),
+        camera_rotations_rad=np.array([[0.0, 0.25, 0.0]]),
     )
     ideal, views = design_reference(default_layout, DEPTHS_MM), built_views(default_layout, perturbations)
     known = np.isfinite(views.pixels(ideal.probes[0].points_mm, np.array(0), np.arange(9)[:, None]))
@@ -343,5 +348,7 @@ def test_points_past_the_lens_model_do_not_count(default_layout: Layout) -> None
 
 
 def test_a_design_whose_views_share_nothing_is_refused() -> None:
-    with pytest.raises(InputError, match="the views share nothing at 300 mm, expected a layout whose views overlap"):
+    with pytest.raises(
+        InputError, match="the views have no common region at 300 mm, expected a layout whose views overlap"
+    ):
         design_reference(side_by_side(), DEPTHS_MM)

@@ -33,7 +33,7 @@ def with_mirror(layout: Layout, index: int, mirror: Mirror) -> Layout:
 
 def recut(mirror: Mirror, corners: FloatArray) -> Mirror:
     """The mirror's plane with another outline, given in normalized coordinates."""
-    return mirror.replaced(outline_in_rig_mm=mirror.cut(corners))
+    return mirror.replaced(outline_in_rig_mm=mirror.intersect(corners))
 
 
 def slid(mirror: Mirror, along: float) -> Mirror:
@@ -207,10 +207,10 @@ def test_more_corners_than_requested_are_counted(default_layout: Layout) -> None
         ("smallest_gap_mm", 0.5, "spacing", "two mirrors are 0.5 mm apart, 0.5 mm too close"),
         ("smallest_seen_gap_mm", 0.1, "seen gap", "two sub-images are 0.1 mm apart, 0.4 mm too close"),
         ("beyond_depth_mm", 6.78, "depth", "the mirrors reach 6.78 mm past the nearest depth"),
-        ("common_area_300mm", 0.25, "overlap", "only 0.25 mm² are seen by all views at 300 mm"),
+        ("common_area_300mm", 0.25, "overlap", "only 0.25 mm² are visible in all views at 300 mm"),
         ("blocked_light", 0.0312, "occlusion", "a mirror stands in 3.12% of the light of another"),
         ("shortest_edge_mm", 2.0, "edge", "a mirror has an edge of 2 mm, 1 mm too short"),
-        ("smallest_area_mm2", 15.0, "area", "a mirror has 15 mm², 5 mm² too few"),
+        ("smallest_area_mm2", 15.0, "area", "a mirror has 15 mm², 5 mm² too little"),
         ("unlike_spec", 3.0, "spec", "3 of camera, counts, view axes and mirrors differ from the spec"),
     ],
 )

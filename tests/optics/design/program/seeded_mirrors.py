@@ -60,19 +60,19 @@ def seeded(spec: DesignSpec) -> tuple[FloatArray, FloatArray]:
     """Virtual centres (n, 3) and corners (n, 2 sides) of strictly convex, asymmetric mirrors."""
     seed, rng = seed_of(spec, 390.0), np.random.default_rng(3)
     centres = seed.centres + rng.normal(0.0, 0.02, seed.centres.shape)
-    from_middle = seed.corners - (seed.corners.min(axis=1, keepdims=True) + seed.half_tile)
-    on_edge = (np.abs(from_middle) < 0.5 * seed.half_tile).any(axis=2, keepdims=True)
-    corners = seed.corners + from_middle * np.where(on_edge, 0.0, -0.2)
+    from_centre = seed.corners - (seed.corners.min(axis=1, keepdims=True) + seed.half_tile)
+    on_edge = (np.abs(from_centre) < 0.5 * seed.half_tile).any(axis=2, keepdims=True)
+    corners = seed.corners + from_centre * np.where(on_edge, 0.0, -0.2)
     return centres, (corners + rng.normal(0.0, 0.004, corners.shape)).reshape(len(centres), -1)
 
 
 def expressed(spec: DesignSpec, kind: Kind, index: int) -> tuple[MirrorVariables, Mirror]:
-    """One mirror as the optimiser's expression, evaluated in scales, and as a `Mirror`."""
+    """One mirror as the optimiser's expression, evaluated in units of the scale, and as a `Mirror`."""
     centres, corners = seeded(spec)
     optics = Optics(ca.SX(spec.view_from_rig), *(ca.SX(number) for number in optics_of(spec)))
-    mine = mirror_of(kind, optics, ca.SX(centres[index]), ca.SX(corners[index]))
-    (theirs,) = mirrors_of(spec, centres[[index]] * spec.scale_mm, corners[[index]].reshape(1, -1, 2))
-    return mine, theirs
+    expression = mirror_of(kind, optics, ca.SX(centres[index]), ca.SX(corners[index]))
+    (mirror,) = mirrors_of(spec, centres[[index]] * spec.scale_mm, corners[[index]].reshape(1, -1, 2))
+    return expression, mirror
 
 
 def lens_of(spec: DesignSpec) -> list[FloatArray]:

@@ -38,14 +38,14 @@ from tests.optics.design.program.seeded_mirrors import (
 SPEC = spec_of(KINDS[4], 105.0)
 SCALE_MM, CAMERA = SPEC.scale_mm, SPEC.camera
 CENTRES, CORNERS = seeded(SPEC)
-NEARNESS = SCALE_MM / CAMERA.focus_mm
+INVERSE_FOCUS = SCALE_MM / CAMERA.focus_mm
 BLUR = CAMERA.fx_px * CAMERA.aperture_mm / SCALE_MM / 4.0 / np.sqrt(SHARP_VARIANCE_PX2)
 REGION = (region_directions() * [0.11, 0.08] + np.random.default_rng(5).normal(0.0, 0.005, (8, 2))).ravel()
 USES: dict[str, tuple[Term, FloatArray, FloatArray]] = {
     "sigma": (
         constraints.depth_sigma_term(4, 3),
         np.concatenate([fold_of(SPEC), CENTRES.ravel()]),
-        np.array([5.0, 0.1, -0.06, NEARNESS, BLUR, 0.5]),
+        np.array([5.0, 0.1, -0.06, INVERSE_FOCUS, BLUR, 0.5]),
     ),
     "field of view": (
         constraints.field_of_view_term(4),
@@ -183,7 +183,7 @@ def layout_of(centres: FloatArray) -> Layout:
 def sigma(centres: FloatArray, depth: float, tangents: list[float]) -> float:
     """The term's standard deviation, up to a factor."""
     term, unknowns = constraints.depth_sigma_term(4, 3), np.concatenate([fold_of(SPEC), centres.ravel()])
-    return float(term.value(unknowns, [depth, *tangents, NEARNESS, BLUR, 1.0])[0])
+    return float(term.value(unknowns, [depth, *tangents, INVERSE_FOCUS, BLUR, 1.0])[0])
 
 
 @pytest.mark.parametrize("depth_mm", [300.0, 500.0])

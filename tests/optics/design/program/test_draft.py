@@ -1,4 +1,4 @@
-"""A program under construction: indices of fold and mirrors, and the common parameters of terms, in scales."""
+"""A program under construction: indices of fold and mirrors, and common parameters, in units of the design scale."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ def test_unknowns_start_as_the_mirrors_of_the_seed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("fold_deg", "minimum", "maximum"), [(100.0, 100.0, 100.0), ("auto", FOLD_DEG.min, FOLD_DEG.max)]
+    ("fold_deg", "min_deg", "max_deg"), [(100.0, 100.0, 100.0), ("auto", FOLD_DEG.min, FOLD_DEG.max)]
 )
-def test_a_fold_is_given_or_free_in_its_range(fold_deg: float | str, minimum: float, maximum: float) -> None:
+def test_a_fold_is_given_or_free_in_its_range(fold_deg: float | str, min_deg: float, max_deg: float) -> None:
     spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "fold_deg": fold_deg})
     draft = Draft.of(spec, seed_of(spec, 375.0))
     low, high = draft.program.bounds
-    assert_allclose(np.degrees([*low[draft.fold], *high[draft.fold]]), [minimum, maximum])
+    assert_allclose(np.degrees([*low[draft.fold], *high[draft.fold]]), [min_deg, max_deg])
 
 
-def test_lengths_are_in_scales() -> None:
+def test_lengths_are_in_units_of_the_scale() -> None:
     camera = Camera.c920().replaced(aperture_mm=2.0, focus_mm=400.0)
     spec = DesignSpec(camera=camera, scale_mm=50.0, surface="second", thickness_mm=2.0)
     assert_allclose(Draft.of(spec, seed_of(spec, 375.0)).optics, [0.04, 1.49, 0.02, 0.125])

@@ -39,7 +39,7 @@ def test_a_seen_gap_term_measures_how_far_sub_images_are_apart(sides: int, first
     outlines = [corners[k].reshape(-1, 2) for k in (first, second)]
     bodies = [Polygon(outline) for outline in outlines]
     a, b = (np.array(point.coords[0]) for point in nearest_points(*bodies))
-    term, gap = separation.seen_gap_term(sides), 0.003
+    term, gap = separation.sub_image_gap_term(sides), 0.003
     found = []
     for turn in np.radians([0.0, -3.0, 3.0, 30.0, 180.0]):
         cos, sin = np.cos(turn), np.sin(turn)
@@ -58,7 +58,7 @@ def test_a_seen_gap_term_measures_how_far_sub_images_are_apart(sides: int, first
 def test_a_line_between_sub_images_has_a_normal_of_about_unit_length() -> None:
     # A longer normal would exaggerate the gap; a zero normal would separate nothing.
     _, corners = seeded(spec_of(KINDS[0]))
-    term = separation.seen_gap_term(4)
+    term = separation.sub_image_gap_term(4)
     for length, allowed in [(1.0, True), (0.91, True), (0.89, False), (1.01, False)]:
         line = np.array([0.6 * length, 0.8 * length, 0.0])
         _, g = term_value(term, [corners[0], corners[3], line], [np.array([0.0])])

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.optics.geometry.lenses.families import NUMBERED, LensName, lens_of
+from mirrorcam.optics.geometry.lenses.families import FIXED_SIZE_FAMILIES, LensName, lens_of
 from mirrorcam.optics.geometry.lenses.spline import LensGrid
 
 
-@pytest.mark.parametrize("name", NUMBERED)
+@pytest.mark.parametrize("name", FIXED_SIZE_FAMILIES)
 def test_a_family_takes_as_many_numbers_as_it_names(name: LensName) -> None:
-    names = lens_of(name, np.zeros(len(NUMBERED[name].NAMES))).names
+    names = lens_of(name, np.zeros(len(FIXED_SIZE_FAMILIES[name].NAMES))).names
     assert len(set(names)) == len(names)
     with pytest.raises(ValueError, match=rf"3 distortion coefficients, expected {len(names)} for a {name} lens: k1, "):
         lens_of(name, np.zeros(3))

@@ -42,7 +42,7 @@ def test_it_projects_as_opencv_does_with_its_derivatives(camera: Camera) -> None
     np.testing.assert_allclose(d_intrinsics, jacobian[:, :, 6:], rtol=1e-9, atol=1e-8)
 
 
-def test_it_agrees_with_differences_and_comes_back(camera: Camera) -> None:
+def test_it_agrees_with_differences_and_is_inverted(camera: Camera) -> None:
     assert_derivatives(camera, points(40))
     assert_comes_back(camera)
 
