@@ -125,7 +125,7 @@ def _axes(
 def _label(name: str) -> str:
     """Label of a figure of merit, with its depth at the end: "overlap IoU, 300 mm"."""
     text = re.sub(r"_([0-9.e+]+)mm$", r", \1 mm", name.removesuffix("_deg").removesuffix("_mm"))
-    for short, long in (("fov_x", "field of view across"), ("fov_y", "field of view upwards"), ("iou", "IoU")):
+    for short, long in (("fov_x", "horizontal field of view"), ("fov_y", "vertical field of view"), ("iou", "IoU")):
         text = text.replace(short, long)
     return text.replace("_", " ")
 
