@@ -93,7 +93,7 @@ def test_a_layout_that_shares_nothing_is_drawn_all_the_same(default_layout: Layo
 
 def test_layouts_without_a_spec_say_so(default_layout: Layout, tmp_path: Path) -> None:
     bare = default_layout.replaced(spec=None)
-    with pytest.raises(ValueError, match="found none to take depths from"):
+    with pytest.raises(ValueError, match="expected one with depths"):
         before_after(bare, bare, tmp_path / "figure.png")
 
 

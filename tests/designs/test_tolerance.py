@@ -71,7 +71,7 @@ def test_the_same_layout_gives_the_same_bytes(pair: Layout, tmp_path: Path) -> N
 
 
 def test_a_layout_without_a_spec_says_so(default_layout: Layout, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="found none to take depths from"):
+    with pytest.raises(ValueError, match="expected one with depths"):
         write_tolerance(default_layout.replaced(spec=None), Tolerances.none(), tmp_path)
 
 
