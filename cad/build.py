@@ -30,7 +30,7 @@ def build_parts(
     progress: Progress = no_progress,
     elastic: bool = False,
 ) -> dict[str, Metric]:
-    """Write all files of a layout's device (`files_of`): parts, mirrors to cut, drawings, guide, page and checks.
+    """Write all files of a layout's device (`files_of`): parts, cut files of mirrors, drawings, guide, page and checks.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def build_parts(
     out
         New or empty folder for the files; `index.html` there leads to all of them.
     hardware
-        Dimensions that parts are drawn from: camera body, screws, printer, cutter, clearances in mm.
+        Dimensions from which parts are made, in mm: camera body, screws, printer, cutter, clearances.
     results
         Store of finished parts; a part with the same dimensions, made by the same program, is read from it.
     workers
@@ -47,8 +47,8 @@ def build_parts(
     progress
         Called with the number of finished steps and the number of all steps.
     elastic
-        Predict by finite elements how gravity, temperature and creep move the mirrors. This takes a minute or two and
-        needs the extra `fe`.
+        Predict by finite elements how gravity, temperature and creep move the mirrors. This takes a minute or two, and
+        requires the extra `fe`.
 
     Returns
     -------
@@ -65,13 +65,13 @@ def build_parts(
     check_type("hardware", hardware, Hardware)
     out = path_of("out", out)
     check_count("workers", workers, WORKERS)
-    kept = None if results is None else Results(path_of("results", results))
+    store = None if results is None else Results(path_of("results", results))
     if workers > 1:
         begin_loading(KERNEL)
     with _extra_installed():
         from mirrorcam.cad.assembly.device_plan import plan_device
     if elastic and hardware.holder.mirrors == "screws":
-        raise InputError('finite elements model glued mirrors, expected holder.mirrors = "glue" or no --elastic')
+        raise InputError('finite elements model only glued mirrors, expected holder.mirrors = "glue" or no --elastic')
     if elastic:
         from mirrorcam.cad.checks.elasticity.elasticity_report import require_solvable
 
@@ -86,7 +86,7 @@ def build_parts(
     except OSError as error:
         reason = "is a file" if out.exists() else f"cannot be written: {error.strerror}"
         raise InputError(f"{out}: {reason}, expected a new or empty folder") from None
-    return write_files(device, out, kept, workers, progress, elastic=elastic)
+    return write_files(device, out, store, workers, progress, elastic=elastic)
 
 
 @contextmanager
@@ -98,4 +98,4 @@ def _extra_installed() -> Iterator[None]:
         if error.name is None or error.name.partition(".")[0] not in EXTRA:
             raise
         install = 'pip install "mirrorcam[cad]"'
-        raise InputError(f"{error.name} is not installed, needed to build parts: {install}") from None
+        raise InputError(f"{error.name} is not installed, but is needed to build parts: {install}") from None

@@ -27,7 +27,7 @@ _BUILT = "part.json"
 def make_part(
     part: PartPlan, printer: Printer, out: Path, results: Results | None, screw: Fastening = HARDWARE.screw
 ) -> BuiltPart:
-    """Make and check the files of a part in `out`, or copy them from `results` if it has the same part.
+    """Make and check the files of a part in `out`, or copy them from `results` if the same part is stored there.
 
     Writes NAME.step, .stl and .3mf to `out/parts`, and NAME.svg and .pdf to `out/drawings`. `screw` decides which
     holes the drawing marks for inserts and nuts. Raises InputError if the part cannot be made.

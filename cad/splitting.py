@@ -42,19 +42,19 @@ from mirrorcam.cad.plan.cuts import (
     Joint,
     PiecePlan,
     Span,
+    avoid_corners,
     bed_lengths_mm,
     cells_between,
-    clearance_round_pin_mm,
+    clearance_around_pin_mm,
     cut_slack_mm,
+    depth_for_pin_mm,
     farthest_pair,
     hole_depth_mm,
     hole_frame,
     hole_mm,
     joints_between,
-    off_corners,
-    reach_of_pin_mm,
     require_height,
-    turned_onto_bed,
+    rotated_onto_bed,
 )
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Hardware
@@ -63,8 +63,8 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
-# Number of tried positions of each cut.
-TRIED_CUTS = 9
+# Number of candidate positions of each cut.
+CANDIDATE_CUTS = 9
 # Spacing of the sections tested along a pin.
 SLICE_MM = 1.0
 MESH_MM = 0.05
@@ -87,7 +87,7 @@ def triangles_of(body: Manifold) -> FloatArray:
 
 
 def falls_apart(body: Manifold, axis: int, cut_mm: float, crumb_mm: float) -> bool:
-    """Return whether a cut across an axis leaves more than two pieces larger than a cube of side `crumb_mm`."""
+    """Return whether a cut normal to an axis leaves more than two pieces larger than a cube of side `crumb_mm`."""
     normal = np.eye(3)[axis]
     return any(len(fragments(half, crumb_mm)) != 1 for half in body.split_by_plane(normal, cut_mm))
 
@@ -114,17 +114,17 @@ def best_cuts_mm(body: Manifold, axis: int, span: Span, bed_mm: float, hardware:
     slack = cut_slack_mm(end - start, count, bed_mm)
     cuts = []
     for i in range(1, count):
-        middle = start + (end - start) * i / count
-        candidates = np.linspace(middle - slack, middle + slack, TRIED_CUTS)
+        nominal = start + (end - start) * i / count
+        candidates = np.linspace(nominal - slack, nominal + slack, CANDIDATE_CUTS)
         areas = [area_for_pins(body, axis, float(cut), (-FAR_MM, FAR_MM), hardware).area for cut in candidates]
-        # Among equally good cuts, the one nearest to the middle.
-        best = max(range(TRIED_CUTS), key=lambda k: (round(areas[k], 3), -abs(candidates[k] - middle)))
+        # Among equally good cuts, the one nearest to its nominal position.
+        best = max(range(CANDIDATE_CUTS), key=lambda k: (round(areas[k], 3), -abs(candidates[k] - nominal)))
         cuts.append(float(candidates[best]))
     return tuple(cuts)
 
 
 def area_for_pins(body: Manifold, axis: int, cut_mm: float, span: Span, hardware: Hardware) -> BaseGeometry:
-    """Area of a cut for the axis of a pin, with at least the thinnest wall along the pin and beyond its ends.
+    """Area of a cut in which a pin's axis may lie, with at least the thinnest wall around the pin and beyond its ends.
 
     Parameters
     ----------
@@ -144,15 +144,15 @@ def area_for_pins(body: Manifold, axis: int, cut_mm: float, span: Span, hardware
     """
     # Axes of the section: the bed's other axis, up, and the normal of the cut.
     section_frame = body.transform(np.column_stack([np.eye(3)[[1 - axis, 2, axis]], np.zeros(3)]))
-    reach = reach_of_pin_mm(hardware)
-    levels = np.linspace(cut_mm - reach, cut_mm + reach, int(np.ceil(2.0 * reach / SLICE_MM)) + 1)
+    depth = depth_for_pin_mm(hardware)
+    levels = np.linspace(cut_mm - depth, cut_mm + depth, int(np.ceil(2.0 * depth / SLICE_MM)) + 1)
     solid = shapely.intersection_all([_section(section_frame, float(level)) for level in levels])
-    clearance = clearance_round_pin_mm(hardware)
+    clearance = clearance_around_pin_mm(hardware)
     return solid.buffer(-clearance).intersection(shapely.box(span[0] + clearance, -FAR_MM, span[1] - clearance, FAR_MM))
 
 
 def _section(body: Manifold, level: float) -> BaseGeometry:
-    """Section of a body across z; loops inside loops are holes."""
+    """Section of a body normal to z; loops inside loops are holes."""
     loops = (shapely.Polygon(loop) for loop in body.slice(level).to_polygons())
     return reduce(lambda a, b: a.symmetric_difference(b), loops, shapely.Polygon())
 
@@ -194,7 +194,7 @@ def make_piece(plan: PiecePlan) -> Part:
             extrude(amount=plan.hole_mm[1], mode=Mode.SUBTRACT)
     solids = [solid for solid in piece.solids() if solid.volume > plan.crumb_mm**3]
     if len(solids) != 1:
-        raise InputError(f"a piece cut for the printer's bed falls apart into {len(solids)}, expected one")
+        raise InputError(f"a piece cut for the printer's bed falls apart into {len(solids)} pieces, expected one")
     return Part(solids)
 
 
@@ -237,12 +237,12 @@ def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_m
     part : PartPlan
         The uncut part. Its solid is made only if it has to be cut.
     corners_in_rig : (n, 3)
-        Points in rig, mm, whose bounding box on the bed contains the part.
+        Points in the rig frame, mm, whose bounding box on the bed contains the part.
     hardware : Hardware
         The printer's bed and thinnest wall, fits and pins.
     cuts_mm : pair of tuples of float, optional
-        Coordinates of cuts along the bed's x and y, which may shift by up to `plan.cuts.MOVED_MM`. Default: those with
-        the most space for pins.
+        Coordinates of cuts along the bed's x and y, which may shift by up to `plan.cuts.MAX_SHIFT_MM`. Default: those
+        with the most space for pins.
 
     Returns
     -------
@@ -261,13 +261,13 @@ def split(part: PartPlan, corners_in_rig: FloatArray, hardware: Hardware, cuts_m
     lengths = (float(high[0] - low[0]), float(high[1] - low[1]))
     bed = bed_lengths_mm(lengths, hardware)
     if lengths[0] <= bed[0] and lengths[1] <= bed[1]:
-        return Pieces((turned_onto_bed(part, lengths[0], bed[0], hardware),), ())
+        return Pieces((rotated_onto_bed(part, lengths[0], bed[0], hardware),), ())
     body = mesh_of(uncut_part(part.plan, part.make)).transform(part.print_from_rig[:3])
     if cuts_mm is None:
         spans = [(float(low[axis]), float(high[axis])) for axis in (0, 1)]
         cuts_mm = (best_cuts_mm(body, 0, spans[0], bed[0], hardware), best_cuts_mm(body, 1, spans[1], bed[1], hardware))
     triangles, wall = triangles_of(body), hardware.printer.wall_mm
-    cuts_mm = (off_corners(triangles, 0, cuts_mm[0], wall), off_corners(triangles, 1, cuts_mm[1], wall))
+    cuts_mm = (avoid_corners(triangles, 0, cuts_mm[0], wall), avoid_corners(triangles, 1, cuts_mm[1], wall))
     return _pieces(part, body, (low, high), cuts_mm, bed, hardware)
 
 
@@ -308,12 +308,12 @@ def _pieces(
             crumb_mm=hardware.printer.wall_mm,
         )
         piece = _piece(part, number, plan, bounds, bounds.mean(axis=0) - (low + high) / 2.0)
-        pieces[cell] = turned_onto_bed(piece, float(bounds[1, 0] - bounds[0, 0]), bed_mm[0], hardware)
+        pieces[cell] = rotated_onto_bed(piece, float(bounds[1, 0] - bounds[0, 0]), bed_mm[0], hardware)
     return Pieces(tuple(pieces.values()), tuple(_pin_item(pin, pieces, hardware) for pin in pins))
 
 
 def _piece(part: PartPlan, number: int, plan: PiecePlan, bounds: FloatArray, offset: FloatArray) -> PartPlan:
-    """Plan a piece as a part, from its bounds (2, 3) on the bed and the offset (3,) from the uncut part's middle."""
+    """Plan a piece as a part, from its bounds (2, 3) on the bed and the offset (3,) from the uncut part's centre."""
     lowered = rigid(np.eye(3), [0.0, 0.0, -bounds[0, 2]])
     displacement = plan.rig_from_bed[:3, :3] @ (offset * [1.0, 1.0, 0.0])
     return replace(
@@ -344,7 +344,7 @@ def _pin_item(pin: _Pin, pieces: dict[Cell, PartPlan], hardware: Hardware) -> Bo
 
 def _two_pins(part: PartPlan, body: Manifold, joint: Joint, rig_from_bed: FloatArray, hardware: Hardware) -> list[_Pin]:
     """The two pins of a joint, as far apart as the cut allows."""
-    axis, cut = joint.axis, joint.at_mm
+    axis, cut = joint.axis, joint.cut_mm
     area = area_for_pins(body, axis, cut, joint.span_mm, hardware)
     corners, distance = farthest_pair(get_coordinates(area))
     needed = PIN_SPACING * hardware.holder.pin_mm[0]
@@ -355,9 +355,9 @@ def _two_pins(part: PartPlan, body: Manifold, joint: Joint, rig_from_bed: FloatA
         )
     pins = []
     for corner in corners:
-        middle = np.zeros(3)
-        middle[[1 - axis, 2]], middle[axis] = corner, cut
-        holes = [rig_from_bed @ hole_frame(middle, axis, side) for side in (-1.0, 1.0)]
+        start = np.zeros(3)
+        start[[1 - axis, 2]], start[axis] = corner, cut
+        holes = [rig_from_bed @ hole_frame(start, axis, side) for side in (-1.0, 1.0)]
         pins.append(_Pin(joint.cells, np.array(holes)))
     return pins
 
@@ -367,7 +367,7 @@ def _bounds_of_piece(part: PartPlan, number: int, body: Manifold, bed_mm: Span, 
     title = f"piece {number} of the {part.title.lower()}"
     pieces = fragments(body, hardware.printer.wall_mm)
     if len(pieces) != 1:
-        raise InputError(f"{title} falls apart into {len(pieces)}, expected one")
+        raise InputError(f"{title} falls apart into {len(pieces)} pieces, expected one")
     bounds: FloatArray = np.array(pieces[0].bounding_box()).reshape(2, 3)
     for length, longest in zip(np.ptp(bounds, axis=0), bed_mm, strict=False):
         if length > longest + 1e-6:

@@ -15,7 +15,7 @@ from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, camera_solid, it
 from mirrorcam.cad.guide.shading import Pixels, Screen, ShadedBody, render
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
-from mirrorcam.cad.plan.fasteners import along
+from mirrorcam.cad.plan.fasteners import frame_along
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BoughtItem
 from mirrorcam.core.images.pictures import write_image
@@ -46,7 +46,7 @@ def tile(name: str) -> Pixels:
         ShadedBody(np.asarray(tessellated(camera_solid(hardware.camera)).triangles, dtype=np.float64), CAMERA_RGB),
     ]
     for screw in plan.nest.screws if plan.nest else ():
-        frame = along(screw.head, -screw.axis)
+        frame = frame_along(screw.head, -screw.axis)
         mesh = tessellated(item_solid(BoughtItem("screw", "M3", screw.length_mm, frame, np.zeros(3), ())))
         mesh.apply_transform(frame)
         bodies.append(ShadedBody(np.asarray(mesh.triangles, dtype=np.float64), ITEM_RGB["screw"]))

@@ -23,7 +23,7 @@ from mirrorcam.cad.parts.mount import rotation_2d
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.parts.truss import foot_plate_mm
 from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
-from mirrorcam.cad.plan.fasteners import ACROSS, COUNTERSUNK, Stack, along, beyond
+from mirrorcam.cad.plan.fasteners import COUNTERSUNK, X_AXIS, Stack, exit_move, frame_along
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, NamedFace, PartPlan, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import seat_height_mm
@@ -110,9 +110,9 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     mount, clip, back = device.mount, device.clip, device.back
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
-    slots = device.holder.slot_directions if device.holder.slots else ACROSS
+    slots = device.holder.slot_directions if device.holder.slots else X_AXIS
     down = np.array([0.0, 0.0, -1.0])
-    slide = clip.slide_at - clip.slide.grip_mm * TO_SCENE
+    slide = clip.slide_points - clip.slide.grip_mm * TO_SCENE
     head, foot = (MOUNT, HOLDER), (back.parts[0].name, MOUNT)
     return (
         *_screws(
@@ -156,7 +156,7 @@ def _screws(
     stack: Stack,
     joins: tuple[str, str],
     nut_exits_mm: Callable[[Device, FloatArray], FloatArray],
-    corners: FloatArray = ACROSS,
+    corners: FloatArray = X_AXIS,
     size: str = "M3",
 ) -> Iterator[BoughtItem]:
     """Screws with their heads, or the washers under them, at points (n, 3), and their inserts or nuts.
@@ -168,19 +168,19 @@ def _screws(
     outer, inner = (explode_moves(device)[name] for name in joins)
     for head in heads:
         if stack.washer_mm > 0.0:
-            yield BoughtItem("washer", "M3", stack.washer_mm, along(head, out), outer + 23.0 * out, joins)
-        under_head = along(head + stack.washer_mm * out, out)
+            yield BoughtItem("washer", "M3", stack.washer_mm, frame_along(head, out), outer + 23.0 * out, joins)
+        under_head = frame_along(head + stack.washer_mm * out, out)
         yield BoughtItem("screw", size, stack.length_mm, under_head, outer + 25.0 * out, joins)
     mouths = heads - stack.grip_mm * out
     if screw.kind == "insert":
         moves = insert_exit_mm(out)
         for mouth in mouths:
-            yield _thread(device, along(mouth, out), inner, joins[1:], moves)
+            yield _thread(device, frame_along(mouth, out), inner, joins[1:], moves)
         return
     seats = mouths - stack.begins_mm * out
     exits = nut_exits_mm(device, seats)
     for seat, moves, corner in zip(seats, exits, np.broadcast_to(corners, heads.shape), strict=True):
-        yield _thread(device, along(seat, out, corner), inner, joins[1:], moves)
+        yield _thread(device, frame_along(seat, out, corner), inner, joins[1:], moves)
 
 
 def _thread(
@@ -202,15 +202,19 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
     if not isinstance(held_by, Lips):
         for head in clip.board_screws:
             size = f"M{held_by.screw_mm:g}{FORMING}"
-            yield BoughtItem("screw", size, held_by.screw_length_mm, along(head, UP), clip_move + 20.0 * UP, (CLIP,))
+            yield BoughtItem(
+                "screw", size, held_by.screw_length_mm, frame_along(head, UP), clip_move + 20.0 * UP, (CLIP,)
+            )
     for sprung in clip.nest.screws if clip.nest else ():
         out = -sprung.axis
-        yield BoughtItem("screw", "M3", sprung.length_mm, along(sprung.head, out), clip_move + 25.0 * out, (CLIP,))
+        yield BoughtItem(
+            "screw", "M3", sprung.length_mm, frame_along(sprung.head, out), clip_move + 25.0 * out, (CLIP,)
+        )
         seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
         insert = hardware.screw.kind == "insert"
         moves = insert_exit_mm(out) if insert else sprung.nut_way_mm
-        corner_direction = ACROSS if insert else TO_SCENE - (TO_SCENE @ out) * out
-        yield _thread(device, along(seat, out, corner_direction), clip_move, (CLIP,), moves)
+        corner_direction = X_AXIS if insert else TO_SCENE - (TO_SCENE @ out) * out
+        yield _thread(device, frame_along(seat, out, corner_direction), clip_move, (CLIP,), moves)
 
 
 def _carrier_items(device: Device) -> Iterator[BoughtItem]:
@@ -230,7 +234,7 @@ def _carrier_items(device: Device) -> Iterator[BoughtItem]:
                 "screw",
                 f"{SCREW}{COUNTERSUNK}",
                 adjuster.length_mm,
-                along(top, outward),
+                frame_along(top, outward),
                 holder_move + 25.0 * outward,
                 joins,
             )
@@ -240,17 +244,17 @@ def _carrier_items(device: Device) -> Iterator[BoughtItem]:
                 "spring",
                 size,
                 adjuster.spring_mm,
-                along(recess, outward),
+                frame_along(recess, outward),
                 holder_move - 0.6 * CARRIER_EXPLODE_MM * outward,
                 joins,
             )
             mouth = head - (adjuster.plate_mm + adjuster.gap_mm) * outward
             if screw.kind == "insert":
-                yield _thread(device, along(mouth, outward), carrier_move, (name,), insert_exit_mm(outward))
+                yield _thread(device, frame_along(mouth, outward), carrier_move, (name,), insert_exit_mm(outward))
             else:
                 seat = mouth - UNDER_NUT_MM * outward
-                exit_mm = beyond(corners_of((carrier.body,)), seat, -outward)[None]
-                yield _thread(device, along(seat, outward, corner), carrier_move, (name,), exit_mm)
+                exit_mm = exit_move(corners_of((carrier.body,)), seat, -outward)[None]
+                yield _thread(device, frame_along(seat, outward, corner), carrier_move, (name,), exit_mm)
 
 
 def with_base_at(bed_from_rig: FloatArray, low_mm: float) -> FloatArray:
@@ -309,13 +313,13 @@ def holder_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Exit moves (n, 1, 3) in the rig frame, along their slots, of the nuts at seats (n, 3) in the holder's back."""
     corners, directions = device.holder.corners_in_rig, device.holder.slot_directions
     unit = directions / np.linalg.norm(directions, axis=1)[:, None]
-    return np.array([[beyond(corners, seat, direction)] for seat, direction in zip(seats, unit, strict=True)])
+    return np.array([[exit_move(corners, seat, direction)] for seat, direction in zip(seats, unit, strict=True)])
 
 
 def slide_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Exit moves (n, 1, 3) of the nuts of the clip's slide: from its wall towards the scene."""
     corners = corners_of(device.clip.pieces)
-    return np.array([[beyond(corners, seat, TO_SCENE)] for seat in seats])
+    return np.array([[exit_move(corners, seat, TO_SCENE)] for seat in seats])
 
 
 def foot_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
@@ -324,5 +328,5 @@ def foot_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     plate = device.mount.foot_z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware)
     # The origin of a nut is at its face towards the screw.
     off_plate = [(plate - seat[2] + screw.nut_height_mm / 4.0) * UP for seat in seats]
-    sides = [beyond(corners, seat, np.sign(seat[0]) * RIGHT) for seat in seats]
+    sides = [exit_move(corners, seat, np.sign(seat[0]) * RIGHT) for seat in seats]
     return np.stack([off_plate, sides], axis=1)

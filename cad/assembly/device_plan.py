@@ -22,7 +22,7 @@ from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.fasteners import THREADS
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
 from mirrorcam.cad.plan.part_plan import Connection
-from mirrorcam.cad.plan.prisms import box, moved, overlap_mm, require_dark
+from mirrorcam.cad.plan.prisms import box, overlap_mm, require_clear_of_light, shifted
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera_body import BoardHoles
@@ -83,8 +83,8 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     light = keep_outs(layout, hardware)
     # The camera's cones end in the pupil, inside the camera.
     beams = [[pocket, beam] for pocket, _, beam in light]
-    require_dark("camera", camera_boxes(hardware), layout, beams)
-    require_dark("camera clip", over_travel(clip.pieces, clip.travel_mm), layout, light)
+    require_clear_of_light("camera", camera_boxes(hardware), layout, beams)
+    require_clear_of_light("camera clip", over_travel(clip.pieces, clip.travel_mm), layout, light)
     # The holder is planned last among these, since it takes longest: a minute for large layouts.
     screwed = hardware.holder.mirrors == "screws"
     holder = plan_screwed_holder(layout, hardware) if screwed else plan_holder(layout, hardware)
@@ -92,9 +92,9 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     back = plan_back(clip, mount, hardware)
     for part in back.parts:
         low, high = part.plan.corners.min(axis=0), part.plan.corners.max(axis=0)
-        require_dark(part.title.lower(), (box(tuple(low), tuple(high)),), layout, light)
+        require_clear_of_light(part.title.lower(), (box(tuple(low), tuple(high)),), layout, light)
     for support in back.supports:
-        require_dark(support.name, support.solids, layout, light)
+        require_clear_of_light(support.name, support.solids, layout, light)
     return Device(
         layout=layout,
         hardware=hardware,
@@ -128,7 +128,7 @@ def _cover(
     fractions = np.linspace(0.0, 1.0, COVER_STEPS + 1)[:, None]
     shifts = np.vstack([fractions * cover.way_mm[0], cover.way_mm[0] + fractions * cover.way_mm[1]])
     clashes = (
-        overlap_mm(moved(cover.outer, shift), solid) > 0.0
+        overlap_mm(shifted(cover.outer, shift), solid) > 0.0
         for shift in shifts
         for solid in (*camera, *lens_boxes(hardware))
     )
@@ -162,7 +162,7 @@ def lens_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
 def over_travel(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:
     """Solids at both ends and at mid-travel along z."""
     return tuple(
-        moved(solid, np.array([0.0, 0.0, shift])) for shift in (-travel_mm, 0.0, travel_mm) for solid in solids
+        shifted(solid, np.array([0.0, 0.0, shift])) for shift in (-travel_mm, 0.0, travel_mm) for solid in solids
     )
 
 
@@ -176,7 +176,7 @@ def connections(device: Device) -> tuple[Connection, ...]:
     # x along the slide, z towards the clip.
     slide_axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
     slide = rigid(slide_axes, mount.slide)
-    clip_slide = rigid(slide_axes, clip.slide_middle)
+    clip_slide = rigid(slide_axes, clip.slide_centre)
     return (
         Connection("back", HOLDER, MOUNT, back_frame, mount.rig_from_head @ np.diag([1.0, -1.0, -1.0, 1.0])),
         Connection("slide", MOUNT, CLIP, slide, clip_slide, clip.travel_mm),

@@ -29,7 +29,7 @@ from build123d import (
 
 from mirrorcam.cad.assembly.catalogue import bought_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.plan.device_names import APART, CLIP, HOLDER, carrier_name
+from mirrorcam.cad.plan.device_names import CLIP, HOLDER, UNMOUNTED, carrier_name
 from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, diameter_mm, thread_of
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BuiltPart, MassProperties, Rgb
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
@@ -96,7 +96,7 @@ PieceOrPart = TypeVar("PieceOrPart", Piece, BuiltPart)
 
 def pieces_of(device: Device, parts: Iterable[BuiltPart]) -> tuple[Piece, ...]:
     """All pieces of a device, with the printed parts read from their STL files."""
-    printed = [_printed(part) for part in parts if part.name not in APART]
+    printed = [_printed(part) for part in parts if part.name not in UNMOUNTED]
     return (
         *printed,
         *mirror_pieces(device, printed),

@@ -23,12 +23,12 @@ from mirrorcam.core.values import FloatArray
 # Colours of the part under the mount's foot, and of the part fastened to it.
 RGB: Rgb = (0.35, 0.60, 0.42)
 SECOND_RGB: Rgb = (0.55, 0.74, 0.52)
-# Orientations of a back's part in print: rows are the bed's x, y and z in rig.
-AS_IT_STANDS = np.eye(3)
+# Orientations of a back's part in print: the rows are the bed's x, y and z axes in the rig frame.
+UPRIGHT = np.eye(3)
 FRONT_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 BACK_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 TOP_DOWN = np.diag([1.0, -1.0, -1.0])
-ON_ITS_SIDE = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+SIDE_DOWN = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
 class PlannedPart(Protocol):
@@ -36,7 +36,7 @@ class PlannedPart(Protocol):
 
     @property
     def corners(self) -> FloatArray:
-        """Points (n, 3) in rig whose hull contains the part and has the same extent along the axes."""
+        """Points (n, 3) in the rig frame whose hull contains the part and has its extent along each axis."""
         ...
 
 
@@ -70,7 +70,7 @@ class BackJoint:
 
 @dataclass(frozen=True)
 class Support:
-    """The support of a back, as convex solids in rig, mm, for clearances and light; not part of the device."""
+    """The support of a back: convex solids in the rig frame, mm, for clearances and light; not part of the device."""
 
     name: str
     solids: tuple[Frustum, ...]
@@ -78,34 +78,33 @@ class Support:
 
 @dataclass(frozen=True)
 class Neck:
-    """A weak section of a back that bears the load: a rectangle about a point (3,), with a unit `normal` (3,).
+    """A weak section of a back that bears the load: a rectangle about `centre` (3,), with a unit `normal` (3,).
 
-    `sides_mm` are its lengths along `along` (3,), in its plane, and normal to that. With `arm_mm`, the section only
-    bends about `along`, under forces at that lever arm, such as a force on the edge of a foot.
+    `sides_mm` are its lengths along `axis` (3,), in its plane, and normal to that axis. With `arm_mm`, the section only
+    bends about `axis`, under forces at that lever arm, such as a force on the edge of a foot.
     """
 
     name: str
-    at: FloatArray
+    centre: FloatArray
     normal: FloatArray
-    along: FloatArray
+    axis: FloatArray
     sides_mm: tuple[float, float]
     arm_mm: float | None = None
 
-    def stress_mpa(self, force_n: float, at: FloatArray) -> float:
-        """The largest stress by a force at a point (3,) in any direction, as the sum of its components.
+    def stress_mpa(self, force_n: float, point: FloatArray) -> float:
+        """The largest stress due to a force at a point (3,) in any direction, as the sum of its components.
 
-        Tension F/A, bending M/W about both sides, W = b h^2 / 6, and torsion T / (a b^2) with b the shorter side and
-        a = 1/5, a lower bound for all rectangles (Timoshenko, Theory of Elasticity, 109).
+        Tension F / A, bending M / W about both sides, W = b h^2 / 6, and torsion T / (k a b^2) with sides a >= b and
+        k = 1/5, a lower bound for all rectangles (Timoshenko, Theory of Elasticity, 109).
         """
         a, b = self.sides_mm
         if self.arm_mm is not None:
             return force_n * (1.0 / (a * b) + self.arm_mm / (a * b**2 / 6.0))
-        lever = at - self.at
-        second = np.cross(self.normal, self.along)
-        arms = (float(np.linalg.norm(lever - (lever @ axis) * axis)) for axis in (self.along, second, self.normal))
-        about_along, about_second, about_normal = arms
-        bending = about_along / (a * b**2 / 6.0) + about_second / (b * a**2 / 6.0)
-        torsion = about_normal / (max(a, b) * min(a, b) ** 2 / 5.0)
+        lever = point - self.centre
+        axes = (self.axis, np.cross(self.normal, self.axis), self.normal)
+        first_arm, second_arm, normal_arm = (float(np.linalg.norm(lever - (lever @ axis) * axis)) for axis in axes)
+        bending = first_arm / (a * b**2 / 6.0) + second_arm / (b * a**2 / 6.0)
+        torsion = normal_arm / (max(a, b) * min(a, b) ** 2 / 5.0)
         return force_n * (1.0 / (a * b) + bending + torsion)
 
 
@@ -126,7 +125,10 @@ class RobotLink:
 
 @dataclass(frozen=True)
 class Stand:
-    """The base of a free-standing device: a convex polygon (n, 2; x and y) at `z_mm` in rig, and the required tilt."""
+    """The base of a free-standing device: a convex polygon (n, 2; x and y) in the rig frame, at height `z_mm`.
+
+    Tilted by `tip_deg` in any direction, the device must not fall over.
+    """
 
     corners: FloatArray
     z_mm: float
@@ -135,7 +137,7 @@ class Stand:
 
 @dataclass(frozen=True)
 class Back:
-    """A back of any kind, in rig, mm; its first part is screwed to the mount's foot.
+    """A back of any kind, in the rig frame, mm; its first part is screwed to the mount's foot.
 
     The foot's screws, of `foot_size`, have their heads at `foot_heads` (4, 3) and the stack `foot`. `joints` are
     further M3 screws with their threads, `items` other bought items, and `connections` the joints between its parts.
@@ -163,14 +165,14 @@ class Back:
 
 @dataclass(frozen=True)
 class Load:
-    """A mass in g about a point (3,) in rig, mm."""
+    """A mass in g, and its centre (3,) in the rig frame, mm."""
 
     mass_g: float
-    at: FloatArray
+    centre: FloatArray
 
 
-def carried(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
-    """Mass of all but the back: the holder as if solid, the mirrors, the mount, the clip and the camera.
+def carried_load(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
+    """Mass and centre of all but the back: the holder as if solid, the mirrors, the mount, the clip and the camera.
 
     Overlapping pieces of a part count in full, so that this is an upper bound, for the design of backs. Checks use the
     masses of the parts as made.
@@ -183,13 +185,12 @@ def carried(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
         (hardware.camera.mass_g, (body.low + body.high) / 2.0),
     ]
     mass = sum(grams for grams, _ in masses)
-    return Load(mass, np.asarray(sum(grams * at for grams, at in masses) / mass))
+    return Load(mass, np.asarray(sum(grams * centre for grams, centre in masses) / mass))
 
 
 def _mass_of(pieces: tuple[Frustum, ...], hardware: Hardware) -> tuple[float, FloatArray]:
     """Mass in g, and centre (3,), of pieces of plastic."""
     volumes = np.array([abs(volume_mm3(piece)) for piece in pieces])
-    middles = np.array([np.vstack([piece.base, piece.top]).mean(axis=0) for piece in pieces])
-    return float(volumes.sum()) * hardware.printer.plastic_g_per_cm3 / 1000.0, np.asarray(
-        volumes @ middles / volumes.sum()
-    )
+    centres = np.array([np.vstack([piece.base, piece.top]).mean(axis=0) for piece in pieces])
+    mass_g = float(volumes.sum()) * hardware.printer.plastic_g_per_cm3 / 1000.0
+    return mass_g, np.asarray(volumes @ centres / volumes.sum())

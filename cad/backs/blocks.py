@@ -19,7 +19,7 @@ from mirrorcam.cad.plan.fasteners import (
     Bore,
     Countersink,
     Hexagon,
-    along,
+    frame_along,
     head_space_mm,
     thread_of,
 )
@@ -29,10 +29,10 @@ from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
 
-# The facets of a printed cone overhang slightly more than the cone, and slicers round by a degree or two: with 44 deg,
-# three of nine plates got support.
+# The facets of a printed cone overhang slightly more than the cone, and slicers round by a degree or two: at 44 deg,
+# slicers added support to three of nine plates.
 CONE_RAD = np.radians(ROOF_DEG)
-# Radial clearance of a countersink for the facets of its mesh: less than the tolerance of the clash check.
+# Radial clearance of a countersink, for the facets of its mesh: less than the tolerance of the clash check.
 HEAD_FIT_MM = 0.05
 # A countersink widens at most this far below the head, so that walls remain between holes 9.5 mm apart and at edges.
 FLARE_MM = 0.3
@@ -46,7 +46,7 @@ ALONG_X, ALONG_Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 
 @dataclass(frozen=True)
 class Disc:
-    """A disc about an axis along y, from the middle (3,) of its first face towards +y, in rig, mm."""
+    """A disc about an axis along y, from the centre (3,) of its first face towards +y, in the rig frame, mm."""
 
     middle: FloatArray
     radius_mm: float
@@ -55,7 +55,7 @@ class Disc:
 
 @dataclass(frozen=True)
 class BlocksPlan:
-    """A part in rig, mm: convex pieces and discs, minus cuts; `lengths` are for its drawing."""
+    """A part in the rig frame, mm: convex pieces and discs, minus cuts; `lengths` are for its drawing."""
 
     name: str
     pieces: tuple[Frustum, ...]
@@ -66,19 +66,19 @@ class BlocksPlan:
     @property
     def corners(self) -> FloatArray:
         """The corners (n, 3) of all pieces."""
-        return corners_of((*self.pieces, *(faceted(each) for each in self.discs)))
+        return corners_of((*self.pieces, *(faceted(disc) for disc in self.discs)))
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The lengths, rounds and holes."""
-        rounds = (Hole(each.middle, ALONG_Y, round(2.0 * each.radius_mm, 3)) for each in self.discs)
+        """The lengths, the diameters of the discs, and the holes."""
+        rounds = (Hole(disc.middle, ALONG_Y, round(2.0 * disc.radius_mm, 3)) for disc in self.discs)
         return (*self.lengths, *rounds, *holes(self.cuts))
 
 
 def countersunk_hole(
     head: FloatArray, grip_mm: float, sink_mm: float, size: str, flare_mm: float = FLARE_MM
 ) -> tuple[Bore | Countersink, ...]:
-    """A hole along z for a countersunk screw, with its head's top at a point (3,), `sink_mm` above a part's lower face.
+    """A hole along z for a countersunk screw, with the head's top at a point (3,), `sink_mm` above a part's lower face.
 
     It prints without support in the part's upright position, with a cone of `ROOF_DEG` that widens up to `flare_mm`
     below the head.
@@ -86,7 +86,7 @@ def countersunk_hole(
     thread = thread_of(size)
     half, head_radius = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
     flare = min(sink_mm, flare_mm) + OUTSIDE_MM
-    # Slightly steeper than the head, so that the head rests on its rim.
+    # Slightly steeper than the head's cone, so that the head rests on its rim.
     mouth = head_radius + flare * np.tan(CONE_RAD)
     cone = Countersink(head - flare * ABOVE, ABOVE, mouth, half, (mouth - half) / np.tan(CONE_RAD))
     bore = Bore(head, ABOVE, half, grip_mm + OUTSIDE_MM)
@@ -100,9 +100,9 @@ def countersunk_hole(
 
 
 def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: float) -> tuple[Bore, Countersink]:
-    """A slot along y and its groove, for a countersunk screw that is flush with the part's upper face.
+    """A slot along y and its countersink, for a countersunk screw that is flush with the part's upper face.
 
-    Its middle is a point (3,) of that face, on which the part is printed.
+    Its centre is a point (3,) of that face, on which the part is printed.
     """
     thread = thread_of(size)
     half, head_radius = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
@@ -114,7 +114,7 @@ def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: floa
 
 
 def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware: Hardware) -> Iterator[Bore]:
-    """Holes along z for M3 screws whose heads rest at points (n, 3), and the space for heads and driver below them.
+    """Holes along z for M3 screws whose heads rest at points (n, 3), and the space for heads and screwdriver below.
 
     `up` (3,) points up on the bed if the holes are horizontal in print, and is None if they are vertical.
     """
@@ -125,28 +125,28 @@ def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware
 
 
 def faceted(disc: Disc) -> Frustum:
-    """A disc as an inscribed prism."""
+    """An inscribed prism of a disc."""
     angles = 2.0 * np.pi / CORNERS * np.arange(CORNERS)
     base = disc.middle + disc.radius_mm * np.column_stack([np.cos(angles), np.zeros(CORNERS), np.sin(angles)])
     return Frustum(base, base + disc.thick_mm * ALONG_Y)
 
 
-def ring(middle: FloatArray, radii_mm: tuple[float, float], thick_mm: float) -> tuple[Frustum, ...]:
-    """A ring between two radii about an axis along y, as convex sectors inside it."""
+def ring(centre: FloatArray, radii_mm: tuple[float, float], thick_mm: float) -> tuple[Frustum, ...]:
+    """A ring between two radii about an axis along y, as inscribed convex sectors."""
     angles = 2.0 * np.pi / CORNERS * np.arange(CORNERS + 1)
     inner, outer = radii_mm
     sectors = []
     for start, end in pairwise(angles):
-        # Chords of the inner circle are inside it, so that their corners are moved out.
+        # Chords of the inner circle would be inside it, so that their corners are moved outwards.
         inner_corner = inner / np.cos(np.pi / CORNERS)
         loop = [(inner_corner, start), (outer, start), (outer, end), (inner_corner, end)]
-        base = np.array([middle + np.array([r * np.cos(t), 0.0, r * np.sin(t)]) for r, t in loop])
+        base = np.array([centre + np.array([r * np.cos(t), 0.0, r * np.sin(t)]) for r, t in loop])
         sectors.append(Frustum(base, base + np.array([0.0, thick_mm, 0.0])))
     return tuple(sectors)
 
 
 def tripod_depth_mm(nut: TripodNut) -> float:
-    """Least thickness of a part with a tripod's nut flush in its upper face."""
+    """Minimum thickness of a part with a tripod's nut flush in its upper face."""
     return nut.floor_mm + thread_of(TRIPOD).nut_height_mm + NUT_FIT_MM
 
 
@@ -167,5 +167,5 @@ def tripod_nut(top: FloatArray, thick_mm: float, nut: TripodNut, part: str, expl
     """The nut in the pocket of `tripod_cuts`, in the named part; it leaves through the part's upper face."""
     thread = thread_of(TRIPOD)
     exit_mm = 25.0 * ABOVE
-    frame = along(top - (thick_mm - nut.floor_mm - thread.nut_height_mm) * ABOVE, ABOVE)
+    frame = frame_along(top - (thick_mm - nut.floor_mm - thread.nut_height_mm) * ABOVE, ABOVE)
     return BoughtItem("nut", TRIPOD, thread.nut_height_mm, frame, explode_mm + exit_mm, (part,), exit_mm[None])

@@ -1,11 +1,12 @@
-"""Backs on a bracket: arms with a flange across their axis, and stands for monitors.
+"""Backs on a bracket, for arms with a flange normal to their axis, and for stands of monitors.
 
 The bracket has a vertical plate behind the mount's foot, a shelf and two ribs; it prints on its back.
 
 Arms, with the views along their axis: ISO 9409-1-50-4-M6, and Kinova's Gen3. The Gen3 was measured in sections of
 `bracelet_no_vision_link.STL` of ros2_kortex, kortex_description/arms/gen3/7dof/meshes, commit 1fdbef34 (Kinova inc.,
-BSD-3-Clause). Its face, with `end_effector_link`, is 61.525 mm in front of the link's origin. It has four core holes of
-4.2 mm at (+-27, +-16) mm, a hole of 4 mm at (30.5, 0) mm, and a rim from 35.4 to 37.5 mm that protrudes by 2.9 mm.
+BSD-3-Clause). Its face, at `end_effector_link`, is 61.525 mm in front of the origin of the mesh's link. In the face are
+four core holes of 4.2 mm at (+-27, +-16) mm and a hole of 4 mm at (30.5, 0) mm; a rim, with radii from 35.4 to 37.5 mm,
+protrudes by 2.9 mm.
 
 Stands and arms for monitors (VESA MIS-D): four M4 nuts in the front of the bracket's plate.
 """
@@ -23,10 +24,10 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, foot_stack
 from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back, VesaBack
 from mirrorcam.cad.plan.dimension import length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, along, thread_of
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, frame_along, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem, Connection
-from mirrorcam.cad.plan.prisms import along_x, box
+from mirrorcam.cad.plan.prisms import box, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
@@ -36,13 +37,13 @@ RIB_MM = 5.0
 
 @dataclass(frozen=True)
 class Bracket:
-    """A bracket in rig, mm: its plan, the middle (3,) of its plate's back, and the heads (4, 3) of the foot's screws.
+    """A bracket in the rig frame, mm: its plan, and the positions of the plate and of the foot's screws.
 
-    The plate's front is at y = `front_mm`.
+    `back_centre` (3,) is the centre of the plate's back, y = `front_mm` its front; the screws' heads are at `heads`.
     """
 
     plan: BlocksPlan
-    middle: FloatArray
+    back_centre: FloatArray
     front_mm: float
     heads: FloatArray
     neck: Neck
@@ -59,62 +60,62 @@ def plan_bracket(
     hardware: Hardware,
     ends: tuple[tuple[FloatArray, FloatArray], ...] = (),
 ) -> Bracket:
-    """Lay out a bracket whose plate has its middle `below_mm` under the mount's foot.
+    """Lay out a bracket whose plate has its centre `below_mm` under the mount's foot.
 
-    `sides_mm` are the plate's half width, its extent below its middle, and its thickness. The ribs extend from
+    `sides_mm` are the plate's half width, its extent below its centre, and its thickness. The ribs extend from
     `rib_x_mm` outwards on both sides. The origin of the plate's `cuts`, and of the `ends` (3,) of further dimensions,
-    is the middle of its back. The shelf is `grip_mm` thick, with the screws' heads under it.
+    is the centre of its back. The shelf is `grip_mm` thick, with the screws' heads under it.
     """
     half, down, thickness = sides_mm
     foot_z, slide = mount.foot_z_mm, float(mount.slide[1])
     front = slide - FOOT_DEPTH_MM
-    back, middle_z = front - thickness, foot_z - below_mm
-    middle, reach = np.array([0.0, back, middle_z]), rib_x_mm + RIB_MM
+    back, centre_z = front - thickness, foot_z - below_mm
+    centre, outer_x = np.array([0.0, back, centre_z]), rib_x_mm + RIB_MM
     heads = mount.foot - grip_mm * ABOVE
     rib = np.array(
-        [(front - 1.0, middle_z - down / 2.0), (front - 1.0, foot_z), (slide, foot_z), (slide, foot_z - grip_mm)]
+        [(front - 1.0, centre_z - down / 2.0), (front - 1.0, foot_z), (slide, foot_z), (slide, foot_z - grip_mm)]
     )
-    rib = np.vstack([rib, [(front, middle_z - down / 2.0)]])
+    rib = np.vstack([rib, [(front, centre_z - down / 2.0)]])
     pieces = [
-        box((-half, back, middle_z - down), (half, front, foot_z)),
-        box((-reach, back, foot_z - grip_mm), (reach, slide, foot_z)),
-        *(along_x(rib, low, low + RIB_MM) for low in (-reach, rib_x_mm)),
+        box((-half, back, centre_z - down), (half, front, foot_z)),
+        box((-outer_x, back, foot_z - grip_mm), (outer_x, slide, foot_z)),
+        *(prism_along_x(rib, low, low + RIB_MM) for low in (-outer_x, rib_x_mm)),
     ]
     clearance = hardware.screw.clearance_hole_mm / 2.0
-    drilled = [_translated(cut, middle) for cut in cuts]
-    drilled += [
+    all_cuts = [_translated(cut, centre) for cut in cuts]
+    all_cuts += [
         Bore(head - OUTSIDE_MM * ABOVE, ABOVE, clearance, grip_mm + 2.0 * OUTSIDE_MM, ALONG_Y) for head in heads
     ]
-    shelf = np.array([-reach, slide, foot_z])
+    shelf = np.array([-outer_x, slide, foot_z])
     lengths = [
         length(np.array([-half, back, foot_z]), np.array([-half, front, foot_z])),
         length(shelf, shelf - grip_mm * ABOVE),
         length(shelf, shelf + RIB_MM * ALONG_X),
-        length(np.array([-reach, front, foot_z]), np.array([-reach, front, middle_z - down / 2.0])),
+        length(np.array([-outer_x, front, foot_z]), np.array([-outer_x, front, centre_z - down / 2.0])),
     ]
-    if reach < half:
-        lengths.append(length(shelf, shelf + 2.0 * reach * ALONG_X))
+    if outer_x < half:
+        lengths.append(length(shelf, shelf + 2.0 * outer_x * ALONG_X))
     # The section of the ribs alone, at the root of the shelf.
     height = below_mm + down / 2.0
     neck = Neck(
         "ribs at the plate", np.array([0.0, front, foot_z - height / 2.0]), ALONG_Y, ABOVE, (height, 2.0 * RIB_MM)
     )
-    lengths += [length(start + middle, end + middle) for start, end in ends]
-    return Bracket(BlocksPlan(name, tuple(pieces), tuple(drilled), tuple(lengths)), middle, front, heads, neck)
+    lengths += [length(start + centre, end + centre) for start, end in ends]
+    return Bracket(BlocksPlan(name, tuple(pieces), tuple(all_cuts), tuple(lengths)), centre, front, heads, neck)
 
 
-def plate_neck(bracket: Bracket, width_mm: float, thick_mm: float, up_mm: float) -> Neck:
-    """The section of the plate `up_mm` above its middle, above its screws."""
-    middle = bracket.middle + np.array([0.0, thick_mm / 2.0, up_mm])
-    return Neck("plate over its screws", middle, ABOVE, ALONG_X, (width_mm, thick_mm))
+def plate_neck(bracket: Bracket, width_mm: float, thick_mm: float, height_mm: float) -> Neck:
+    """The section of the plate `height_mm` above its centre, above its screws."""
+    centre = bracket.back_centre + np.array([0.0, thick_mm / 2.0, height_mm])
+    return Neck("plate over its screws", centre, ABOVE, ALONG_X, (width_mm, thick_mm))
 
 
-def _translated(cut: Frustum | Bore | Hexagon, by: FloatArray) -> Frustum | Bore | Hexagon:
+def _translated(cut: Frustum | Bore | Hexagon, shift: FloatArray) -> Frustum | Bore | Hexagon:
     if isinstance(cut, Bore):
-        return Bore(cut.mouth + by, cut.axis, cut.radius_mm, cut.depth_mm, cut.up)
+        return Bore(cut.mouth + shift, cut.axis, cut.radius_mm, cut.depth_mm, cut.up)
     if isinstance(cut, Hexagon):
-        return Hexagon(cut.mouth + by, cut.axis, cut.up, cut.flats_mm, cut.depth_mm)
-    return Frustum(cut.base + by, cut.top + by)
+        return Hexagon(cut.mouth + shift, cut.axis, cut.up, cut.flats_mm, cut.depth_mm)
+    return Frustum(cut.base + shift, cut.top + shift)
 
 
 BRACKET, CENTRING = Iso9409Back.parts
@@ -127,25 +128,25 @@ SECOND_EXPLODE = np.array([0.0, -110.0, -45.0])
 
 
 def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out the bracket for a flange ISO 9409-1-50-4-M6, and a ring that centres it."""
+    """Lay out the bracket for a flange ISO 9409-1-50-4-M6, and a ring that centres the bracket."""
     offset = table.circle_mm / 2.0 / np.sqrt(2.0)
     spots = np.array([(x, z) for x in (-offset, offset) for z in (-offset, offset)])
-    centre, thickness = table.centre_mm / 2.0, table.plate_mm
+    recess_radius, thickness = table.centre_mm / 2.0, table.plate_mm
     cuts = (
         *_holes(spots, thread_of("M6").clearance_mm / 2.0, thickness),
-        *_holes(np.zeros((1, 2)), centre, thickness),
+        *_holes(np.zeros((1, 2)), recess_radius, thickness),
         *_holes(np.array([[table.circle_mm / 2.0, 0.0]]), table.pin_mm / 2.0 + hardware.fit.press_mm, thickness),
     )
     half = table.flange_mm / 2.0 + 2.0
     bracket = plan_bracket(
         BRACKET, table.below_mm, (half, half, thickness), half - 5.0, cuts, table.grip_mm, mount, hardware
     )
-    face = bracket.middle
-    radius, ring_depth = centre - RING_GAP_MM, table.centre_deep_mm
+    face = bracket.back_centre
+    radius, ring_depth = recess_radius - RING_GAP_MM, table.centre_deep_mm
     low = face - ring_depth * ALONG_Y
     hole = Bore(low - OUTSIDE_MM * ALONG_Y, ALONG_Y, radius - RING_WALL_MM, ring_depth + thickness + 2.0 * OUTSIDE_MM)
     centring = BlocksPlan(CENTRING, (), (hole,), discs=(Disc(low, radius, ring_depth + thickness),))
-    flange = ring(face - 6.0 * ALONG_Y, (centre, table.flange_mm / 2.0), 6.0)
+    flange = ring(face - 6.0 * ALONG_Y, (recess_radius, table.flange_mm / 2.0), 6.0)
     arm = faceted(Disc(face - 46.0 * ALONG_Y, table.arm_mm / 2.0, 40.0))
     back = _flange_back(table, bracket, centring, "Centring ring", spots, "M6", hardware)
     return replace(
@@ -172,7 +173,7 @@ def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware)
     bracket = plan_bracket(
         BRACKET, table.below_mm, (half, 36.0, thickness), half - 5.0, cuts, table.grip_mm, mount, hardware
     )
-    face = bracket.middle - disc_thickness * ALONG_Y
+    face = bracket.back_centre - disc_thickness * ALONG_Y
     holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(spots, clearance, disc_thickness))
     # Without space for a wall between a hole and the rim, each hole is a slot, open to the edge.
     slots = (_slot(spot, clearance, disc_thickness, face) for spot in spots)
@@ -183,7 +184,7 @@ def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware)
     return replace(
         back,
         supports=(Support("arm", (*ring(face, (inner, outer), rim_height), module)),),
-        # Away from the vision module, which is on the side of the link's y.
+        # Away from the vision module, which is on the +y side of the link.
         robot=RobotLink(
             parent=table.link,
             xyz_mm=(0.0, 0.0, 0.0),
@@ -197,7 +198,7 @@ def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware)
 def _flange_back(
     table: Iso9409Back | Gen3Back,
     bracket: Bracket,
-    behind: BlocksPlan,
+    rear_part: BlocksPlan,
     title: str,
     spots: FloatArray,
     size: str,
@@ -207,29 +208,30 @@ def _flange_back(
 
     The caller adds the support.
     """
-    middle, front, thickness = bracket.middle, bracket.front_mm, table.plate_mm
-    heads = [np.array([x, front, middle[2] + z]) for x, z in spots]
+    centre, front, thickness = bracket.back_centre, bracket.front_mm, table.plate_mm
+    heads = [np.array([x, front, centre[2] + z]) for x, z in spots]
     screw_explode = EXPLODE + 40.0 * ALONG_Y
     width = float(np.ptp(bracket.plan.corners[:, 0]))
-    joint = rigid(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), middle)
+    joint = rigid(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), centre)
     return Back(
         table=table,
         parts=(
             BackPart(BRACKET, "Flange bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),
-            BackPart(behind.name, title, behind, BACK_DOWN, SECOND_EXPLODE, SECOND_RGB),
+            BackPart(rear_part.name, title, rear_part, BACK_DOWN, SECOND_EXPLODE, SECOND_RGB),
         ),
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=bracket.heads,
         items=tuple(
-            BoughtItem("screw", size, table.screw_mm, along(head, ALONG_Y), screw_explode, (BRACKET,)) for head in heads
+            BoughtItem("screw", size, table.screw_mm, frame_along(head, ALONG_Y), screw_explode, (BRACKET,))
+            for head in heads
         ),
-        connections=(Connection(behind.name.removeprefix("adapter_"), BRACKET, behind.name, joint, joint),),
+        connections=(Connection(rear_part.name.removeprefix("adapter_"), BRACKET, rear_part.name, joint, joint),),
         necks=(bracket.neck, plate_neck(bracket, width, thickness, float(spots[:, 1].max()) + 5.0)),
     )
 
 
 def _slot(spot: FloatArray, radius_mm: float, thick_mm: float, face: FloatArray) -> Frustum:
-    """The cut that opens a hole at a spot (2,; x and z) outwards, in a disc with the middle of its face at (3,)."""
+    """The cut that opens a hole at a spot (2,; x and z) outwards, in a disc whose face is centred on a point (3,)."""
     outward = spot / np.linalg.norm(spot)
     side = radius_mm * np.array([-outward[1], outward[0]])
     corners = np.array([spot - side, spot + side, spot + side + 20.0 * outward, spot - side + 20.0 * outward])
@@ -238,12 +240,12 @@ def _slot(spot: FloatArray, radius_mm: float, thick_mm: float, face: FloatArray)
 
 
 def _holes(spots: FloatArray, radius_mm: float, thick_mm: float) -> tuple[Bore, ...]:
-    """Holes along y through a plate, at spots (n, 2; x and z) about the middle of its back."""
+    """Holes along y through a plate, at spots (n, 2; x and z) about the centre of its back."""
     return tuple(Bore(np.array([x, -OUTSIDE_MM, z]), ALONG_Y, radius_mm, thick_mm + 2.0 * OUTSIDE_MM) for x, z in spots)
 
 
 (NAME,) = VesaBack.parts
-# Distances of a screw from the plate's edge, of the upper screws from the shelf, and of the ribs from the middle.
+# Distances of a screw from the plate's edge, of the upper screws from the shelf, and of the ribs from x = 0.
 EDGE_MM, SHELF_GAP_MM, RIB_X_MM = 8.0, 14.0, 26.0
 
 
@@ -277,17 +279,17 @@ def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware)
         hardware,
         ends,
     )
-    middle, items = bracket.middle, []
+    centre, items = bracket.back_centre, []
     for x, z in spots:
-        head = middle + np.array([x, -table.arm_mm, z])
+        head = centre + np.array([x, -table.arm_mm, z])
         items.append(
-            BoughtItem("screw", "M4", table.screw_mm, along(head, -ALONG_Y), EXPLODE - 30.0 * ALONG_Y, (NAME,))
+            BoughtItem("screw", "M4", table.screw_mm, frame_along(head, -ALONG_Y), EXPLODE - 30.0 * ALONG_Y, (NAME,))
         )
-        frame, exit_mm = along(middle + np.array([x, thickness - depth, z]), -ALONG_Y), 25.0 * ALONG_Y
+        frame, exit_mm = frame_along(centre + np.array([x, thickness - depth, z]), -ALONG_Y), 25.0 * ALONG_Y
         items.append(BoughtItem("nut", "M4", m4.nut_height_mm, frame, EXPLODE + exit_mm, (NAME,), exit_mm[None]))
     arm = box(
-        (-half, float(middle[1]) - table.arm_mm, float(middle[2]) - half),
-        (half, float(middle[1]), float(middle[2]) + half),
+        (-half, float(centre[1]) - table.arm_mm, float(centre[2]) - half),
+        (half, float(centre[1]), float(centre[2]) + half),
     )
     return Back(
         table=table,

@@ -1,4 +1,4 @@
-"""Kinova's second generation: a split clamp round the last shell, its upper half (the saddle) under the mount's foot.
+"""Kinova's second generation: a split clamp round the arm's last shell, its upper half (saddle) under the mount's foot.
 
 The wrist runs along y below the camera, parallel to the views for a fold of 90 deg. Both halves are profiles in the x-z
 plane, extruded along y; they print with the clamp's face on the bed.
@@ -36,7 +36,7 @@ from mirrorcam.cad.plan.fasteners import (
     Bore,
     Hexagon,
     Stack,
-    beyond,
+    exit_move,
     head_space_mm,
     stack,
     thread,
@@ -78,7 +78,7 @@ SAGITTA_MM = 0.02
 
 @dataclass(frozen=True)
 class RingPlan:
-    """Half of the clamp in rig, mm: half a ring about x = 0, z = `axis_z_mm`, with its pieces.
+    """Half of the clamp in the rig frame, mm: half a ring about x = 0, z = `axis_z_mm`, with its pieces.
 
     `above` is true for the upper half. The ring spans `band_mm` (2,) along y and has the inner radius `radius_mm`.
     `ears` (2, 3) are the points where the clamp's screws pass through its face towards the other half.
@@ -98,14 +98,14 @@ class RingPlan:
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
         """The bore, the clamp's band, the ear, and the holes."""
-        middle = np.array([0.0, self.band_mm[1], self.axis_z_mm])
-        across, along = np.array([self.radius_mm, 0.0, 0.0]), np.array([0.0, np.ptp(self.band_mm), 0.0])
+        centre = np.array([0.0, self.band_mm[1], self.axis_z_mm])
+        radius, band = np.array([self.radius_mm, 0.0, 0.0]), np.array([0.0, np.ptp(self.band_mm), 0.0])
         ear = np.array([self.ears[:, 0].min(), self.band_mm[1], self.ears[0, 2]])
         outer = self.radius_mm + self.ring_mm
         thickness = float(np.ptp(corners_of(self.pieces[-1:])[:, 2]))
         return (
-            length(middle - across, middle + across, f"bore, ring Ø{2.0 * outer:g}", before="Ø"),
-            length(ear - along, ear, "band"),
+            length(centre - radius, centre + radius, f"bore, ring Ø{2.0 * outer:g}", before="Ø"),
+            length(ear - band, ear, "band"),
             length(ear, ear + (1.0 if self.above else -1.0) * thickness * ABOVE, "ear"),
             *holes(self.cuts),
         )
@@ -118,11 +118,11 @@ class RingPlan:
     @property
     def bounds(self) -> Frustum:
         """Its bounding box."""
-        reach = self.radius_mm + self.ring_mm
+        outer = self.radius_mm + self.ring_mm
         level = self.axis_z_mm + (self.gap_mm if self.above else -self.gap_mm) / 2.0
-        end = self.axis_z_mm + (reach if self.above else -reach)
+        end = self.axis_z_mm + (outer if self.above else -outer)
         solids = (
-            box((-reach, self.band_mm[0], min(level, end)), (reach, self.band_mm[1], max(level, end))),
+            box((-outer, self.band_mm[0], min(level, end)), (outer, self.band_mm[1], max(level, end))),
             *self.pieces,
         )
         corners = corners_of(solids)
@@ -131,7 +131,7 @@ class RingPlan:
 
 @dataclass(frozen=True)
 class ClampPlan:
-    """Both halves, the stacks of the clamp's and the foot's screws, and the positions (n, 3) of their heads."""
+    """Both halves, the `Stack` of the clamp's and of the foot's screws, and the positions (n, 3) of their heads."""
 
     saddle: RingPlan
     cap: RingPlan
@@ -148,7 +148,7 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
     joins = (CAP, SADDLE)
     corners = saddle.corners
     seats = plan.clamp_heads + (plan.clamp.grip_mm + plan.clamp.begins_mm) * ABOVE
-    middle = float(saddle.band_mm.mean())
+    centre_y = float(saddle.band_mm.mean())
     downwards = np.diag([1.0, -1.0, -1.0])
     split = rigid(downwards, saddle.ears.mean(axis=0))
     cap_split = rigid(downwards, cap.ears.mean(axis=0) + cap.gap_mm * ABOVE)
@@ -169,16 +169,16 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
                 -ABOVE,
                 plan.clamp,
                 joins,
-                np.array([[beyond(corners, seat, -SCENE)] for seat in seats]),
+                np.array([[exit_move(corners, seat, -SCENE)] for seat in seats]),
                 SCENE,
             ),
         ),
         connections=(Connection("clamp", SADDLE, CAP, split, cap_split),),
-        supports=(Support("wrist", _wrist(wrist, middle, saddle.axis_z_mm)),),
+        supports=(Support("wrist", _wrist(wrist, centre_y, saddle.axis_z_mm)),),
         necks=(
             Neck(
                 "saddle over the ring",
-                np.array([0.0, middle, ring_top]),
+                np.array([0.0, centre_y, ring_top]),
                 ABOVE,
                 ALONG_X,
                 (2.0 * saddle_half, float(np.ptp(saddle.band_mm))),
@@ -189,22 +189,22 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
             parent=wrist.link,
             xyz_mm=(0.0, 0.0, -wrist.along_mm),
             rpy=(0.0, np.pi / 2.0, 0.0),
-            origin_in_rig=np.array([0.0, middle, saddle.axis_z_mm]),
+            origin_in_rig=np.array([0.0, centre_y, saddle.axis_z_mm]),
             arms=ARMS,
         ),
     )
 
 
-def _wrist(wrist: Gen2Back, middle_mm: float, axis_z_mm: float) -> tuple[Frustum, ...]:
-    """The joint's ring and the last shell as measured, with the clamp's middle at the table's distance along it.
+def _wrist(wrist: Gen2Back, centre_y_mm: float, axis_z_mm: float) -> tuple[Frustum, ...]:
+    """The joint's ring and the last shell as measured, with the clamp's centre at the table's distance along the shell.
 
-    Another diameter scales the same shape. The shell has its mean radius in the clamp, and its largest outside.
+    A different diameter scales the same shape. The shell has its mean radius in the clamp, and its largest outside.
     """
-    scale, origin = wrist.diameter_mm / SHELL_DIAMETER_MM, middle_mm - wrist.along_mm
+    scale, origin = wrist.diameter_mm / SHELL_DIAMETER_MM, centre_y_mm - wrist.along_mm
     distances, smallest, largest = SHELL_MM.T
     radii = scale * np.where(distances <= ROUND_TO_MM, (smallest + largest) / 2.0, largest)
-    ring, reach = scale * JOINT_RING_MM[0], JOINT_RING_MM[1]
-    solids = [_round_solid((ring, ring), (origin - reach, origin + reach), axis_z_mm)]
+    ring, half_length = scale * JOINT_RING_MM[0], JOINT_RING_MM[1]
+    solids = [_round_solid((ring, ring), (origin - half_length, origin + half_length), axis_z_mm)]
     for (start, first), (end, last) in pairwise(zip(distances, radii, strict=True)):
         solids.append(_round_solid((first, last), (origin + start, origin + end), axis_z_mm))
     return tuple(solids)
@@ -224,25 +224,25 @@ def _round_solid(radii_mm: tuple[float, float], y_mm: tuple[float, float], axis_
 def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPlan:
     """Lay out the clamp below the mount's foot; it is the same for all layouts."""
     foot, clamp = foot_stack(wrist.grip_mm, hardware), stack(CAP_EAR_MM + wrist.gap_mm, hardware)
-    place = _place(wrist, mount, hardware)
-    spans, ear_at = _ears(wrist, place, hardware)
+    position = _clamp_position(wrist, mount, hardware)
+    spans, ears = _ears(wrist, position, hardware)
     heads = mount.foot - wrist.grip_mm * ABOVE
-    clamp_heads = ear_at - (CAP_EAR_MM + wrist.gap_mm) * ABOVE
-    (back, front), face, half = place.band_mm, wrist.gap_mm / 2.0, FOOT_X_MM + place.boss_radius_mm + 1.0
-    saddle_z, cap_z = place.axis_z_mm + face, place.axis_z_mm - face
+    clamp_heads = ears - (CAP_EAR_MM + wrist.gap_mm) * ABOVE
+    (back, front), face, half = position.band_mm, wrist.gap_mm / 2.0, FOOT_X_MM + position.boss_radius_mm + 1.0
+    saddle_z, cap_z = position.axis_z_mm + face, position.axis_z_mm - face
     saddle_pieces = (
-        box((-half, back, place.axis_z_mm + 0.6 * place.radius_mm), (half, front, place.foot_z_mm)),
-        box((-half, float(mount.slide[1]) - FOOT_DEPTH_MM, place.plate_z_mm), (half, front, place.foot_z_mm)),
+        box((-half, back, position.axis_z_mm + 0.6 * position.radius_mm), (half, front, position.foot_z_mm)),
+        box((-half, float(mount.slide[1]) - FOOT_DEPTH_MM, position.plate_z_mm), (half, front, position.foot_z_mm)),
         *(box((low, back, saddle_z), (high, front, saddle_z + clamp.wall_mm)) for low, high in spans),
     )
     cap_pieces = tuple(box((low, back, cap_z - CAP_EAR_MM), (high, front, cap_z)) for low, high in spans)
     clearance = hardware.screw.clearance_hole_mm / 2.0
     cap_cuts = tuple(Bore(head - ABOVE, ABOVE, clearance, CAP_EAR_MM + 2.0, UP) for head in clamp_heads)
-    saddle_cuts = (*_foot_cuts(heads, wrist.grip_mm, hardware), *_ear_cuts(ear_at, place.band_mm, clamp, hardware))
-    common = (place.radius_mm, wrist.ring_mm, place.axis_z_mm, wrist.gap_mm, place.band_mm)
+    saddle_cuts = (*_foot_cuts(heads, wrist.grip_mm, hardware), *_ear_cuts(ears, position.band_mm, clamp, hardware))
+    common = (position.radius_mm, wrist.ring_mm, position.axis_z_mm, wrist.gap_mm, position.band_mm)
     return ClampPlan(
-        saddle=RingPlan(SADDLE, True, *common, saddle_pieces, saddle_cuts, ear_at),
-        cap=RingPlan(CAP, False, *common, cap_pieces, cap_cuts, ear_at - wrist.gap_mm * ABOVE),
+        saddle=RingPlan(SADDLE, True, *common, saddle_pieces, saddle_cuts, ears),
+        cap=RingPlan(CAP, False, *common, cap_pieces, cap_cuts, ears - wrist.gap_mm * ABOVE),
         clamp=clamp,
         foot=foot,
         foot_heads=heads,
@@ -251,8 +251,8 @@ def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPl
 
 
 @dataclass(frozen=True)
-class _Place:
-    """The clamp's position in rig, mm: the wrist's radius and axis, and the clamp's band (2,) along y.
+class _ClampPosition:
+    """The clamp's position in the rig frame, mm: the wrist's radius and axis, and the clamp's band (2,) along y.
 
     Its plate is between z = `plate_z_mm` and the mount's foot; `boss_radius_mm` is the outer radius round a screw.
     """
@@ -270,8 +270,8 @@ def _boss_radius_mm(hardware: Hardware) -> float:
     return hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
 
 
-def _place(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> _Place:
-    """Place the clamp; raises InputError if its plate is too thin for its screws."""
+def _clamp_position(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> _ClampPosition:
+    """The clamp's position; raises InputError if its plate would be too thin for its screws."""
     screw = hardware.screw
     foot_z = mount.foot_z_mm
     radius = wrist.diameter_mm / 2.0
@@ -283,27 +283,29 @@ def _place(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> _Place:
             f"adapter's plate is {thickness:.1f} mm thick, expected {needed:.1f} mm for its screws: raise riser_mm"
         )
     band = float(mount.slide[1]) + np.array([0.0, wrist.band_mm])
-    return _Place(radius, axis_z, band, plate_z, foot_z, _boss_radius_mm(hardware))
+    return _ClampPosition(radius, axis_z, band, plate_z, foot_z, _boss_radius_mm(hardware))
 
 
-def _ears(wrist: Gen2Back, place: _Place, hardware: Hardware) -> tuple[list[tuple[float, float]], FloatArray]:
+def _ears(
+    wrist: Gen2Back, position: _ClampPosition, hardware: Hardware
+) -> tuple[list[tuple[float, float]], FloatArray]:
     """The spans of both ears along x, and the points (2, 3) where their screws pass through the saddle's face."""
-    screw, radius = hardware.screw, place.radius_mm
-    x = radius + wrist.ring_mm + place.boss_radius_mm
-    end = x + max(place.boss_radius_mm, (screw.nut_flats_mm + NUT_FIT_MM) / 2.0 + 1.2 * hardware.printer.wall_mm)
+    screw, radius = hardware.screw, position.radius_mm
+    x = radius + wrist.ring_mm + position.boss_radius_mm
+    end = x + max(position.boss_radius_mm, (screw.nut_flats_mm + NUT_FIT_MM) / 2.0 + 1.2 * hardware.printer.wall_mm)
     spans = [(-end, -radius - 0.5 * wrist.ring_mm), (radius + 0.5 * wrist.ring_mm, end)]
-    # The roofs of the holes are higher than the holes, which are therefore off the middle for a wall on both sides.
-    y, z = float(place.band_mm.mean()) + EAR_OFFSET_MM, place.axis_z_mm + wrist.gap_mm / 2.0
+    # The holes are off-centre: their roofs are higher than their radius, and a wall must remain on both sides.
+    y, z = float(position.band_mm.mean()) + EAR_OFFSET_MM, position.axis_z_mm + wrist.gap_mm / 2.0
     return spans, np.array([(-x, y, z), (x, y, z)])
 
 
 def _foot_cuts(heads: FloatArray, grip_mm: float, hardware: Hardware) -> Iterator[Bore]:
-    """Holes for the screws of the foot, whose heads (n, 3) rest in the saddle, and for the driver."""
+    """Holes for the screws of the foot, whose heads (n, 3) rest in the saddle, and for the screwdriver."""
     screw = hardware.screw
-    driver = head_space_mm(hardware)
+    driver_radius = head_space_mm(hardware)
     for head in heads:
         yield Bore(head - OUTSIDE_MM * ABOVE, ABOVE, screw.clearance_hole_mm / 2.0, grip_mm + 1.0, UP)
-        yield Bore(head, -ABOVE, driver, 99.0, UP)
+        yield Bore(head, -ABOVE, driver_radius, 99.0, UP)
 
 
 def _ear_cuts(

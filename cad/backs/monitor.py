@@ -1,4 +1,4 @@
-"""The upper edge of a monitor: a plate with a hook before the screen, and a jaw that slides up to its back."""
+"""A back for a monitor's upper edge: a plate with a hook in front of the screen, and a jaw behind it that slides up."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mirrorcam.cad.plan.fasteners import (
     Bore,
     Countersink,
     Hexagon,
-    along,
+    frame_along,
     thread_of,
 )
 from mirrorcam.cad.plan.hardware import Hardware
@@ -28,20 +28,21 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.transforms import rigid
 
 HOOK, JAW = MonitorBack.parts
-# Flush with the plate, so that a key reaches the screws under the clip of a wide camera.
+# Flush with the plate, so that a hex key reaches the screws under the clip of a wide camera.
 SCREW = f"M4{COUNTERSUNK}"
 # Thickness of the hook, of pad and tab between plate and monitor, and of the jaw's leg; distances from the leg's back
 # to the jaw's screws, and from these to the end of the tab.
 HOOK_MM, PAD_MM, LEG_MM, TO_SCREW_MM, TAB_MM = 5.0, 7.0, 8.0, 8.0, 7.0
 # Distances from the mount to the jaw's screws, from these to the side of the plate, and from the load to the screen.
 MOUNT_GAP_MM, SCREW_TO_SIDE_MM, LOAD_TO_SCREEN_MM = 9.0, 8.0, 12.0
-SHOWN_MM = (150.0, 80.0)
+# Half width and height of the part of the monitor in pictures.
+MONITOR_MM = (150.0, 80.0)
 HOOK_EXPLODE, JAW_EXPLODE = np.array([0.0, 0.0, -45.0]), np.array([0.0, -30.0, -95.0])
 SCREW_MM, TAB_WIDTH_MM = 16.0, 15.5
 
 
 def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out both parts for a monitor under the load; raises InputError if its thickness is out of the jaw's range."""
+    """Lay out both parts for a monitor under the load; raises InputError if the jaw does not fit its thickness."""
     thinnest, thickest = table.range_mm
     if not thinnest <= table.thick_mm <= thickest:
         raise InputError(f"monitor is {table.thick_mm:g} mm thick, expected {thinnest:g} to {thickest:g} mm")
@@ -49,7 +50,7 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
     low_z = foot_z - table.plate_mm
     pad_z, x = low_z - PAD_MM, mount.half_width_mm + MOUNT_GAP_MM
     half = x + SCREW_TO_SIDE_MM
-    screen_y = float(load.at[1]) + LOAD_TO_SCREEN_MM
+    screen_y = float(load.centre[1]) + LOAD_TO_SCREEN_MM
     first, last = (screen_y - thick - LEG_MM - TO_SCREW_MM for thick in (thinnest, thickest))
     back_y = min(last - TAB_MM, float(mount.slide[1]) - mount.section.depth_mm)
     heads = mount.foot - table.grip_mm * ABOVE
@@ -95,11 +96,15 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         jaw_cuts.append(Bore(mouth, ABOVE, clearance, PAD_MM + 2.0 * OUTSIDE_MM))
         jaw_cuts.append(Hexagon(mouth, ABOVE, None, m4.nut_flats_mm + NUT_FIT_MM, depth + OUTSIDE_MM))
         head, seat, down = (np.array([side, screw_y, foot_z]), np.array([side, screw_y, pad_z + depth]), -60.0 * ABOVE)
-        items.append(BoughtItem("screw", SCREW, SCREW_MM, along(head, ABOVE), HOOK_EXPLODE + 30.0 * ABOVE, (HOOK, JAW)))
         items.append(
-            BoughtItem("nut", "M4", m4.nut_height_mm, along(seat, ABOVE), JAW_EXPLODE + down / 2.0, (JAW,), down[None])
+            BoughtItem("screw", SCREW, SCREW_MM, frame_along(head, ABOVE), HOOK_EXPLODE + 30.0 * ABOVE, (HOOK, JAW))
         )
-    half_width, height = SHOWN_MM
+        items.append(
+            BoughtItem(
+                "nut", "M4", m4.nut_height_mm, frame_along(seat, ABOVE), JAW_EXPLODE + down / 2.0, (JAW,), down[None]
+            )
+        )
+    half_width, height = MONITOR_MM
     monitor = box((-half_width, jaw_y, pad_z - height), (half_width, screen_y, pad_z))
     slide = rigid(np.diag([1.0, -1.0, -1.0]), [0.0, screw_y, low_z])
     width = 2.0 * half

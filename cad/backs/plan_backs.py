@@ -7,7 +7,7 @@ from typing import Any
 
 from build123d import BuildPart, BuildSketch, Circle, Locations, Mode, Part, Plane, Rectangle, Solid, extrude, insert
 
-from mirrorcam.cad.backs.back import Back, carried
+from mirrorcam.cad.backs.back import Back, carried_load
 from mirrorcam.cad.backs.blocks import ALONG_Y, BlocksPlan
 from mirrorcam.cad.backs.brackets import plan_gen3, plan_iso9409, plan_vesa
 from mirrorcam.cad.backs.kinova_gen2 import RingPlan, plan_gen2
@@ -23,22 +23,22 @@ from mirrorcam.cad.plan.part_plan import recipe
 
 @recipe("cad.parts.solids.make_ring")
 def make_ring(plan: RingPlan) -> Part:
-    """Half of the wrist's clamp."""
+    """Half of the clamp round the wrist."""
     side = 1.0 if plan.above else -1.0
     # Viewed along +y, with x to the left and z up.
     plane = Plane(origin=(0.0, plan.band_mm[0], plan.axis_z_mm), x_dir=(-1.0, 0.0, 0.0), z_dir=(0.0, 1.0, 0.0))
-    outer, reach = plan.radius_mm + plan.ring_mm, 2.0 * (plan.radius_mm + plan.ring_mm)
+    outer, far = plan.radius_mm + plan.ring_mm, 2.0 * (plan.radius_mm + plan.ring_mm)
     with BuildPart() as part:
         insert([solid_of(piece) for piece in plan.pieces])
-        # Cut to the middle of the ring, which is added afterwards, so that no two round faces coincide.
-        with BuildSketch(plane.offset(-reach)):
+        # Cut to half the thickness of the ring, which is added afterwards, so that no two round faces coincide.
+        with BuildSketch(plane.offset(-far)):
             Circle(plan.radius_mm + plan.ring_mm / 2.0)
-        extrude(amount=2.0 * reach, mode=Mode.SUBTRACT)
+        extrude(amount=2.0 * far, mode=Mode.SUBTRACT)
         with BuildSketch(plane):
             Circle(outer)
             Circle(plan.radius_mm, mode=Mode.SUBTRACT)
-            with Locations((0.0, -side * (reach - plan.gap_mm) / 2.0)):
-                Rectangle(2.0 * reach, reach, mode=Mode.SUBTRACT)
+            with Locations((0.0, -side * (far - plan.gap_mm) / 2.0)):
+                Rectangle(2.0 * far, far, mode=Mode.SUBTRACT)
         extrude(amount=plan.band_mm[1] - plan.band_mm[0])
         insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
     return one_solid(plan.name, part)
@@ -78,4 +78,4 @@ def plan_back(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
     Raises InputError with the dimension if it cannot be made.
     """
     table = hardware.back
-    return PLANNERS[table.kind](table, mount, carried(mount, clip, hardware), hardware)
+    return PLANNERS[table.kind](table, mount, carried_load(mount, clip, hardware), hardware)

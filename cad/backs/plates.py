@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import AS_IT_STANDS, ON_ITS_SIDE, RGB, Back, BackPart, Load, Neck, Stand, Support
+from mirrorcam.cad.backs.back import RGB, SIDE_DOWN, UPRIGHT, Back, BackPart, Load, Neck, Stand, Support
 from mirrorcam.cad.backs.blocks import (
     ALONG_X,
     ALONG_Y,
@@ -27,10 +27,10 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.parts.truss import foot_stack
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
 from mirrorcam.cad.plan.dimension import Length, length
-from mirrorcam.cad.plan.fasteners import COUNTERSUNK, OUTSIDE_MM, Bore, along, thread_of
+from mirrorcam.cad.plan.fasteners import COUNTERSUNK, OUTSIDE_MM, Bore, frame_along, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BoughtItem
-from mirrorcam.cad.plan.prisms import along_x, box
+from mirrorcam.cad.plan.prisms import box, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
@@ -43,16 +43,16 @@ EXPLODE = np.array([0.0, 0.0, -45.0])
 
 @dataclass(frozen=True)
 class FootPlate:
-    """The position of a plate under the mount's foot, in rig, mm.
+    """The position of a plate under the mount's foot, in the rig frame, mm.
 
-    Its faces are at `low_z_mm` and `thick_mm` higher, and its screws' heads at points (4, 3). `nut_at` (3,) is the
-    middle of its nut's pocket in the upper face: between the rear screws, where the mount's foot covers the nut.
+    Its lower face is at `low_z_mm`, and the heads of its screws are at points (4, 3). `nut_mouth` (3,) is the centre of
+    the nut's pocket in the upper face: between the rear screws, where the mount's foot covers the nut.
     """
 
     low_z_mm: float
     thick_mm: float
     heads: FloatArray
-    nut_at: FloatArray
+    nut_mouth: FloatArray
 
 
 def foot_plate(table: DeskBack | TripodBack, mount: MountPlan, hardware: Hardware) -> FootPlate:
@@ -77,16 +77,16 @@ def back_of_plate(
     sink = plate.thick_mm - table.grip_mm
     cuts = (
         *(cut for head in plate.heads for cut in countersunk_hole(head, table.grip_mm, sink, "M3")),
-        *tripod_cuts(plate.nut_at, plate.thick_mm, table.nut),
+        *tripod_cuts(plate.nut_mouth, plate.thick_mm, table.nut),
     )
     plan = BlocksPlan(name, (Frustum(base, base + plate.thick_mm * ABOVE),), cuts, lengths)
     return Back(
         table=table,
-        parts=(BackPart(name, title, plan, AS_IT_STANDS, EXPLODE, RGB),),
+        parts=(BackPart(name, title, plan, UPRIGHT, EXPLODE, RGB),),
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=plate.heads,
         foot_size=f"M3{COUNTERSUNK}",
-        items=(tripod_nut(plate.nut_at, plate.thick_mm, table.nut, name, EXPLODE),),
+        items=(tripod_nut(plate.nut_mouth, plate.thick_mm, table.nut, name, EXPLODE),),
     )
 
 
@@ -102,12 +102,12 @@ def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware)
     chamfer = length(corner, corner + table.corner_mm * ALONG_X, "x 45°", before=f"{len(outline) // 2}x ")
     return replace(
         back_of_plate(table, DESK, "Desk foot", plate, outline, hardware, (chamfer,)),
-        necks=(_before_mount(float(mount.slide[1]), outline, plate.low_z_mm + plate.thick_mm / 2.0, plate.thick_mm),),
+        necks=(_front_neck(float(mount.slide[1]), outline, plate.low_z_mm + plate.thick_mm / 2.0, plate.thick_mm),),
         stand=Stand(outline, plate.low_z_mm, table.tip_deg),
     )
 
 
-def _before_mount(slide_y: float, outline: FloatArray, z: float, thickness: float) -> Neck:
+def _front_neck(slide_y: float, outline: FloatArray, z: float, thickness: float) -> Neck:
     """The plate's section at the front of the mount, which bends when the device leans on the plate's front edge."""
     width, arm = float(np.ptp(outline[:, 0])), float(outline[:, 1].max()) - slide_y
     return Neck("plate before the mount", np.array([0.0, slide_y, z]), ALONG_Y, ALONG_X, (width, thickness), arm)
@@ -115,16 +115,16 @@ def _before_mount(slide_y: float, outline: FloatArray, z: float, thickness: floa
 
 def _outline(table: DeskBack, mount: MountPlan, load: Load, low_z: float) -> FloatArray:
     """The plate's outline (n, 2; x and y): under all of the mount's foot, and round the load for the required tilt."""
-    reach = float((load.at[2] - low_z) * np.tan(np.radians(table.tip_deg + table.spare_deg)))
+    margin = float((load.centre[2] - low_z) * np.tan(np.radians(table.tip_deg + table.spare_deg)))
     # No chamfer is nearer to the load than the sides.
     chamfer = table.corner_mm
-    half = max(mount.half_width_mm, abs(float(load.at[0])) + reach)
-    back = min(float(mount.slide[1]) - mount.section.depth_mm - REAR_MM, float(load.at[1]) - reach)
-    front = max(float(mount.slide[1]), float(load.at[1]) + reach)
+    half = max(mount.half_width_mm, abs(float(load.centre[0])) + margin)
+    back = min(float(mount.slide[1]) - mount.section.depth_mm - REAR_MM, float(load.centre[1]) - margin)
+    front = max(float(mount.slide[1]), float(load.centre[1]) + margin)
     corners = []
-    for (x, y), first in (((half, front), 0), ((-half, front), 1), ((-half, back), 0), ((half, back), 1)):
+    for (x, y), reverse in (((half, front), 0), ((-half, front), 1), ((-half, back), 0), ((half, back), 1)):
         ends = [(x, y - np.sign(y - (front + back) / 2.0) * chamfer), (x - np.sign(x) * chamfer, y)]
-        corners += ends if first == 0 else ends[::-1]
+        corners += ends[::-1] if reverse else ends
     return np.array(corners)
 
 
@@ -141,10 +141,10 @@ def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardw
     half, front = mount.half_width_mm, float(mount.slide[1]) + FRONT_MM
     back = float(mount.slide[1]) - mount.section.depth_mm - REAR_MM
     outline = np.array([(half, back), (half, front), (-half, front), (-half, back)])
-    low_z, y = plate.low_z_mm, float(plate.nut_at[1])
+    low_z, y = plate.low_z_mm, float(plate.nut_mouth[1])
     side, height = HEAD_MM[0] / 2.0, HEAD_MM[1]
     head = box((-side, y - side, low_z - height), (side, y + side, low_z))
-    # A force over the edge of the tripod's head bends the plate across the nut's pocket.
+    # A force over the edge of the tripod's head bends the plate at the nut's pocket.
     neck = Neck(
         "plate beside the nut",
         np.array([0.0, y, low_z + plate.thick_mm / 2.0]),
@@ -166,38 +166,40 @@ def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardw
 def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the dovetail; raises InputError if its slope does not end between its lip and its top."""
     half, foot_z = mount.half_width_mm, mount.foot_z_mm
-    wide_x, neck = table.width_mm / 2.0 - table.fit_mm, table.neck_mm / 2.0
+    lip_half, neck_half = table.width_mm / 2.0 - table.fit_mm, table.neck_mm / 2.0
     heads = mount.foot - table.grip_mm * ABOVE
-    # The dovetail is under the middle of the screws.
+    # The dovetail is under the centre of the screws.
     y, low = float(heads[:, 1].mean()), foot_z - table.height_mm
     edge = low + table.lip_mm
-    top = edge + wide_x - neck
+    top = edge + lip_half - neck_half
     if not edge < top < foot_z:
         raise InputError(
-            f"dovetail's slope ends {top - low:.1f} mm over its lower face, expected less than its height, "
+            f"dovetail's slope ends {top - low:.1f} mm above its lower face, expected less than its height, "
             f"{table.height_mm:g} mm, and more than its lip, {table.lip_mm:g} mm"
         )
-    tail = np.array([(-wide_x, low), (wide_x, low), (wide_x, edge), (neck, top), (-neck, top), (-wide_x, edge)])
-    stem = np.array([(-neck, edge), (neck, edge), (neck, foot_z), (-neck, foot_z)])
-    pieces = tuple(along_x(outline + np.array([y, 0.0]), -half, half) for outline in (tail, stem))
-    lip = np.array([[half, y - wide_x, low], [half, y + wide_x, low]])
+    tail = np.array(
+        [(-lip_half, low), (lip_half, low), (lip_half, edge), (neck_half, top), (-neck_half, top), (-lip_half, edge)]
+    )
+    stem = np.array([(-neck_half, edge), (neck_half, edge), (neck_half, foot_z), (-neck_half, foot_z)])
+    pieces = tuple(prism_along_x(outline + np.array([y, 0.0]), -half, half) for outline in (tail, stem))
+    lip = np.array([[half, y - lip_half, low], [half, y + lip_half, low]])
     plan = BlocksPlan(
         DOVETAIL,
         pieces,
         tuple(head_cuts(heads, table.grip_mm, ALONG_X, hardware)),
         (
             length(lip[0], lip[1], "dovetail"),
-            length(np.array([half, y - neck, top]), np.array([half, y + neck, top])),
-            length(lip[1], np.array([half, y + wide_x, edge])),
-            length(lip[1], np.array([half, y + neck, top]), "", ABOVE),
+            length(np.array([half, y - neck_half, top]), np.array([half, y + neck_half, top])),
+            length(lip[1], np.array([half, y + lip_half, edge])),
+            length(lip[1], np.array([half, y + neck_half, top]), "", ABOVE),
         ),
     )
     return Back(
         table=table,
-        parts=(BackPart(DOVETAIL, "Dovetail", plan, ON_ITS_SIDE, np.array([0.0, 0.0, -45.0]), RGB),),
+        parts=(BackPart(DOVETAIL, "Dovetail", plan, SIDE_DOWN, np.array([0.0, 0.0, -45.0]), RGB),),
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=heads,
-        necks=(Neck("over the slope", np.array([0.0, y, top]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck)),),
+        necks=(Neck("over the slope", np.array([0.0, y, top]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck_half)),),
     )
 
 
@@ -206,7 +208,8 @@ T_NUT = "M5 T-slot"
 # Distances from the mount to a screw's axis, from there to the end of the plate, and from the mount to the plate's
 # front and rear edges.
 SCREW_GAP_MM, SCREW_TO_END_MM, EDGE_MM = 9.0, 8.0, 3.0
-SHOWN_MM = 120.0
+# Half length of the profile in pictures.
+HALF_PROFILE_MM = 120.0
 # The heads are deep below the face, so that wider holes still leave a wall between them.
 FLARE_MM = 0.6
 
@@ -234,13 +237,17 @@ def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Har
             )
         )
         head = top - table.sunk_mm * ABOVE
-        items.append(BoughtItem("screw", "M5", table.screw_mm, along(head, ABOVE), explode + 30.0 * ABOVE, (PROFILE,)))
+        items.append(
+            BoughtItem("screw", "M5", table.screw_mm, frame_along(head, ABOVE), explode + 30.0 * ABOVE, (PROFILE,))
+        )
         nut = np.array([side, y, low_z - table.lip_mm])
         down = -30.0 * ABOVE
-        items.append(BoughtItem("nut", T_NUT, table.nut_mm, along(nut, ABOVE), explode + down, (PROFILE,), down[None]))
+        items.append(
+            BoughtItem("nut", T_NUT, table.nut_mm, frame_along(nut, ABOVE), explode + down, (PROFILE,), down[None])
+        )
     plan = BlocksPlan(PROFILE, (box((-end, back - EDGE_MM, low_z), (end, front + EDGE_MM, foot_z)),), tuple(cuts))
     half = table.profile_mm / 2.0
-    profile = box((-SHOWN_MM, y - half, low_z - table.profile_mm), (SHOWN_MM, y + half, low_z))
+    profile = box((-HALF_PROFILE_MM, y - half, low_z - table.profile_mm), (HALF_PROFILE_MM, y + half, low_z))
     depth = front - back + 2.0 * EDGE_MM
     # Both sides of the mount share the load.
     neck = Neck(
@@ -252,7 +259,7 @@ def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Har
     )
     return Back(
         table=table,
-        parts=(BackPart(PROFILE, "Profile plate", plan, AS_IT_STANDS, explode, RGB),),
+        parts=(BackPart(PROFILE, "Profile plate", plan, UPRIGHT, explode, RGB),),
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=heads,
         foot_size=f"M3{COUNTERSUNK}",

@@ -14,7 +14,7 @@ import numpy as np
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.clashes import FASTENERS, overlap_mm3
 from mirrorcam.cad.holder.adjuster import DRIVER_MM
-from mirrorcam.cad.holder.carriers import CarrierPlan, rotation_about, turn_deg
+from mirrorcam.cad.holder.carriers import CarrierPlan, rotation_about, tilt_per_turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import carrier_name
 from mirrorcam.cad.plan.fasteners import SUNK_HEAD, thread_of
@@ -54,7 +54,7 @@ def check_adjustment(
         return {}
     clash, gap = _travel_clash(device, holder, solids)
     min_force = device.hardware.clip.shaken_g * GRAVITY_N_PER_G * _heaviest_g(device, solids)
-    degrees = [turn_deg(carrier) for carrier in holder.carriers]
+    degrees = [tilt_per_turn_deg(carrier) for carrier in holder.carriers]
     return {
         "mirrors.adjust_clash_mm3": Metric(value=clash, unit="mm3", limit=0.0),
         "mirrors.adjust_gap_mm": Metric(value=round(gap, 3), unit="mm"),

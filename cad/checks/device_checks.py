@@ -28,7 +28,7 @@ from mirrorcam.cad.checks.load_checks import check_back, check_nest, check_rest
 from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
 from mirrorcam.cad.holder.stray_light import stray_light
-from mirrorcam.cad.plan.device_names import APART, CARRIER, CLIP, COVER, HOLDER
+from mirrorcam.cad.plan.device_names import CARRIER, CLIP, COVER, HOLDER, UNMOUNTED
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.core.values import Metric
@@ -64,7 +64,7 @@ class DeviceAsMade:
     @classmethod
     def read(cls, device: Device, parts: Sequence[BuiltPart], folder: Path) -> Self:
         """Read `mirrors/*.dxf` and `assembly.glb` of a folder, and the STL files of the parts."""
-        printed = [part for part in parts if part.name not in APART]
+        printed = [part for part in parts if part.name not in UNMOUNTED]
         sheets = sorted((folder / "mirrors").glob("*.dxf"))
         outlines = mirror_fits(read_cuts(sheets)[0], device.layout, device.hardware.cutting)
         assembly = read_glb(folder / ASSEMBLY)

@@ -14,7 +14,7 @@ import numpy as np
 from mirrorcam.cad.assembly.pieces import item_names
 from mirrorcam.cad.backs.back import Back, Stand
 from mirrorcam.cad.backs.blocks import TRIPOD
-from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, body_box, least_contact_n
+from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, body_box, min_contact_n
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.device_names import CLIP
@@ -50,7 +50,7 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
     repeats = repeatability(clip, layout, hardware)
     figures = {
         "reclamped_mm": (repeats.shift_mm, "mm", 4),
-        "reclamped_deg": (repeats.turn_deg, "deg", 4),
+        "reclamped_deg": (repeats.rotation_deg, "deg", 4),
         "reclamped_px": (repeats.image_px, "px", 2),
         "reclamped_between_views_px": (repeats.between_views_px, "px", 3),
     }
@@ -62,7 +62,7 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
         return reclamped
     printer, camera = hardware.printer, hardware.camera
     weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g
-    min_force = least_contact_n(clip.nest, body_box(camera).middle, weight, printer.plastic_mpa)
+    min_force = min_contact_n(clip.nest, body_box(camera).centre, weight, printer.plastic_mpa)
     forces = [screw.leaf.force_n(printer.plastic_mpa) for screw in clip.nest.screws]
     strain = max(screw.leaf.strain for screw in clip.nest.screws)
     return {

@@ -14,7 +14,7 @@ from shapely import Polygon, get_parts, make_valid, maximum_inscribed_circle, un
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.holder.pads import PADS, least_height_mm
+from mirrorcam.cad.holder.pads import PADS, min_altitude_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import outline_at
 from mirrorcam.core.values import FloatArray, Metric
@@ -119,7 +119,7 @@ class Seat:
     @property
     def base_mm(self) -> float:
         """Smallest altitude of the triangle of the pads; 0 unless there are three."""
-        return float(least_height_mm(self.pads_in_plane[None])[0]) if len(self.pads_in_plane) == PADS else 0.0
+        return float(min_altitude_mm(self.pads_in_plane[None])[0]) if len(self.pads_in_plane) == PADS else 0.0
 
 
 def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float) -> Seat | None:

@@ -177,7 +177,7 @@ def _draw_holes(
     axis = group[0].axis_in_rig / np.linalg.norm(group[0].axis_in_rig)
     corner, origin = placed.box[0], placed.box[0]
     if group[0].datum is not None:
-        origin = placed.paper(group[0].datum.at_in_rig)
+        origin = placed.paper(group[0].datum.point_in_rig)
     if in_table(group, placed.view):
         draw_numbers(sheet, placed, group)
         return

@@ -18,7 +18,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
 from mirrorcam.cad.guide.camera_measures import MEASURES
-from mirrorcam.cad.holder.carriers import PITCH_MM, turn_deg
+from mirrorcam.cad.holder.carriers import PITCH_MM, tilt_per_turn_deg
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of, stock_kind
@@ -142,7 +142,7 @@ def _nest_texts(device: Device) -> dict[str, Any]:
         "contact_um": f"{1000.0 * CONTACT_MM:.0f}",
         "play_mm": "" if isinstance(held_by, Lips) else f"{held_by.play_mm:.2f}",
         "shift_um": f"{1000.0 * repeats.shift_mm:.0f}",
-        "turn_deg": f"{repeats.turn_deg:.2f}",
+        "turn_deg": f"{repeats.rotation_deg:.2f}",
         "image_px": f"{repeats.image_px:.1f}",
         "views_px": f"{repeats.between_views_px:.1f}",
     }
@@ -161,7 +161,7 @@ def _carrier_texts(device: Device) -> dict[str, Any]:
     if not isinstance(holder, ScrewedHolderPlan):
         return {}
     dimensions = device.hardware.holder
-    tilts = [turn_deg(carrier) for carrier in holder.carriers]
+    tilts = [tilt_per_turn_deg(carrier) for carrier in holder.carriers]
     return {
         "gap_mm": f"{holder.adjuster.gap_mm:.1f}",
         "spring_n": f"{holder.adjuster.force_n:.0f}",

@@ -15,7 +15,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.guide.assembly_guide import is_sliced, masses_of
 from mirrorcam.cad.guide.device_pictures import central_ray
 from mirrorcam.cad.guide.picture_views import DevicePicture
-from mirrorcam.cad.plan.device_names import APART, COUPON
+from mirrorcam.cad.plan.device_names import COUPON, UNMOUNTED
 from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart
 from mirrorcam.cad.plan.prices import summary_of
 from mirrorcam.core.disk.files import read_bytes, write_text
@@ -120,7 +120,7 @@ def _on_plate(names: Sequence[str], purpose: str, parts: Sequence[BuiltPart]) ->
 
 def _not_shown(parts: Sequence[BuiltPart]) -> str:
     """A sentence about the printed parts that the model lacks, since they are not mounted in use; "" for none."""
-    unmounted = [f"{part.number} {part.title}" for part in parts if part.name in APART]
+    unmounted = [f"{part.number} {part.title}" for part in parts if part.name in UNMOUNTED]
     return f"Not in the model, since they are not mounted in use: {', '.join(unmounted)}" if unmounted else ""
 
 

@@ -212,7 +212,7 @@ def hole_tables(groups: Groups, views: Sequence[PartView]) -> tuple[DrawingTable
             continue
         origin, origin_name = view.box[0], "the lower left corner of that view"
         if (datum := holes[0].datum) is not None:
-            origin, origin_name = view.axes_in_rig[:2] @ datum.at_in_rig, datum.name
+            origin, origin_name = view.axes_in_rig[:2] @ datum.point_in_rig, datum.name
         rows = []
         for row, hole in enumerate(numbered(holes, view), start=1):
             x, y = view.axes_in_rig[:2] @ hole.centre_in_rig - origin

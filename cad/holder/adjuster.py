@@ -22,14 +22,14 @@ SCREW = "M3"
 END_GAP_MM = 0.2
 # Clearance at the end of a screw's hole, and depth of a head below the back.
 TIP_CLEARANCE_MM, SUNK_MM = 0.2, 0.3
-# Compression of a spring at the loose end of the travel.
-LEAST_COMPRESSION_MM = 1.2
+# Compression of a spring when its screw is loosened to the end of the travel.
+MIN_COMPRESSION_MM = 1.2
 # Radial clearance of a head in its cone, and the cone's half angle; the cone widens towards the back.
 HEAD_FIT_MM, CONE_DEG = 0.05, 44.0
 # Depth in the plate for a head and its cone, down to the wall under a spring.
 HEAD_DEPTH_MM = 2.5
-# Widths of the driver's blade and of its holes in the mount, and the ends of these holes along the mount's x from their
-# middles: the holes are horizontal in print and have a roof.
+# Widths of the screwdriver's blade and of its holes in the mount, and the ends of these holes along the mount's x from
+# their centres: the holes are horizontal in print and have a roof.
 DRIVER_MM, DRIVER_HOLE_MM = 4.0, 4.6
 DRIVER_HOLE_ENDS_MM = (-DRIVER_HOLE_MM / 2.0, DRIVER_HOLE_MM / 2.0 / float(np.sin(np.radians(ROOF_IN_WEBS_DEG))))
 # Thickness of the plastic under a captive nut in a carrier.
@@ -42,8 +42,8 @@ class Adjuster:
 
     A screw of `length_mm` passes through the holder, `plate_mm` thick, and the gap of `gap_mm` to the carrier, and
     engages `engaged_mm` in a hole `hole_mm` deep. A spring, compressed to `spring_mm` by `force_n`, lies in a recess of
-    depth `recess_mm` in the holder's front. At the loose end of the travel, plus or minus `travel_mm`, its force is
-    still `least_n`.
+    depth `recess_mm` in the holder's front. With the screw loosened to the end of its travel, plus or minus
+    `travel_mm`, the spring's force is still `least_n`.
     """
 
     length_mm: float
@@ -89,24 +89,24 @@ def boss_mm(hardware: Hardware) -> float:
     return screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.slide_mm + hardware.printer.wall_mm
 
 
-def travel_mm(reach_mm: float, hardware: Hardware) -> float:
-    """Range of motion along the screws, plus or minus, of a carrier's point `reach_mm` from its middle."""
-    return float(np.tan(np.radians(hardware.holder.adjust_deg)) * reach_mm + hardware.holder.adjust_mm)
+def travel_mm(radius_mm: float, hardware: Hardware) -> float:
+    """Range of motion along the screws, plus or minus, of a carrier's point `radius_mm` from its centre."""
+    return float(np.tan(np.radians(hardware.holder.adjust_deg)) * radius_mm + hardware.holder.adjust_mm)
 
 
-def least_plate_mm(travel: float, hardware: Hardware) -> float:
-    """Least thickness of a holder with a spring's recess, a head's cone and a wall between them."""
+def min_plate_mm(travel: float, hardware: Hardware) -> float:
+    """Minimum thickness of a holder with a spring's recess, a head's cone and a wall between them."""
     spring = hardware.holder.spring
-    return spring.free_mm - LEAST_COMPRESSION_MM - travel + HEAD_DEPTH_MM + hardware.printer.wall_mm
+    return spring.free_mm - MIN_COMPRESSION_MM - travel + HEAD_DEPTH_MM + hardware.printer.wall_mm
 
 
-def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float, hardware: Hardware) -> Adjuster:
+def plan_adjuster(screws_radius_mm: float, edge_radius_mm: float, plate_mm: float, hardware: Hardware) -> Adjuster:
     """Choose the length of the screws and the compression of the springs.
 
     Parameters
     ----------
-    screws_reach_mm, edge_reach_mm : float
-        Largest distance of a carrier's screw, and of its edge, from the middle of its screws.
+    screws_radius_mm, edge_radius_mm : float
+        Largest distance of a carrier's screw, and of its edge, from the centre of its screws.
     plate_mm : float
         Thickness of the holder.
     hardware : Hardware
@@ -118,21 +118,21 @@ def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float,
         If no screw on the list is long enough, the spring is too short, or a tilted screw touches its hole.
     """
     screw, spring = hardware.screw, hardware.holder.spring
-    travel = travel_mm(screws_reach_mm, hardware)
+    travel = travel_mm(screws_radius_mm, hardware)
     # A multiple of the layer height, since the coupon has a printed gauge of this thickness.
     layer = PRINT_SETTINGS.layer_mm
-    gap = round(layer * float(np.ceil((travel_mm(edge_reach_mm, hardware) + END_GAP_MM) / layer)), 6)
+    gap = round(layer * float(np.ceil((travel_mm(edge_radius_mm, hardware) + END_GAP_MM) / layer)), 6)
     engagement = screw.engaged_mm if screw.kind == "insert" else UNDER_NUT_MM + screw.nut_height_mm
-    least = plate_mm - SUNK_MM + gap + engagement + travel
-    lengths = [length for length in screw.lengths_mm if length >= least]
+    needed = plate_mm - SUNK_MM + gap + engagement + travel
+    lengths = [length for length in screw.lengths_mm if length >= needed]
     if not lengths:
         raise InputError(
-            f"screws of carriers must be {least:.1f} mm long for {hardware.holder.adjust_deg:g} deg either way, longer "
-            "than any on the list (screw.lengths_mm): expected smaller mirrors or a smaller holder.adjust_deg"
+            f"screws of carriers must be {needed:.1f} mm long for {hardware.holder.adjust_deg:g} deg either way, "
+            "longer than any on the list (screw.lengths_mm): expected smaller mirrors or a smaller holder.adjust_deg"
         )
     length = min(lengths)
     engaged = length + SUNK_MM - plate_mm - gap
-    spring_length = spring.free_mm - LEAST_COMPRESSION_MM - travel
+    spring_length = spring.free_mm - MIN_COMPRESSION_MM - travel
     if spring_length - travel < spring.solid_mm or spring_length < gap:
         raise InputError(
             f"spring {spring.size} closes before a mirror has moved by {travel:.2f} mm either way, expected a longer "
@@ -140,10 +140,10 @@ def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float,
         )
     hole_clearance = (thread_of(SCREW).clearance_mm - thread_of(SCREW).diameter_mm) / 2.0
     if plate_mm * np.tan(np.radians(hardware.holder.adjust_deg)) > hole_clearance:
-        most = np.degrees(np.arctan(hole_clearance / plate_mm))
+        max_deg = np.degrees(np.arctan(hole_clearance / plate_mm))
         raise InputError(
-            f"holder.adjust_deg is {hardware.holder.adjust_deg:g}, expected at most {most:.1f}: screws touch the sides "
-            f"of their holes, which are {plate_mm:.1f} mm long"
+            f"holder.adjust_deg is {hardware.holder.adjust_deg:g}, expected at most {max_deg:.1f}: screws touch the "
+            f"sides of their holes, which are {plate_mm:.1f} mm long"
         )
     thread_depth = engaged + travel + TIP_CLEARANCE_MM
     return Adjuster(
@@ -157,5 +157,5 @@ def plan_adjuster(screws_reach_mm: float, edge_reach_mm: float, plate_mm: float,
         recess_wide_mm=recess_diameter_mm(hardware),
         spring_mm=spring_length,
         force_n=spring.n_per_mm * (spring.free_mm - spring_length),
-        least_n=spring.n_per_mm * LEAST_COMPRESSION_MM,
+        least_n=spring.n_per_mm * MIN_COMPRESSION_MM,
     )

@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.rims import GROUND_MM, RELIEF_MM
-from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, clearance_round_pin_mm, cut_slack_mm, thin_wall_mm2
+from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, clearance_around_pin_mm, cut_slack_mm, thin_wall_mm2
 from mirrorcam.cad.plan.fasteners import ROOF_DEG, head_space_mm
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
 from mirrorcam.cad.plan.prisms import clip_loop
@@ -59,7 +59,7 @@ def slot_width_mm(hardware: Hardware) -> float:
 def slot_direction(footprint: Polygon, hole: FloatArray) -> FloatArray:
     """The direction (2,) in which a nut's slot leaves a convex footprint: normal to the nearest edge.
 
-    Over an oblique slot the material would end in a tip that recedes faster than the slot's roof.
+    Over a slot oblique to the edge, the material would end in a tip that recedes faster than the slot's roof.
     """
     corners = get_coordinates(orient(footprint))
     sides = np.diff(corners, axis=0)
@@ -81,11 +81,9 @@ def nut_slots(
     slots = []
     for hole in holes_mm:
         direction = slot_direction(footprint, centre_mm + hole)
-        across = np.array([-direction[1], direction[0]])
+        side = np.array([-direction[1], direction[0]])
         ends = [
-            transform(
-                rig_from_mount, np.column_stack([hole + end * direction + profile[:, :1] * across, profile[:, 1]])
-            )
+            transform(rig_from_mount, np.column_stack([hole + end * direction + profile[:, :1] * side, profile[:, 1]]))
             for end in (-corner, 1e3)
         ]
         slots.append(Frustum(ends[0], ends[1]))
@@ -94,11 +92,11 @@ def nut_slots(
 
 # Fillers that recede into the slab end this far inside it.
 IN_SLAB_MM = 0.5
-# Additional thickness of a part that is cut, for a choice of positions of its pins.
+# Additional thickness of a part that is cut, which leaves a choice of positions for its pins.
 PIN_SLACK_MM = 0.5
-# Largest distance of a cut from the cut into equal pieces over the part's length: narrow pieces have no space for pins.
-MOST_SHIFT_OF_LENGTH = 0.1
-# Cost of a square millimetre of wall too thin to print, as a length of cut through mirrors.
+# Largest shift of a cut from the cut into equal pieces, over the part's length: narrow pieces have no space for pins.
+MAX_SHIFT_TO_LENGTH = 0.1
+# Cost of a square millimetre of wall too thin to print, in units of the length of a cut through mirrors.
 THIN_MM_PER_MM2 = 1000.0
 
 
@@ -115,10 +113,10 @@ class MountFace:
 
 
 def mount_axes(layout: Layout) -> FloatArray:
-    """Axes (3, 3; rows x, y, z) of the mount in rig: z opposite to the mirrors' mean normal, x along the rig's x."""
+    """Axes (3, 3; rows x, y, z) of the mount in the rig frame: z opposite the mirrors' mean normal, x along rig x."""
     z_axis = -np.mean([mirror.normal_in_rig for mirror in layout.mirrors], axis=0)
     if np.linalg.norm(z_axis) < 0.5:
-        raise InputError("the mirrors face apart, expected normals within 60 deg of their mean for one flat back")
+        raise InputError("the mirrors' normals must be within 60 deg of their mean, for one flat back of the holder")
     z_axis /= np.linalg.norm(z_axis)
     x_axis = np.array([1.0, 0.0, 0.0]) - z_axis[0] * z_axis
     if np.linalg.norm(x_axis) < 0.1:
@@ -156,8 +154,8 @@ class LevelFront:
 class FrontSurface:
     """The front of the holder as seen along the normal of its back: a seat behind every mirror, fillers in the gaps.
 
-    A filler is a mirror's outline enlarged by `margin_mm`, in a plane parallel to its seat. It recedes behind the
-    adjacent seats, and its corners are cut off, so that it forms no thin ridge or tip there.
+    A filler is a mirror's outline enlarged by `margin_mm`, in a plane parallel to the mirror's seat. It is set back
+    behind the adjacent seats, and its corners are cut off, so that it forms no thin ridge or tip there.
     """
 
     def __init__(self, layout: Layout, axes: FloatArray, margin_mm: float, hardware: Hardware) -> None:
@@ -168,20 +166,20 @@ class FrontSurface:
         seats = [outline_at(mirror, level) for mirror, level in levels]
         self._cores = self._shadows(seats)
         self._fillers = self._shadows(enlarged)
-        # Twice the margin, since the side of a filler is oblique to the adjacent mirror and must form no ridge either.
-        doubled = self._shadows([outline_at(mirror, level, 2.0 * margin_mm) for mirror, level in levels])
+        # Twice the margin: the side of a filler is oblique to the adjacent mirror, and must not form a ridge either.
+        neighbours = self._shadows([outline_at(mirror, level, 2.0 * margin_mm) for mirror, level in levels])
         recesses = np.zeros(len(enlarged))
         for i, filler in enumerate(self._fillers):
             ring = filler.difference(self._cores[i])
-            for j, neighbour in enumerate(doubled):
+            for j, neighbour in enumerate(neighbours):
                 common = get_coordinates(ring.intersection(neighbour)) if j != i else np.zeros((0, 2))
                 if len(common):
                     recesses[i] = max(recesses[i], float((self._seat_z(j, common) - self._seat_z(i, common)).max()))
         self._recesses_mm = recesses
         self.deepest_mm = max(float((seat @ axes[2]).max()) for seat in seats)
         # Fillers are clipped where they recede into the slab.
-        receded = (front + recess * axes[2] for front, recess in zip(enlarged, recesses, strict=True))
-        clipped = (clip_loop(front, axes[2], self.deepest_mm + IN_SLAB_MM) for front in receded)
+        recessed = (front + recess * axes[2] for front, recess in zip(enlarged, recesses, strict=True))
+        clipped = (clip_loop(front, axes[2], self.deepest_mm + IN_SLAB_MM) for front in recessed)
         self.fillers = [front for front in clipped if len(front) >= 3]
         self._all_cores, self._all_fillers = unary_union(self._cores), unary_union(self._fillers)
         # The slab also supports the bases of rims, which are slightly wider and lower than fillers.
@@ -222,10 +220,10 @@ def fits_bed(border: Polygon, hardware: Hardware) -> bool:
 
 
 def place_cuts(layout: Layout, axes: FloatArray, border: Polygon, body: Manifold, hardware: Hardware) -> Cuts:
-    """Coordinates of cuts along the mount's x and y through a body (in rig), so that every piece fits the bed.
+    """Coordinates, along the mount's x and y, of cuts through a body in the rig frame; every piece fits the bed.
 
-    At each cut all pieces fit and are connected, its length through mirrors is least, and no thin wall is next to it.
-    The longer side of the part lies along the longer side of the bed.
+    Each cut leaves connected pieces and no thin wall next to it, and has the smallest length through mirrors. The
+    longer side of the part lies along the longer side of the bed.
     """
     left, bottom, right, top = border.bounds
     lengths = (right - left, top - bottom)
@@ -238,11 +236,13 @@ def place_cuts(layout: Layout, axes: FloatArray, border: Polygon, body: Manifold
         pieces = int(np.ceil(length / longest))
         positions = []
         for i in range(1, pieces):
-            middle = start + length * i / pieces
-            slack = min(cut_slack_mm(length, pieces, longest), MOST_SHIFT_OF_LENGTH * length)
-            candidates = np.linspace(middle - slack, middle + slack, 61)
+            nominal = start + length * i / pieces
+            slack = min(cut_slack_mm(length, pieces, longest), MAX_SHIFT_TO_LENGTH * length)
+            candidates = np.linspace(nominal - slack, nominal + slack, 61)
             costs = THIN_MM_PER_MM2 * thin_wall_mm2(triangles, axis, candidates, wall)
-            costs += [_cut_mm(seats, axis, position) + 0.02 * abs(position - middle) for position in candidates]
+            costs += [
+                _length_in_seats(seats, axis, position) + 0.02 * abs(position - nominal) for position in candidates
+            ]
             by_cost = [float(position) for position in candidates[np.argsort(costs, kind="stable")]]
             connected = (position for position in by_cost if not falls_apart(in_mount, axis, position, wall))
             positions.append(next(connected, by_cost[0]))
@@ -250,40 +250,40 @@ def place_cuts(layout: Layout, axes: FloatArray, border: Polygon, body: Manifold
     return cuts[0], cuts[1]
 
 
-def _cut_mm(seats: list[Polygon], axis: int, position: float) -> float:
-    """Length of a cut across an axis through seats."""
-    reach = 1e4
-    line = LineString([(position, -reach), (position, reach)] if axis == 0 else [(-reach, position), (reach, position)])
+def _length_in_seats(seats: list[Polygon], axis: int, position: float) -> float:
+    """Length, through seats, of a cut normal to an axis."""
+    far = 1e4
+    line = LineString([(position, -far), (position, far)] if axis == 0 else [(-far, position), (far, position)])
     return float(sum(seat.intersection(line).length for seat in seats))
 
 
 def place_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> MountFace:
     """The rectangle of four holes with which the part is thinnest; among equals, the largest.
 
-    Its width is limited by `holder.mount_of_width`, and is at least half of that. The insert's wall separates every
-    hole from the edge of the footprint, from adjacent holes and, with half a pin's length, from the cuts; the thinnest
-    wall separates it and its nut's slot from the front. Raises InputError if no rectangle fits.
+    Its width is between half of `holder.mount_of_width` and all of it. The insert's wall separates every hole from the
+    edge of the footprint, from adjacent holes and, with half a pin's length, from the cuts; the thinnest wall separates
+    the hole and its nut's slot from the front. Raises InputError if no rectangle fits.
     """
-    return next(iter(places_of_mount(front, hardware, cuts_mm)))
+    return next(iter(mount_positions(front, hardware, cuts_mm)))
 
 
-def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> list[MountFace]:
+def mount_positions(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> list[MountFace]:
     """All rectangles from which `place_mount` chooses, the best first; raises InputError if there is none."""
     left, bottom, right, top = front.footprint.bounds
     centre = np.array([(left + right) / 2.0, (bottom + top) / 2.0])
     boss_mm = hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
     allowed = front.footprint.buffer(-boss_mm)
-    # Half the distance of two holes: in the mount a wall separates the spaces for their screws' heads.
+    # Half the minimum distance between two holes: in the mount, a wall separates the spaces for their screws' heads.
     half_gap = head_space_mm(hardware) + hardware.printer.wall_mm / 2.0
     margin = boss_mm + hardware.holder.pin_mm[1] / 2.0
     depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
     # A part that is cut is thick enough for the pins everywhere.
-    thinnest = 2.0 * clearance_round_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0
-    thinnest = max(hardware.holder.floor_mm, thinnest)
-    found: list[tuple[float, float, FloatArray]] = []
-    widest = max(boss_mm + 0.1, hardware.holder.mount_of_width * (right - left) / 2.0)
-    for a in np.arange(boss_mm, widest, hardware.holder.mount_step_mm):
-        if a < min(widest / 2.0, widest - hardware.holder.mount_step_mm):
+    min_thickness = 2.0 * clearance_around_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0
+    min_thickness = max(hardware.holder.floor_mm, min_thickness)
+    candidates: list[tuple[float, float, FloatArray]] = []
+    max_half = max(boss_mm + 0.1, hardware.holder.mount_of_width * (right - left) / 2.0)
+    for a in np.arange(boss_mm, max_half, hardware.holder.mount_step_mm):
+        if a < min(max_half / 2.0, max_half - hardware.holder.mount_step_mm):
             continue
         for b in np.arange(boss_mm, (top - bottom) / 2.0, hardware.holder.mount_step_mm):
             if min(a, b) < half_gap:
@@ -294,20 +294,20 @@ def places_of_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
             )
             if near_cut or not allowed.contains(MultiPoint(centre + holes)):
                 continue
-            bosses = space_of_mount(holes, front.footprint, centre, hardware)
+            bosses = mount_areas(holes, front.footprint, centre, hardware)
             bosses_z = max(front.largest_z_mm(boss) for boss in bosses)
             tips_z = max(front.largest_z_mm(Point(centre + hole).buffer(hardware.printer.wall_mm)) for hole in holes)
-            back = max(front.deepest_mm + thinnest, bosses_z + depth, tips_z + tip_mm(hardware.screw) + depth)
-            found.append((back, -a * b, holes))
-    if not found:
+            back = max(front.deepest_mm + min_thickness, bosses_z + depth, tips_z + tip_mm(hardware.screw) + depth)
+            candidates.append((back, -a * b, holes))
+    if not candidates:
         raise InputError(
             f"mirror holder's back is {right - left:.1f} x {top - bottom:.1f} mm, expected space for four M3 inserts "
             f"with {boss_mm:g} mm of material around their centres, at least {2.0 * half_gap:.1f} mm from each other"
         )
-    return [MountFace(back, centre, holes) for back, _, holes in sorted(found, key=lambda each: each[:2])]
+    return [MountFace(back, centre, holes) for back, _, holes in sorted(candidates, key=lambda item: item[:2])]
 
 
-def space_of_mount(
+def mount_areas(
     holes_mm: FloatArray, footprint: Polygon, centre_mm: FloatArray, hardware: Hardware
 ) -> list[BaseGeometry]:
     """Areas of a back for the mount's holes (n, 2; about a centre): discs with the insert's wall, slots for nuts."""
@@ -316,9 +316,9 @@ def space_of_mount(
     if hardware.screw.kind == "nut":
         half = slot_width_mm(hardware) / 2.0 + hardware.printer.wall_mm
         left, bottom, right, top = footprint.bounds
-        reach = right - left + top - bottom
+        far = right - left + top - bottom
         areas += [
-            LineString([centre_mm + hole, centre_mm + hole + reach * slot_direction(footprint, centre_mm + hole)])
+            LineString([centre_mm + hole, centre_mm + hole + far * slot_direction(footprint, centre_mm + hole)])
             .buffer(half, cap_style="flat")
             .intersection(footprint)
             for hole in holes_mm

@@ -1,12 +1,12 @@
-"""Carriers: a wedge behind every mirror, glued to it, which three screws draw to the holder.
+"""Carriers: a wedge behind every mirror, glued to it, which three screws draw towards the holder.
 
 Since there is no space between mirrors, a carrier ends within its mirror's outline as seen along the normal of the
 holder's back. Its back is parallel to the holder's. Its front is the mirror's seat, with pads and grooves as in a
 holder. Its area on the back and the axes of its screws are chosen together.
 
 A carrier has three degrees of freedom, the displacements along its screws. It tilts as a rigid body about axes in its
-back, and the point in the middle of its screws moves along their direction only. A clockwise turn of a screw, seen from
-behind the device, draws its corner to the holder by the pitch of the thread.
+back, and the centre of its screws moves along their direction only. A clockwise turn of a screw, seen from behind the
+device, draws its corner towards the holder by the pitch of the thread.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.adjuster import SCREW, UNDER_NUT_MM, Adjuster, boss_mm, recess_diameter_mm
-from mirrorcam.cad.holder.glue import glue_mm3, groove_volume, grooves_of, planned_cover
-from mirrorcam.cad.holder.pads import least_height_mm, pad_shapes, pad_volume, plan_pads, widest_triangle
+from mirrorcam.cad.holder.glue import glue_mm3, groove_solid, grooves_of, planned_cover
+from mirrorcam.cad.holder.pads import min_altitude_mm, pad_shapes, pad_solid, plan_pads, widest_triangle
 from mirrorcam.cad.plan.dimension import Hole, holes
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
@@ -38,8 +38,8 @@ from mirrorcam.optics.geometry.transforms import rigid
 FAR_MM = 1e4
 # Tolerance of the simplified borders on which screws are placed.
 SIMPLIFICATION_MM = 0.03
-# Scales of a mirror that are tried for the advice in an error message.
-TRIED_FACTORS = np.arange(1.05, 4.0, 0.05)
+# Candidate scales of a mirror, for the advice in an error message.
+CANDIDATE_SCALES = np.arange(1.05, 4.0, 0.05)
 
 
 @dataclass(frozen=True)
@@ -53,20 +53,21 @@ class CarrierArea:
     screws: FloatArray
 
     @property
-    def middle(self) -> FloatArray:
-        """The middle (2,) of the screws, about which the carrier tilts."""
+    def centre(self) -> FloatArray:
+        """The centre (2,) of the screws, about which the carrier tilts."""
         return np.asarray(self.screws.mean(axis=0))
 
     @property
-    def reaches_mm(self) -> tuple[float, float]:
-        """Largest distances of the screws and of the corners from the middle."""
-        furthest = (np.linalg.norm(points - self.middle, axis=1).max() for points in (self.screws, self.corners))
-        screws, corners = (float(end) for end in furthest)
+    def radii_mm(self) -> tuple[float, float]:
+        """Largest distances of the screws and of the corners from the centre."""
+        screws, corners = (
+            float(np.linalg.norm(points - self.centre, axis=1).max()) for points in (self.screws, self.corners)
+        )
         return screws, corners
 
 
 def plan_areas(
-    layout: Layout, axes: FloatArray, taken: Iterable[BaseGeometry], hardware: Hardware
+    layout: Layout, axes: FloatArray, blocked_areas: Iterable[BaseGeometry], hardware: Hardware
 ) -> tuple[int, tuple[CarrierArea, ...]]:
     """Choose the areas of all carriers, and the first position of the mount's screws that leaves space for theirs.
 
@@ -75,9 +76,9 @@ def plan_areas(
     layout : Layout
         The mirrors.
     axes : (3, 3)
-        Axes of the mount in rig: rows x, y and z.
-    taken : iterable of BaseGeometry
-        For each candidate position of the mount's screws, the area without axes of carriers' screws.
+        Axes of the mount in the rig frame: rows x, y and z.
+    blocked_areas : iterable of BaseGeometry
+        For each candidate position of the mount's screws, the area in which no axis of a carrier's screw may be.
     hardware : Hardware
         Screws, springs and range of tilt.
 
@@ -89,7 +90,7 @@ def plan_areas(
     Raises
     ------
     InputError
-        If a mirror has no space for three screws about its middle.
+        If a mirror has no space for three screws about its centre.
     """
     projections = [_projection(mirror, axes, 0.0, hardware) for mirror in layout.mirrors]
     areas = [_free_area(index, layout, projections, axes, hardware) for index in range(len(layout.mirrors))]
@@ -97,19 +98,19 @@ def plan_areas(
     for index, screws in enumerate(unrestricted):
         if screws is None:
             raise InputError(_no_space(layout, index, f"{_fitting_size(areas[index], hardware)}, or ", hardware))
-    blocked = 0
-    for candidate, occupied in enumerate(taken):
+    failed = 0
+    for candidate, blocked in enumerate(blocked_areas):
         carriers: list[CarrierArea] = []
         for index, (area, screws) in enumerate(zip(areas, unrestricted, strict=True)):
-            free = screws is not None and not any(occupied.contains(Point(axis)) for axis in screws)
-            axes_of_screws = screws if free else _screws_in(area, occupied, hardware)
+            free = screws is not None and not any(blocked.contains(Point(axis)) for axis in screws)
+            axes_of_screws = screws if free else _screws_in(area, blocked, hardware)
             if axes_of_screws is None:
-                blocked = index
+                failed = index
                 break
             carriers.append(CarrierArea(get_coordinates(orient(area))[:-1], axes_of_screws))
         if len(carriers) == len(areas):
             return candidate, tuple(carriers)
-    raise InputError(_no_space(layout, blocked, "more space next to the mount's screws, or ", hardware))
+    raise InputError(_no_space(layout, failed, "more space next to the mount's screws, or ", hardware))
 
 
 def _no_space(layout: Layout, index: int, expected: str, hardware: Hardware) -> str:
@@ -147,7 +148,7 @@ def _free_area(
 
 
 def _tilt_gap_mm(mirror: Mirror, axes: FloatArray, hardware: Hardware) -> float:
-    """Largest sideways motion of a mirror's edge as its carrier tilts about its back, plus a gap."""
+    """Largest lateral motion of a mirror's edge as its carrier tilts about its back, plus a gap."""
     height = float(np.ptp(outline_at(mirror, 0.0) @ axes[2])) + 2.0 * hardware.screw.insert_depth_mm
     return hardware.fit.free_mm + height * float(np.tan(np.radians(hardware.holder.adjust_deg)))
 
@@ -156,34 +157,34 @@ def _outside(area: Polygon, corners: FloatArray) -> Polygon:
     """The largest part of a convex area that lies outside one edge of a convex loop (n + 1, 2)."""
     parts = []
     for start, end in pairwise(corners):
-        along = end - start
-        lower = translate(box(-FAR_MM, -FAR_MM, FAR_MM, 0.0), start[0], start[1])
-        half_plane = rotate(lower, np.degrees(np.arctan2(along[1], along[0])), origin=tuple(start))
+        edge = end - start
+        lower_half = translate(box(-FAR_MM, -FAR_MM, FAR_MM, 0.0), start[0], start[1])
+        half_plane = rotate(lower_half, np.degrees(np.arctan2(edge[1], edge[0])), origin=tuple(start))
         part = area.intersection(half_plane)
         if isinstance(part, Polygon):
             parts.append(part)
     return max(parts, key=lambda part: part.area, default=Polygon())
 
 
-def _screws_in(area: Polygon, taken: BaseGeometry, hardware: Hardware) -> FloatArray | None:
+def _screws_in(area: Polygon, blocked: BaseGeometry, hardware: Hardware) -> FloatArray | None:
     """Axes (3, 2) of screws as far apart as possible; None if there is no space for them."""
     if area.is_empty:
         return None
-    free = area.buffer(-boss_mm(hardware)).difference(taken.buffer(SIMPLIFICATION_MM))
+    free = area.buffer(-boss_mm(hardware)).difference(blocked.buffer(SIMPLIFICATION_MM))
     if free.is_empty:
         return None
     triangle = widest_triangle(free, np.array(area.centroid.coords[0]))
     if triangle is None:
         return None
-    least = max(recess_diameter_mm(hardware) + hardware.printer.wall_mm, 1.5 * boss_mm(hardware))
-    return triangle if float(least_height_mm(triangle[None])[0]) >= least else None
+    needed = max(recess_diameter_mm(hardware) + hardware.printer.wall_mm, 1.5 * boss_mm(hardware))
+    return triangle if float(min_altitude_mm(triangle[None])[0]) >= needed else None
 
 
 def _fitting_size(area: Polygon, hardware: Hardware) -> str:
     """The size of mirror that would have space, as text."""
     if not area.is_empty:
         corners = get_coordinates(area) - np.array(area.centroid.coords[0])
-        for factor in TRIED_FACTORS:
+        for factor in CANDIDATE_SCALES:
             if _screws_in(Polygon(factor * corners), Polygon(), hardware) is not None:
                 return f"mirrors {factor:.2f} times as large"
     return "larger mirrors"
@@ -195,12 +196,12 @@ NOTCH_MM = 1.0
 
 @dataclass(frozen=True)
 class CarrierPlan:
-    """A carrier in rig, mm: its `body` from its back to its seat, the `pads` on the seat, and the cuts.
+    """A carrier in the rig frame, mm: its `body` from its back to its seat, the `pads` on the seat, and the cuts.
 
     The cuts are `grooves` (with the notch in its upper edge), `holes` and `nuts`. `rig_from_back` (4, 4) is the frame
-    of its flat back: origin in the middle of its screws, z out of the back towards the holder. `screws_mm` (3, 2) are
-    the screws' axes in that frame. `planned_cover` is the share of the mirror's back that its seat covers, `glue_mm3`
-    the volume of the gap between them.
+    of its flat back: origin in the centre of its screws, z out of the back towards the holder. `screws_mm` (3, 2) are
+    the screws' axes in that frame. `planned_cover` is the fraction of the mirror's back that its seat covers,
+    `glue_mm3` the volume of the gap between them.
     """
 
     name: str
@@ -226,19 +227,19 @@ class CarrierPlan:
         return (*holes(self.holes), *pockets)
 
 
-def least_level_mm(mirror: Mirror, area: CarrierArea, axes: FloatArray, hole_mm: float, hardware: Hardware) -> float:
-    """The least z of a carrier's back in the mount's axes from the pupil.
+def min_level_mm(mirror: Mirror, area: CarrierArea, axes: FloatArray, hole_mm: float, hardware: Hardware) -> float:
+    """The smallest z of a carrier's back in the mount's axes, from the pupil.
 
     The carrier is at least as thick as the holder's floor and, at its screws, as the depth of their holes plus a wall.
     """
-    over_area = float(_seat_z(mirror, area.corners, axes, hardware).max()) + hardware.holder.floor_mm
+    level_for_floor = float(_seat_z(mirror, area.corners, axes, hardware).max()) + hardware.holder.floor_mm
     angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     circle = boss_mm(hardware) * np.column_stack([np.cos(angles), np.sin(angles)])
-    over_screws = [
+    levels_for_screws = [
         float(_seat_z(mirror, screw + circle, axes, hardware).max()) + hole_mm + hardware.printer.wall_mm
         for screw in area.screws
     ]
-    return max(over_area, *over_screws)
+    return max(level_for_floor, *levels_for_screws)
 
 
 def _seat_z(mirror: Mirror, points: FloatArray, axes: FloatArray, hardware: Hardware) -> FloatArray:
@@ -267,7 +268,7 @@ def plan_carrier(
     top = back + _seat_z(mirror, area.corners, axes, hardware)[:, None] * normal
     frame = mirror.rig_from_plane
     seat = orient(Polygon((top - frame[:3, 3]) @ frame[:3, :2]))
-    nuts = tuple(_nut(mirror, at, level_mm, axes, hardware) for at in area.screws) if _has_nuts(hardware) else ()
+    nuts = tuple(_nut(mirror, axis, level_mm, axes, hardware) for axis in area.screws) if _has_nuts(hardware) else ()
     for nut in nuts:
         seat = seat.difference(Polygon((nut.top - frame[:3, 3]) @ frame[:3, :2]).buffer(hardware.printer.wall_mm / 2.0))
     notch = _notch(area, axes, up)
@@ -275,17 +276,16 @@ def plan_carrier(
     seat = seat.difference(Polygon((notch_on_seat - frame[:3, 3]) @ frame[:3, :2]))
     thickness = float(np.ptp(np.vstack([back + level_mm * normal, top]) @ normal))
     grooves = grooves_of(0, [mirror], normal, hardware)
-    middles = plan_pads(name, mirror, seat, grooves, axes, ((), ()), hardware)
-    pads = pad_shapes(middles, hardware)
+    pads = pad_shapes(plan_pads(name, mirror, seat, grooves, axes, ((), ()), hardware), hardware)
     depth = screw.hole_mm + OUTSIDE_MM
     radius = (hardware.screw.clearance_hole_mm if nuts else hardware.screw.insert_hole_mm) / 2.0
     mouths = area.screws @ axes[:2] + (level_mm + OUTSIDE_MM) * normal
     return CarrierPlan(
         name=name,
         body=Frustum(back + level_mm * normal, top),
-        pads=tuple(pad_volume(mirror, shape, hardware) for shape in pads),
+        pads=tuple(pad_solid(mirror, shape, hardware) for shape in pads),
         grooves=(
-            *(groove_volume(mirror, groove, hardware) for groove in grooves),
+            *(groove_solid(mirror, groove, hardware) for groove in grooves),
             Frustum(
                 notch @ axes[:2] + (level_mm + 1.0) * normal, notch @ axes[:2] + (level_mm - thickness - 1.0) * normal
             ),
@@ -293,8 +293,8 @@ def plan_carrier(
         holes=tuple(Bore(mouth, -normal, radius, depth) for mouth in mouths),
         nuts=nuts,
         nut_flats_mm=_nut_flats_mm(hardware),
-        rig_from_back=rigid(axes.T, area.middle @ axes[:2] + level_mm * normal),
-        screws_mm=area.screws - area.middle,
+        rig_from_back=rigid(axes.T, area.centre @ axes[:2] + level_mm * normal),
+        screws_mm=area.screws - area.centre,
         planned_cover=planned_cover(mirror, seat, grooves, pads),
         glue_mm3=glue_mm3(seat, pads, hardware),
     )
@@ -303,10 +303,10 @@ def plan_carrier(
 def _notch(area: CarrierArea, axes: FloatArray, up: FloatArray) -> FloatArray:
     """A V (3, 2) in the middle of the uppermost edge of an area."""
     ends = np.roll(area.corners, -1, axis=0)
-    along = (ends - area.corners) / np.linalg.norm(ends - area.corners, axis=1)[:, None]
-    outward = np.column_stack([along[:, 1], -along[:, 0]])
-    edge = int(np.argmax(outward @ (axes[:2] @ up)))
-    middle, side, out = (area.corners[edge] + ends[edge]) / 2.0, along[edge], outward[edge]
+    directions = (ends - area.corners) / np.linalg.norm(ends - area.corners, axis=1)[:, None]
+    normals = np.column_stack([directions[:, 1], -directions[:, 0]])
+    edge = int(np.argmax(normals @ (axes[:2] @ up)))
+    middle, side, out = (area.corners[edge] + ends[edge]) / 2.0, directions[edge], normals[edge]
     return np.asarray(middle + NOTCH_MM * np.array([-side + out / 2.0, side + out / 2.0, -out]))
 
 
@@ -318,10 +318,10 @@ def _nut_flats_mm(hardware: Hardware) -> float:
     return hardware.screw.nut_flats_mm + hardware.fit.slide_mm
 
 
-def _nut(mirror: Mirror, at: FloatArray, level_mm: float, axes: FloatArray, hardware: Hardware) -> Frustum:
-    """The pocket of a nut, which the mirror closes; two of its corners are along the mount's x."""
+def _nut(mirror: Mirror, centre: FloatArray, level_mm: float, axes: FloatArray, hardware: Hardware) -> Frustum:
+    """The pocket of a nut about a screw's axis (2,), closed by the mirror; two corners are along the mount's x."""
     angles = np.pi / 3.0 * np.arange(6)
-    corners = at + _nut_flats_mm(hardware) / np.sqrt(3.0) * np.column_stack([np.cos(angles), np.sin(angles)])
+    corners = centre + _nut_flats_mm(hardware) / np.sqrt(3.0) * np.column_stack([np.cos(angles), np.sin(angles)])
     flat = corners @ axes[:2]
     top = flat + (_seat_z(mirror, corners, axes, hardware) - mirror.thickness_mm)[:, None] * axes[2]
     return Frustum(flat + (level_mm - UNDER_NUT_MM) * axes[2], top)
@@ -331,19 +331,19 @@ PITCH_MM = thread_of(SCREW).pitch_mm
 
 
 def rig_from_carrier(carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
-    """The motion (4, 4) in rig of a carrier by turns (3,) of its screws, clockwise seen from behind."""
+    """The motion (4, 4) of a carrier, in the rig frame, for turns (3,) of its screws, clockwise seen from behind."""
     frame = carrier.rig_from_back
-    # The plane of the back through the screws: z = height + slope . (x, y).
+    # The plane of the back through the screws: z = height + gradient . (x, y).
     design = np.column_stack([np.ones(3), carrier.screws_mm])
-    height, *slope = np.linalg.solve(design, PITCH_MM * np.asarray(turns, dtype=np.float64))
-    normal = np.array([-slope[0], -slope[1], 1.0]) / np.sqrt(1.0 + slope[0] ** 2 + slope[1] ** 2)
+    height, *gradient = np.linalg.solve(design, PITCH_MM * np.asarray(turns, dtype=np.float64))
+    normal = np.array([-gradient[0], -gradient[1], 1.0]) / np.sqrt(1.0 + gradient[0] ** 2 + gradient[1] ** 2)
     motion = np.eye(4)
-    motion[:3, :3], motion[2, 3] = _least_rotation(np.array([0.0, 0.0, 1.0]), normal), height
+    motion[:3, :3], motion[2, 3] = _smallest_rotation(np.array([0.0, 0.0, 1.0]), normal), height
     return np.asarray(frame @ motion @ np.linalg.inv(frame))
 
 
-def centre_after(virtual_centre: FloatArray, carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
-    """The virtual centre (3,) in rig, mm, to which turns (3,) of the screws move a mirror's virtual centre (3,)."""
+def virtual_centre_after(virtual_centre: FloatArray, carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
+    """A mirror's virtual centre (3,) after turns (3,) of its screws, given that before (3,), in the rig frame, mm."""
     motion = rig_from_carrier(carrier, turns)
     normal = motion[:3, :3] @ virtual_centre
     point = motion[:3, :3] @ (virtual_centre / 2.0) + motion[:3, 3]
@@ -357,7 +357,7 @@ def turns_to(virtual_centre: FloatArray, target: FloatArray, carrier: CarrierPla
     Parameters
     ----------
     virtual_centre, target : (3,)
-        Current and target virtual centre of the mirror in rig, mm.
+        Current and target virtual centre of the mirror in the rig frame, mm.
     carrier : CarrierPlan
         The mirror's carrier.
 
@@ -368,7 +368,7 @@ def turns_to(virtual_centre: FloatArray, target: FloatArray, carrier: CarrierPla
     """
     frame = carrier.rig_from_back
     current_normal, target_normal = (_unit(-centre) @ frame[:3, :3] for centre in (virtual_centre, target))
-    rotation = _turn_about_level_axis(current_normal, target_normal)
+    rotation = _rotation_about_level_axis(current_normal, target_normal)
     point = (virtual_centre / 2.0 - frame[:3, 3]) @ frame[:3, :3]
     target_point = (target / 2.0 - frame[:3, 3]) @ frame[:3, :3]
     height = float(target_normal @ (target_point - rotation @ point)) / float(target_normal[2])
@@ -376,10 +376,10 @@ def turns_to(virtual_centre: FloatArray, target: FloatArray, carrier: CarrierPla
     return np.asarray((height - carrier.screws_mm @ normal[:2] / normal[2]) / PITCH_MM)
 
 
-def turn_deg(carrier: CarrierPlan) -> float:
-    """The largest tilt in deg by one turn of a screw: the pitch over the least height of the triangle of screws."""
-    height = float(least_height_mm(carrier.screws_mm[None])[0])
-    return float(np.degrees(np.arctan(PITCH_MM / height)))
+def tilt_per_turn_deg(carrier: CarrierPlan) -> float:
+    """The largest tilt in deg per turn of a screw: the pitch over the smallest altitude of the triangle of screws."""
+    altitude = float(min_altitude_mm(carrier.screws_mm[None])[0])
+    return float(np.degrees(np.arctan(PITCH_MM / altitude)))
 
 
 def rotation_about(axis: FloatArray, angle_rad: float) -> FloatArray:
@@ -393,13 +393,13 @@ def travel_turns(screw: Adjuster) -> float:
 
 
 def tilt_and_shift(virtual_centre: FloatArray, target: FloatArray) -> tuple[float, float]:
-    """Angle in deg and difference of distance from the pupil in mm between a mirror's plane and a target plane."""
+    """Angle in deg between a mirror's plane and a target plane, and difference of their distances to the pupil, mm."""
     first, second = _unit(virtual_centre), _unit(target)
     angle = np.arctan2(np.linalg.norm(np.cross(first, second)), first @ second)
     return float(np.degrees(angle)), float(np.linalg.norm(virtual_centre) - np.linalg.norm(target)) / 2.0
 
 
-def _turn_about_level_axis(start: FloatArray, end: FloatArray) -> FloatArray:
+def _rotation_about_level_axis(start: FloatArray, end: FloatArray) -> FloatArray:
     """The rotation (3, 3) about an axis normal to z that takes one unit vector to another."""
     axis = np.cross([0.0, 0.0, 1.0], end - start)
     length = float(np.linalg.norm(axis))
@@ -410,8 +410,8 @@ def _turn_about_level_axis(start: FloatArray, end: FloatArray) -> FloatArray:
     return rotation_about(axis, float(np.arctan2(axis @ np.cross(first, second), first @ second)))
 
 
-def _least_rotation(start: FloatArray, end: FloatArray) -> FloatArray:
-    """The rotation (3, 3) by the least angle that takes one unit vector to another."""
+def _smallest_rotation(start: FloatArray, end: FloatArray) -> FloatArray:
+    """The rotation (3, 3) by the smallest angle that takes one unit vector to another."""
     axis = np.cross(start, end)
     length = float(np.linalg.norm(axis))
     return rotation_about(axis / length, float(np.arctan2(length, start @ end))) if length > 1e-15 else np.eye(3)

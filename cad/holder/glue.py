@@ -18,35 +18,35 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
-# An edge within this angle of a groove runs along it, and leaves a thin wall next to it.
+# An edge within this angle of a groove counts as parallel to it, and leaves a thin wall next to it.
 PARALLEL_DEG = 30.0
-# Grooves end this far outside the rims, or within the pocket of an adjacent mirror, at this share of the fit from its
-# column.
+# Grooves end this far outside the rims, or within the pocket of an adjacent mirror, at this fraction of the fit from
+# the column behind that mirror.
 PAST_RIM_MM = 0.2
 CLEARANCE_OF_FIT = 0.8
 
 
 @dataclass(frozen=True)
 class Groove:
-    """A groove of one mirror's seat, along y of the mirror's plane, with its middle at x = `at_mm`.
+    """A groove of one mirror's seat, along y of the mirror's plane, with its centre line at x = `x_mm`.
 
     `shape` (n, 2) is its outline on the seat, in the plane's axes.
     """
 
-    at_mm: float
+    x_mm: float
     shape: FloatArray
 
 
 def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardware: Hardware) -> tuple[Groove, ...]:
-    """Parallel grooves of one mirror, evenly spaced about the middle of its outline; none in a narrow mirror.
+    """Parallel grooves of one mirror, evenly spaced about the centre of its outline; none in a narrow mirror.
 
-    They pass through notches of the rims and out of the part, or up to the column of the adjacent mirror. Air and
-    surplus glue can leave, and no thin wall remains at their ends. `normal` (3,) points out of the part's back.
+    They pass through notches of the rims and out of the part, or up to the column behind the adjacent mirror. Air and
+    surplus glue can escape, and no thin wall remains at their ends. `normal` (3,) points out of the part's back.
     """
     dimensions, mirror = hardware.holder, mirrors[index]
     outline = Polygon(mirror.outline_in_plane_mm)
-    reach = hardware.fit.free_mm + dimensions.rim_mm + PAST_RIM_MM
-    enlarged = outline.buffer(reach, join_style="mitre", mitre_limit=2.0)
+    margin = hardware.fit.free_mm + dimensions.rim_mm + PAST_RIM_MM
+    enlarged = outline.buffer(margin, join_style="mitre", mitre_limit=2.0)
     columns = [_column(mirror, other, normal, hardware) for k, other in enumerate(mirrors) if k != index]
     columns_area = union_all([column.buffer(CLEARANCE_OF_FIT * hardware.fit.free_mm) for column in columns])
     left, bottom, right, top = outline.bounds
@@ -54,22 +54,22 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardwa
     steps = np.arange(0.5, 0.5 + (right - left) / dimensions.groove_pitch_mm)
     grooves = []
     for x in sorted(np.concatenate([-steps, steps]) * dimensions.groove_pitch_mm):
-        strip = box(x - half, bottom - reach, x + half, top + reach)
+        strip = box(x - half, bottom - margin, x + half, top + margin)
         if strip.intersection(outline).is_empty or not _clear_of_edges(outline, strip, hardware):
             continue
-        middle = strip.intersection(outline).centroid.y
+        centre_y = strip.intersection(outline).centroid.y
         blocked = columns_area.intersection(strip)
-        below = [part.bounds[3] for part in _parts(blocked) if part.bounds[3] < middle]
-        above = [part.bounds[1] for part in _parts(blocked) if part.bounds[1] > middle]
+        ends_below = [part.bounds[3] for part in _parts(blocked) if part.bounds[3] < centre_y]
+        ends_above = [part.bounds[1] for part in _parts(blocked) if part.bounds[1] > centre_y]
         shape = enlarged.intersection(
-            box(x - half, max([bottom - reach, *below]), x + half, min([top + reach, *above]))
+            box(x - half, max([bottom - margin, *ends_below]), x + half, min([top + margin, *ends_above]))
         )
         grooves.append(Groove(float(x), get_coordinates(shape)[:-1]))
     return tuple(grooves)
 
 
 def _column(mirror: Mirror, other: Mirror, normal: FloatArray, hardware: Hardware) -> Polygon:
-    """Section of the column behind another mirror with a mirror's seat plane, in that plane's axes."""
+    """Section, by a mirror's seat plane and in that plane's axes, of the column behind another mirror."""
     frame = mirror.rig_from_plane
     origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
     corners = outline_at(other, seat_height_mm(other, hardware)) - origin
@@ -82,20 +82,20 @@ def _parts(area: BaseGeometry) -> list[BaseGeometry]:
 
 
 def _clear_of_edges(outline: Polygon, strip: Polygon, hardware: Hardware) -> bool:
-    """Return whether the land next to a groove is at least a wall thick: no edge of the outline runs along it."""
+    """Return whether the land next to a groove is at least a wall thick: no parallel edge of the outline is near it."""
     corners = get_coordinates(outline)
     land = strip.intersection(outline)
     if land.bounds[3] - land.bounds[1] < hardware.holder.groove_pitch_mm:
         return False
     for start, end in pairwise(corners):
-        across, along = np.abs(end - start)
-        runs_along = np.degrees(np.arctan2(across, along)) < PARALLEL_DEG
-        if runs_along and LineString([start, end]).distance(land) < 1.5 * hardware.printer.wall_mm:
+        dx, dy = np.abs(end - start)
+        is_parallel = np.degrees(np.arctan2(dx, dy)) < PARALLEL_DEG
+        if is_parallel and LineString([start, end]).distance(land) < 1.5 * hardware.printer.wall_mm:
             return False
     return True
 
 
-def groove_volume(mirror: Mirror, groove: Groove, hardware: Hardware) -> Frustum:
+def groove_solid(mirror: Mirror, groove: Groove, hardware: Hardware) -> Frustum:
     """The volume of a groove, from its floor to above the seat."""
     seat = seat_height_mm(mirror, hardware)
     levels = (seat - hardware.holder.groove_depth_mm, seat + 0.5 * mirror.thickness_mm)
@@ -113,8 +113,8 @@ def runs_along_cut(
     cuts_mm: Cuts,
     hardware: Hardware,
 ) -> bool:
-    """Return whether a groove is so near to a parallel cut across one of two axes (3,) that a thin wall remains."""
-    volume, wall = groove_volume(mirror, groove, hardware), hardware.printer.wall_mm
+    """Return whether a groove is so near a parallel cut, normal to one of two axes (3,), that a thin wall remains."""
+    volume, wall = groove_solid(mirror, groove, hardware), hardware.printer.wall_mm
     for axis, cuts in zip(axes[:2], cuts_mm, strict=True):
         sine = min(abs(axis @ mirror.rig_from_plane[:3, 1]), 1.0)  # rounding may exceed 1
         if np.degrees(np.arcsin(sine)) > PARALLEL_DEG:
@@ -125,19 +125,19 @@ def runs_along_cut(
     return False
 
 
-def free_of_others(
+def unobstructed_outline(
     index: int, mirrors: Sequence[Mirror], keep_outs: Sequence[Sequence[Frustum]], hardware: Hardware
 ) -> Polygon:
-    """A mirror's outline, in its plane's axes, without the areas of its seat in other mirrors' pockets and light."""
+    """A mirror's outline, in its plane's axes, minus the areas of its seat in other mirrors' pockets and light."""
     mirror, outline = mirrors[index], Polygon(mirrors[index].outline_in_plane_mm)
     others = (volume for other, group in enumerate(keep_outs) if other != index for volume in group)
     return outline.difference(union_all([_section(mirror, outline, volume, hardware) for volume in others]))
 
 
 def planned_cover(mirror: Mirror, free: Polygon, grooves: Sequence[Groove], pads: Sequence[FloatArray]) -> float:
-    """Share of a mirror's back that its seat covers: the area `free_of_others` without grooves and pads (n, 2)."""
-    lost = union_all([*(Polygon(groove.shape) for groove in grooves), *(Polygon(pad) for pad in pads)])
-    return float(free.difference(lost).area / Polygon(mirror.outline_in_plane_mm).area)
+    """Fraction of a mirror's back that its seat covers: its `unobstructed_outline` without grooves and pads (n, 2)."""
+    excluded = union_all([*(Polygon(groove.shape) for groove in grooves), *(Polygon(pad) for pad in pads)])
+    return float(free.difference(excluded).area / Polygon(mirror.outline_in_plane_mm).area)
 
 
 def glue_mm3(free: Polygon, pads: Sequence[FloatArray], hardware: Hardware) -> float:
@@ -159,13 +159,13 @@ def glue_amount(glue_mm3: Sequence[float]) -> str:
 
 
 def _section(mirror: Mirror, outline: Polygon, volume: Frustum, hardware: Hardware) -> Polygon:
-    """Section of a convex solid with a mirror's seat, in the plane's axes; empty if they do not meet."""
+    """Section of a convex solid by a mirror's seat plane, in that plane's axes; empty if they do not intersect."""
     frame = mirror.rig_from_plane
     origin = frame[:3, 3] + seat_height_mm(mirror, hardware) * frame[:3, 2]
     loop = get_coordinates(outline)[:-1]
     normals, offsets = volume.half_spaces
-    for slope, limit in zip(normals @ frame[:3, :2], offsets - normals @ origin, strict=True):
-        loop = clip_loop(loop, slope, limit)
+    for direction, limit in zip(normals @ frame[:3, :2], offsets - normals @ origin, strict=True):
+        loop = clip_loop(loop, direction, limit)
         if len(loop) < 3:
             return Polygon()
     return Polygon(loop)

@@ -24,7 +24,7 @@ OVERLAP_MM = 0.5
 
 @dataclass(frozen=True)
 class HolderPlan:
-    """The solids of a mirror holder, in rig, mm.
+    """The solids of a mirror holder, in the rig frame, mm.
 
     Material:
 
@@ -32,17 +32,17 @@ class HolderPlan:
     - `cores` behind the mirrors, whose fronts are the seats, in the order of `mirror_names`;
     - `pads` on the cores, three for each mirror in that order, with their tops in the plane of the mirror's back;
     - `fillers` in the gaps around and between the mirrors, slightly further back;
-    - `rims`, each followed by its ground;
+    - `rims`, each followed by its ground, the foot of the rim widened to the mirror's edge;
     - `walls` on the flange: the baffle against stray light.
 
     Cuts, which spare the pads: the `keep_outs` (each mirror's pocket, camera cone and reflected beam), the `grooves` of
     the seats, the `hollows` and, for nuts, the `slots` through which they slide in.
 
-    `rig_from_mount` (4, 4) is the frame of the flat back: origin in the middle of the mount holes, x along the rig's x,
+    `rig_from_mount` (4, 4) is the frame of the flat back: origin in the centre of the mount holes, x along the rig's x,
     z out of the back. `holes_in_mount_mm` (4, 2) are in its plane, with threads at depths `thread_mm` (from, to) and
     the depth `hole_depth_mm`. `size_mm` is the part's size along x, y and z of that frame. `cuts_mm` are the positions
-    along its x and y at which the part is cut to fit the bed. `planned_cover` is the share of every mirror's back that
-    its seat covers, and `glue_mm3` the volume of the gap between them.
+    along its x and y at which the part is cut to fit the bed. `planned_cover` is, for every mirror, the fraction of its
+    back that its seat covers, and `glue_mm3` the volume of the gap between them.
     """
 
     slab: Frustum
@@ -87,36 +87,36 @@ class HolderPlan:
 
     @property
     def slot_directions(self) -> FloatArray:
-        """The directions (n, 3) in rig of the slots for nuts, in the order of the holes; none for inserts."""
+        """The directions (n, 3) in the rig frame of the slots for nuts, in the order of the holes; none for inserts."""
         directions = np.array([slot.top[0] - slot.base[0] for slot in self.slots]).reshape(-1, 3)
         return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
     @property
     def cuts_on_bed_mm(self) -> Cuts:
-        """The cuts along x and y of the bed, on which the part lies with its back down, so that y is reversed."""
+        """The cuts along x and y of the bed; y is reversed, since the part lies with its back down."""
         return self.cuts_mm[0], tuple(-cut for cut in reversed(self.cuts_mm[1]))
 
 
 def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
     """The holder without hollows, grooves and holes: all material outside the light."""
     normal = plan.rig_from_mount[:3, 2]
-    down, up, still = OVERLAP_MM * normal, -OVERLAP_MM * normal, np.zeros(3)
+    down, up, zero = OVERLAP_MM * normal, -OVERLAP_MM * normal, np.zeros(3)
     body = csg.joined(
         [
-            plan.slab.stretched(down, still),
-            plan.flange.stretched(down, still),
+            plan.slab.stretched(down, zero),
+            plan.flange.stretched(down, zero),
             # A core extends into its mirror's pocket, whose floor is the seat.
             *(core.stretched(down, up) for core in plan.cores),
-            *(filler.stretched(down, still) for filler in plan.fillers),
+            *(filler.stretched(down, zero) for filler in plan.fillers),
             *plan.rims[::2],
-            *(ground.stretched(down, still) for ground in plan.rims[1::2]),
+            *(ground.stretched(down, zero) for ground in plan.rims[1::2]),
             plan.walls,
         ]
     )
-    reach = 10.0 * max(float(np.ptp(plan.slab.base, axis=0).max()), 1.0)
-    square = np.array([[-reach, -reach, 0.0], [reach, -reach, 0.0], [reach, reach, 0.0], [-reach, reach, 0.0]])
+    far = 10.0 * max(float(np.ptp(plan.slab.base, axis=0).max()), 1.0)
+    square = np.array([[-far, -far, 0.0], [far, -far, 0.0], [far, far, 0.0], [-far, far, 0.0]])
     rotation, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
-    behind = Frustum(square @ rotation.T + origin, (square + np.array([0.0, 0.0, reach])) @ rotation.T + origin)
+    behind = Frustum(square @ rotation.T + origin, (square + np.array([0.0, 0.0, far])) @ rotation.T + origin)
     body = csg.cut(body, [behind, *(volume for group in plan.keep_outs for volume in group)])
     return body + csg.joined(plan.pads) if plan.pads else body
 

@@ -25,15 +25,15 @@ from mirrorcam.cad.holder.back import (
     screw_depths_mm,
 )
 from mirrorcam.cad.holder.glue import (
-    free_of_others,
     glue_mm3,
-    groove_volume,
+    groove_solid,
     grooves_of,
     planned_cover,
     runs_along_cut,
+    unobstructed_outline,
 )
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
-from mirrorcam.cad.holder.pads import pad_shapes, pad_volume, plan_pads
+from mirrorcam.cad.holder.pads import pad_shapes, pad_solid, plan_pads
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import RELIEF_MM, cut_zones, plan_rims
 from mirrorcam.cad.holder.stray_light import Baffle, plan_baffle
@@ -65,14 +65,14 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     Parameters
     ----------
     layout : Layout
-        The mirrors, in rig.
+        The mirrors, in the rig frame.
     hardware : Hardware
         Fits, printer, screws and the holder's own dimensions.
 
     Returns
     -------
     HolderPlan
-        All solids of the holder in rig, mm.
+        All solids of the holder in the rig frame, mm.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     cuts: Cuts = ((), ())
     if not fits_bed(front.border, hardware):
         # The cuts are placed first, since rims keep clear of them and pins determine the part's thickness. The
-        # obstacles of a cut are at the front and independent of that thickness.
+        # obstacles to a cut are at the front and independent of that thickness.
         uncut = _without_rims(front, place_mount(front.surface, hardware), cuts, hardware)
         cuts = place_cuts(layout, front.axes, front.border, body_of(PlanarCsg(), uncut), hardware)
     mount = place_mount(front.surface, hardware, cuts)
@@ -131,7 +131,7 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
             front.layout,
             front.border,
             front.keep_outs,
-            _reach_mm(front, mount),
+            _extent_mm(front, mount),
             mount,
             rig_from_mount,
             hardware,
@@ -170,26 +170,26 @@ def _with_rims(plan: HolderPlan, front: _Front, mount: MountFace, cuts: Cuts, ha
         )
         for index, mirror in enumerate(mirrors)
     ]
-    reach = _reach_mm(front, mount)
-    rims = plan_rims(front.layout, front.keep_outs, grooves, cut_zones(axes, cuts, hardware), reach, hardware)
-    free = [free_of_others(index, mirrors, front.keep_outs, hardware) for index in range(len(mirrors))]
+    extent = _extent_mm(front, mount)
+    rims = plan_rims(front.layout, front.keep_outs, grooves, cut_zones(axes, cuts, hardware), extent, hardware)
+    free = [unobstructed_outline(index, mirrors, front.keep_outs, hardware) for index in range(len(mirrors))]
     pads = [
-        pad_shapes(plan_pads(name, mirror, area, own, axes, cuts, hardware), hardware)
-        for name, mirror, area, own in zip(front.layout.mirror_names, mirrors, free, grooves, strict=True)
+        pad_shapes(plan_pads(name, mirror, area, mirror_grooves, axes, cuts, hardware), hardware)
+        for name, mirror, area, mirror_grooves in zip(front.layout.mirror_names, mirrors, free, grooves, strict=True)
     ]
     return replace(
         plan,
         pads=tuple(
-            pad_volume(mirror, shape, hardware) for mirror, own in zip(mirrors, pads, strict=True) for shape in own
+            pad_solid(mirror, shape, hardware) for mirror, shapes in zip(mirrors, pads, strict=True) for shape in shapes
         ),
         rims=tuple(solid for rim, ground in rims for solid in (rim, column_to_back(ground, mount, axes[2]))),
         grooves=tuple(
-            groove_volume(mirror, groove, hardware)
+            groove_solid(mirror, groove, hardware)
             for mirror, group in zip(mirrors, grooves, strict=True)
             for groove in group
         ),
         planned_cover=tuple(map(planned_cover, mirrors, free, grooves, pads)),
-        glue_mm3=tuple(glue_mm3(area, own, hardware) for area, own in zip(free, pads, strict=True)),
+        glue_mm3=tuple(glue_mm3(area, shapes, hardware) for area, shapes in zip(free, pads, strict=True)),
     )
 
 
@@ -198,24 +198,24 @@ def column_to_back(polygon: FloatArray, mount: MountFace, normal: FloatArray) ->
     return Frustum(polygon + (mount.back_mm - polygon @ normal)[:, None] * normal, polygon)
 
 
-def _reach_mm(front: _Front, mount: MountFace) -> float:
+def _extent_mm(front: _Front, mount: MountFace) -> float:
     """Upper bound of the distance of the holder's material from a mirror along its normal."""
-    reach = mount.back_mm - min(float((seat @ front.axes[2]).min()) for seat in front.seats)
-    return reach + max(mirror.thickness_mm for mirror in front.layout.mirrors)
+    extent = mount.back_mm - min(float((seat @ front.axes[2]).min()) for seat in front.seats)
+    return extent + max(mirror.thickness_mm for mirror in front.layout.mirrors)
 
 
 def baffle_of(
     layout: Layout,
     border: Polygon,
     keep_outs: list[list[Frustum]],
-    reach_mm: float,
+    extent_mm: float,
     mount: MountFace,
     rig_from_mount: FloatArray,
     hardware: Hardware,
 ) -> Baffle:
-    """Plan the baffle outside all light, and outside the paths of mirrors into their pockets, `reach_mm` long."""
-    reach = reach_mm + 2.0 * hardware.holder.hood_mm
-    insertions = (_insertion(mirror, reach, hardware) for mirror in layout.mirrors)
+    """Plan the baffle outside all light, and outside the paths, `extent_mm` long, of mirrors into their pockets."""
+    path_mm = extent_mm + 2.0 * hardware.holder.hood_mm
+    insertions = (_insertion(mirror, path_mm, hardware) for mirror in layout.mirrors)
     return plan_baffle(
         layout,
         Polygon(get_coordinates(border) - mount.centre_mm),
@@ -239,7 +239,7 @@ def border_of(footprint: Polygon, hardware: Hardware) -> Polygon:
     return enlarged.intersection(box(left - spare_x, bottom - spare_y, right + spare_x, top + spare_y)).simplify(0.05)
 
 
-def _insertion(mirror: Mirror, reach_mm: float, hardware: Hardware) -> Frustum:
+def _insertion(mirror: Mirror, path_mm: float, hardware: Hardware) -> Frustum:
     """The volume that a mirror sweeps on its path into its pocket."""
     seat, gap = seat_height_mm(mirror, hardware), hardware.fit.free_mm
-    return Frustum(outline_at(mirror, seat, gap), outline_at(mirror, seat + reach_mm, gap))
+    return Frustum(outline_at(mirror, seat, gap), outline_at(mirror, seat + path_mm, gap))

@@ -32,17 +32,17 @@ def check_gaps(layout: Layout, hardware: Hardware) -> None:
     """Raise InputError if two mirrors are so close that the pocket of one cuts the seat of the other."""
     solids = [mirror_prism(mirror) for mirror in layout.mirrors]
     corners = [np.vstack([solid.base, solid.top]) for solid in solids]
-    least_gap = hardware.fit.free_mm
+    min_gap = hardware.fit.free_mm
     for i, j in combinations(range(len(solids)), 2):
         axis_gaps = np.maximum(
             corners[i].min(axis=0) - corners[j].max(axis=0), corners[j].min(axis=0) - corners[i].max(axis=0)
         )
-        if axis_gaps.max() >= least_gap:
+        if axis_gaps.max() >= min_gap:
             continue
         gap = solid_of(solids[i]).distance_to(solid_of(solids[j]))
-        if gap < least_gap:
+        if gap < min_gap:
             names = f"mirrors {layout.mirror_names[i]} and {layout.mirror_names[j]}"
-            raise InputError(f"{names} are {gap:.2f} mm apart as cut from sheet, expected at least {least_gap:.2f} mm")
+            raise InputError(f"{names} are {gap:.2f} mm apart as cut from sheet, expected at least {min_gap:.2f} mm")
 
 
 @recipe("cad.holder.solid.make_holder")

@@ -64,7 +64,7 @@ class PlanarCsg:
                 planes.append(plane)
         mesh = Manifold(_mesh(np.array(list(corners)), np.array(triangles), np.array(planes)))
         if mesh.status() != Error.NoError or mesh.volume() <= 0.0:
-            raise ValueError(f"{len(corners)} corners form no solid: {mesh.status()}, {mesh.volume():g} mm³")
+            raise ValueError(f"{len(corners)} corners do not form a solid: {mesh.status()}, {mesh.volume():g} mm³")
         return mesh
 
     def joined(self, volumes: Iterable[Flat]) -> Manifold:
@@ -76,7 +76,7 @@ class PlanarCsg:
         return Manifold.batch_boolean([body, *(self.solid(volume) for volume in volumes)], OpType.Subtract)
 
     def _plane(self, normal: FloatArray, offset: float) -> int:
-        """Index of a plane, added if new, irrespective of which side is outside."""
+        """Index of a plane, whichever side is outside; a new plane is added."""
         if normal @ POSITIVE_SIDE < 0.0:
             normal, offset = -normal, -offset
         key = tuple(np.round(normal * 1e3).astype(int).tolist())
@@ -108,7 +108,7 @@ Face = tuple[int, list[Loop]]
 
 
 def brep(csg: PlanarCsg, body: Manifold) -> Solid:
-    """One B-rep solid, whose faces are the connected triangles of each plane; raises ValueError if it is invalid."""
+    """One B-rep solid with a face for the connected triangles of each plane; raises ValueError if it is invalid."""
     mesh = body.to_mesh64()
     corners = np.array(mesh.vert_properties)
     triangles, planes = _welded(corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id))
@@ -117,18 +117,18 @@ def brep(csg: PlanarCsg, body: Manifold) -> Solid:
     corners = _moved_onto_planes(csg, corners, faces)
     solid = _solid(corners, [(_outward(corners, csg.normals[plane], loops), loops) for plane, loops in faces])
     if not solid.is_valid:
-        raise ValueError(f"{len(faces)} flat faces make no valid solid")
+        raise ValueError(f"{len(faces)} flat faces do not form a valid solid")
     return solid
 
 
 def _moved_onto_planes(csg: PlanarCsg, corners: FloatArray, faces: Sequence[Face]) -> FloatArray:
     """Corners (n, 3) moved onto the planes of the faces that meet there, unless they are too far away."""
-    meeting: dict[int, set[int]] = {}
+    planes_at: dict[int, set[int]] = {}
     for plane, loops in faces:
         for loop in loops:
             for corner in loop:
-                meeting.setdefault(corner, set()).add(plane)
-    for corner, planes in meeting.items():
+                planes_at.setdefault(corner, set()).add(plane)
+    for corner, planes in planes_at.items():
         indices = sorted(planes)
         normals = np.array([csg.normals[plane] for plane in indices])
         residuals = np.array([csg.offsets[plane] for plane in indices]) - normals @ corners[corner]
@@ -145,43 +145,43 @@ def _welded(
 
     Short edges arise where the same plane was computed twice with different rounding.
     """
-    same = np.arange(len(corners))
+    representative = np.arange(len(corners))
     for i in range(3):
         start, end = triangles[:, i], triangles[:, (i + 1) % 3]
         for a, b in zip(*_short_edges(corners, start, end), strict=True):
-            low, high = sorted((same[a], same[b]))
-            same[same == high] = low
-    welded = same[triangles]
-    kept = (welded != np.roll(welded, 1, axis=1)).all(axis=1)
+            low, high = sorted((representative[a], representative[b]))
+            representative[representative == high] = low
+    welded = representative[triangles]
+    keep = (welded != np.roll(welded, 1, axis=1)).all(axis=1)
     # Two triangles with the same corners cancel: they enclose no volume.
     faces: dict[tuple[int, ...], np.int64] = {}
-    for index in np.flatnonzero(kept):
+    for index in np.flatnonzero(keep):
         key = tuple(sorted(welded[index].tolist()))
         if key in faces:
-            kept[[index, faces.pop(key)]] = False
+            keep[[index, faces.pop(key)]] = False
         else:
             faces[key] = index
-    return welded[kept], planes[kept].astype(np.int64)
+    return welded[keep], planes[keep].astype(np.int64)
 
 
 def _short_edges(
     corners: FloatArray, starts: NDArray[np.int64], ends: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    near = np.linalg.norm(corners[starts] - corners[ends], axis=1) < CORNER_MM
-    return starts[near], ends[near]
+    short = np.linalg.norm(corners[starts] - corners[ends], axis=1) < CORNER_MM
+    return starts[short], ends[short]
 
 
 def _planes_without_needles(
     corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Planes (n,) of triangles (n, 3), with degenerate ones assigned to the face beyond their longest edge.
+    """Planes (n,) of triangles (n, 3), with degenerate triangles assigned to the face beyond their longest edge.
 
     In any other face, a degenerate triangle would connect areas that only touch.
     """
     ends = corners[triangles]
     sides = np.linalg.norm(np.roll(ends, -1, axis=1) - ends, axis=2)
-    doubled = np.linalg.norm(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), axis=1)
-    needles = np.flatnonzero(doubled < CORNER_MM * sides.max(axis=1)).tolist()
+    doubled_areas = np.linalg.norm(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), axis=1)
+    needles = np.flatnonzero(doubled_areas < CORNER_MM * sides.max(axis=1)).tolist()
     owner = {(int(t[i]), int(t[(i + 1) % 3])): index for index, t in enumerate(triangles) for i in range(3)}
     adjacent = {}
     for needle in needles:
@@ -222,14 +222,14 @@ def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face
     }
     loops: list[list[Loop]] = [[] for _ in range(count)]
     plane_of = [0] * count
-    seen: set[tuple[int, int]] = set()
+    visited: set[tuple[int, int]] = set()
     for edge, t in owner.items():
-        if edge in seen or face[owner[edge[::-1]]] == face[t]:
+        if edge in visited or face[owner[edge[::-1]]] == face[t]:
             continue
         plane_of[face[t]] = int(planes[t])
         loop: Loop = []
-        while edge not in seen:
-            seen.add(edge)
+        while edge not in visited:
+            visited.add(edge)
             loop.append(edge[0])
             # Rotate about the edge's end, inside the face, to the next edge of its boundary.
             edge = next_edge[edge]
@@ -240,7 +240,7 @@ def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face
 
 
 def _without_spikes(corners: FloatArray, faces: list[Face]) -> list[Face]:
-    """Faces without spikes, where a loop runs back along an edge: the thin area joins the adjacent face."""
+    """Faces without spikes, where a loop doubles back along an edge: the thin area joins the adjacent face."""
     loops = [loop for _, group in faces for loop in group]
     changed = True
     while changed:
@@ -278,23 +278,23 @@ def _simple_loops(loop: Loop) -> list[Loop]:
 def _without_redundant_corners(faces: list[Face]) -> list[Face]:
     """Faces without corners at which only two faces meet, and without slivers that have only two other corners."""
     while True:
-        meeting: dict[int, set[int]] = {}
+        faces_at: dict[int, set[int]] = {}
         for index, (_, loops) in enumerate(faces):
             for corner in chain.from_iterable(loops):
-                meeting.setdefault(corner, set()).add(index)
-        kept = [
-            (plane, [[corner for corner in loop if len(meeting[corner]) > 2] for loop in loops])
+                faces_at.setdefault(corner, set()).add(index)
+        reduced = [
+            (plane, [[corner for corner in loop if len(faces_at[corner]) > 2] for loop in loops])
             for plane, loops in faces
         ]
-        kept = [(plane, [loop for loop in loops if len(loop) > 2]) for plane, loops in kept]
-        kept = [(plane, loops) for plane, loops in kept if loops]
-        if kept == faces:
+        reduced = [(plane, [loop for loop in loops if len(loop) > 2]) for plane, loops in reduced]
+        reduced = [(plane, loops) for plane, loops in reduced if loops]
+        if reduced == faces:
             return faces
-        faces = kept
+        faces = reduced
 
 
 def _outward(corners: FloatArray, normal: FloatArray, loops: list[Loop]) -> FloatArray:
-    """The outward normal, which is reversed for faces of subtracted solids."""
+    """The outward normal of a face: that of its plane, or its opposite for faces of subtracted solids."""
     areas = [np.cross(corners[loop], np.roll(corners[loop], -1, axis=0)).sum(axis=0) @ normal for loop in loops]
     return normal if sum(areas) > 0.0 else -normal
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.holder.glue import Groove, groove_volume
+from mirrorcam.cad.holder.glue import Groove, groove_solid
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, outline_at, seat_height_mm
@@ -41,10 +41,10 @@ class Edge:
         """Return whether a flat shape (n, 2) crosses the edge."""
         return bool(((shape - self.start) @ self.outward).max() > 0.0)
 
-    def in_rig(self, along: FloatArray, across: FloatArray, level: FloatArray) -> FloatArray:
-        """Points (..., 3) in rig from distances along the edge, outwards from it, and over the reflecting plane, mm."""
-        flat = self.start + along[..., None] * self.direction + across[..., None] * self.outward
-        local = np.concatenate([flat, level[..., None]], axis=-1)
+    def in_rig(self, position: FloatArray, offset: FloatArray, height: FloatArray) -> FloatArray:
+        """Points (..., 3) in the rig frame by position along the edge, outward offset and height over the plane, mm."""
+        flat = self.start + position[..., None] * self.direction + offset[..., None] * self.outward
+        local = np.concatenate([flat, height[..., None]], axis=-1)
         return transform(self.mirror.rig_from_plane, local)
 
 
@@ -64,28 +64,28 @@ def plan_rims(
     keep_outs: list[list[Frustum]],
     grooves: list[tuple[Groove, ...]],
     cut_zones: list[Frustum],
-    reach_mm: float,
+    extent_mm: float,
     hardware: Hardware,
 ) -> list[tuple[Frustum, FloatArray]]:
     """The rims of all mirrors, each with its ground (4, 3): the rim's foot, widened to the mirror's edge.
 
     The ground is below the seat, so that only the seat touches the mirror's back. A rim enters no light. It is neither
-    in front of nor behind another mirror or its rim, up to `reach_mm` along their normals, where it would become a
-    ridge. Where a mirror's own light spreads over its edge, the rim is set back. No rim is in `cut_zones`, where a cut
-    would leave less than a wall of it.
+    in front of nor behind another mirror or that mirror's rim, up to `extent_mm` along their normals, where it would
+    become a ridge. Where a mirror's own light spreads over its edge, the rim is set back. No rim is in `cut_zones`,
+    where a cut would leave less of it than the thickness of a wall.
     """
     gap = hardware.fit.free_mm
     occupied = [
         [
-            Frustum(outline_at(mirror, -reach_mm, gap), outline_at(mirror, reach_mm, gap)),
+            Frustum(outline_at(mirror, -extent_mm, gap), outline_at(mirror, extent_mm, gap)),
             *group[1:],
             # Includes the grooves: the rim's foot is lower than the points where space is tested.
             *(
-                groove_volume(mirror, groove, hardware).stretched(np.zeros(3), reach_mm * mirror.normal_in_rig)
-                for groove in own
+                groove_solid(mirror, groove, hardware).stretched(np.zeros(3), extent_mm * mirror.normal_in_rig)
+                for groove in mirror_grooves
             ),
         ]
-        for mirror, group, own in zip(layout.mirrors, keep_outs, grooves, strict=True)
+        for mirror, group, mirror_grooves in zip(layout.mirrors, keep_outs, grooves, strict=True)
     ]
     rims = []
     for index, mirror in enumerate(layout.mirrors):
@@ -94,14 +94,14 @@ def plan_rims(
             *(volume for other, group in enumerate(occupied) if other != index for volume in group),
         ]
         mirror_rims = _rims_of(mirror, keep_outs[index][1:], others, grooves[index], hardware)
-        offset = reach_mm * mirror.normal_in_rig
+        offset = extent_mm * mirror.normal_in_rig
         occupied[index] += [Frustum(ground - offset, ground + offset) for _, ground in mirror_rims]
         rims += mirror_rims
     return rims
 
 
 def cut_zones(axes: FloatArray, cuts_mm: Cuts, hardware: Hardware) -> list[Frustum]:
-    """Zones along cuts across the first two axes (rows), where less than a wall of a rim would remain."""
+    """Zones along cuts normal to the first two axes (rows), where a rim would be thinner than a wall."""
     margin = hardware.printer.wall_mm + GROUND_MM + STEP_MM
     zones = []
     for axis, cuts in enumerate(cuts_mm):
@@ -122,40 +122,40 @@ def _rims_of(
     bottom = seat_height_mm(mirror, hardware)
     top = mirror.back_mm + hardware.holder.rim_height_of_sheet * mirror.thickness_mm
     levels = np.linspace(bottom + 1e-3, top, 4)
-    sides = np.linspace(fit, margin, 10)
-    middle = mirror.rig_from_plane[:3, 3]
+    offsets = np.linspace(fit, margin, 10)
+    centre = mirror.rig_from_plane[:3, 3]
     radius = float(np.linalg.norm(mirror.outline_in_plane_mm, axis=1).max()) + 2.0 * margin + mirror.thickness_mm
-    others = [volume for volume in others if volume.comes_near(middle, radius)]
+    others = [volume for volume in others if volume.may_touch_ball(centre, radius)]
     rims = []
     for edge in edges_of(mirror):
         if edge.length_mm < hardware.holder.rim_length_mm:
             continue
         steps = np.linspace(0.0, edge.length_mm, int(np.ceil(edge.length_mm / STEP_MM)) + 1)
-        points = edge.in_rig(*np.meshgrid(steps, sides, levels, indexing="ij"))
+        points = edge.in_rig(*np.meshgrid(steps, offsets, levels, indexing="ij"))
         lit = np.any([volume.contains(points).any(axis=2) for volume in own_light], axis=0)
-        # For each step, the first side beyond which there is no light.
+        # For each step along the edge, the first offset beyond which there is no light.
         first_free = np.where(lit.any(axis=1), lit.shape[1] - np.argmax(lit[:, ::-1], axis=1), 0)
-        # Half a step of margin: light may reach further between two tested points.
-        free = np.append(sides, np.inf)[first_free] <= margin - hardware.printer.wall_mm - 0.5 * (sides[1] - sides[0])
+        # Half a step of margin: light may extend further between two tested points.
+        free = np.append(offsets, np.inf)[first_free] <= margin - hardware.printer.wall_mm - 0.5 * (offsets[1] - fit)
         for volume in others:
             free &= ~volume.contains(points).any(axis=(1, 2))
         # A groove crosses the full width of the rim, possibly at an oblique angle.
-        band = np.concatenate([[0.0], sides])
-        across = edge.start[0] + steps[:, None] * edge.direction[0] + band * edge.outward[0]
+        band = np.concatenate([[0.0], offsets])
+        x = edge.start[0] + steps[:, None] * edge.direction[0] + band * edge.outward[0]
         for groove in grooves:
-            notch = np.abs(across - groove.at_mm) <= hardware.holder.groove_mm / 2.0 + STEP_MM
+            notch = np.abs(x - groove.x_mm) <= hardware.holder.groove_mm / 2.0 + STEP_MM
             free &= ~(notch.any(axis=1) & edge.crosses(groove.shape))
         for first, last in _runs(free):
             from_mm, to_mm = steps[first] + STEP_MM, steps[last] - STEP_MM
             if to_mm - from_mm >= hardware.holder.rim_length_mm:
-                inner_mm = float(sides[first_free[first : last + 1].max()])
-                along = np.array([from_mm, to_mm, to_mm, from_mm])
+                inner_mm = float(offsets[first_free[first : last + 1].max()])
+                corners = np.array([from_mm, to_mm, to_mm, from_mm])
                 foot, crest = (
-                    edge.in_rig(along, np.array([inner_mm, inner_mm, margin, margin]), np.full(4, level))
+                    edge.in_rig(corners, np.array([inner_mm, inner_mm, margin, margin]), np.full(4, level))
                     for level in (bottom - 2.0 * RELIEF_MM, top)
                 )
                 # Slightly wider than the rim, so that the two share no face.
-                widened = along + np.array([-GROUND_MM, GROUND_MM, GROUND_MM, -GROUND_MM])
+                widened = corners + np.array([-GROUND_MM, GROUND_MM, GROUND_MM, -GROUND_MM])
                 outer_mm = margin + GROUND_MM
                 ground = edge.in_rig(widened, np.array([0.0, 0.0, outer_mm, outer_mm]), np.full(4, bottom - RELIEF_MM))
                 rims.append((Frustum(foot, crest), ground))

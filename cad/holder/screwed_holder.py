@@ -14,7 +14,7 @@ from mirrorcam.cad.holder.adjuster import (
     DRIVER_HOLE_ENDS_MM,
     Adjuster,
     head_diameter_mm,
-    least_plate_mm,
+    min_plate_mm,
     plan_adjuster,
     travel_mm,
 )
@@ -22,13 +22,13 @@ from mirrorcam.cad.holder.back import (
     LevelFront,
     MountFace,
     fits_bed,
+    mount_areas,
     mount_axes,
+    mount_positions,
     nut_slots,
-    places_of_mount,
     screw_depths_mm,
-    space_of_mount,
 )
-from mirrorcam.cad.holder.carriers import CarrierPlan, least_level_mm, plan_areas, plan_carrier
+from mirrorcam.cad.holder.carriers import CarrierPlan, min_level_mm, plan_areas, plan_carrier
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, column_to_back
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
@@ -76,7 +76,7 @@ class ScrewedHolderPlan(HolderPlan):
 
     @property
     def heads(self) -> FloatArray:
-        """Intersections (3 n, 3) of the carriers' screws with the back, in rig."""
+        """Intersections (3 n, 3) of the carriers' screws with the back, in the rig frame."""
         flat = self.screws_in_mount_mm
         return transform(self.rig_from_mount, np.column_stack([flat, np.zeros(len(flat))]))
 
@@ -96,14 +96,14 @@ def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan
     Parameters
     ----------
     layout : Layout
-        The mirrors, in rig. The holder is as far behind them as the carriers need.
+        The mirrors, in the rig frame. The holder is as far behind them as the carriers need.
     hardware : Hardware
         Fits, printer, screws, spring and range of tilt.
 
     Returns
     -------
     ScrewedHolderPlan
-        All solids of the holder and its carriers in rig, mm.
+        All solids of the holder and its carriers in the rig frame, mm.
 
     Raises
     ------
@@ -116,14 +116,14 @@ def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan
     border = border_of(footprint, hardware)
     _require_bed(border, hardware)
     # Plan with the front of the plate at z = 0 first.
-    mounts = places_of_mount(LevelFront(footprint, 0.0), hardware)
-    index, areas = plan_areas(layout, axes, (_blocked_area(each, footprint, hardware) for each in mounts), hardware)
+    mounts = mount_positions(LevelFront(footprint, 0.0), hardware)
+    index, areas = plan_areas(layout, axes, (_blocked_area(face, footprint, hardware) for face in mounts), hardware)
     mount = mounts[index]
-    screws_reach, edge_reach = (max(area.reaches_mm[k] for area in areas) for k in (0, 1))
-    thickness = max(mount.back_mm, least_plate_mm(travel_mm(screws_reach, hardware), hardware))
-    adjuster = plan_adjuster(screws_reach, edge_reach, thickness, hardware)
+    screws_radius, edge_radius = (max(area.radii_mm[k] for area in areas) for k in (0, 1))
+    thickness = max(mount.back_mm, min_plate_mm(travel_mm(screws_radius, hardware), hardware))
+    adjuster = plan_adjuster(screws_radius, edge_radius, thickness, hardware)
     level = max(
-        least_level_mm(mirror, area, axes, adjuster.hole_mm, hardware)
+        min_level_mm(mirror, area, axes, adjuster.hole_mm, hardware)
         for mirror, area in zip(layout.mirrors, areas, strict=True)
     )
     front = level + adjuster.gap_mm
@@ -145,11 +145,11 @@ def _footprint(layout: Layout, axes: FloatArray, hardware: Hardware) -> Polygon:
 
 
 def _blocked_area(mount: MountFace, footprint: Polygon, hardware: Hardware) -> BaseGeometry:
-    """The area without axes of carriers' screws: near the mount's screws, and near its holes for their heads.
+    """The area without axes of carriers' screws: near the mount's screws, and near the holes for their heads.
 
-    Those holes and the driver's have roofs along x (`DRIVER_HOLE_ENDS_MM`), and a wall between them.
+    Those holes and the screwdriver's have roofs along x (`DRIVER_HOLE_ENDS_MM`), and a wall between them.
     """
-    spaces = space_of_mount(mount.holes_mm, footprint, mount.centre_mm, hardware)
+    spaces = mount_areas(mount.holes_mm, footprint, mount.centre_mm, hardware)
     areas = [space.buffer(head_diameter_mm() / 2.0) for space in spaces]
     radius, (low, high) = head_space_mm(hardware), DRIVER_HOLE_ENDS_MM
     for hole in mount.centre_mm + mount.holes_mm:
@@ -166,8 +166,8 @@ def _require_bed(border: Polygon, hardware: Hardware) -> None:
     left, bottom, right, top = border.bounds
     width, depth = bed_lengths_mm((right - left, top - bottom), hardware)
     raise InputError(
-        f"mirror holder with screws is {right - left:.0f} x {top - bottom:.0f} mm, expected it to fit the printer's "
-        f'bed of {width:g} x {depth:g} mm in one piece, or holder.mirrors = "glue"'
+        f"mirror holder with screws is {right - left:.0f} x {top - bottom:.0f} mm, but must fit the printer's bed of "
+        f'{width:g} x {depth:g} mm in one piece: design smaller mirrors, or set holder.mirrors = "glue"'
     )
 
 
@@ -190,7 +190,7 @@ def _plan(
     nuts = hardware.screw.kind == "nut"
     thread_from, thread_to, hole_depth = screw_depths_mm(hardware)
     seats = np.vstack([carrier.body.top for carrier in carriers])
-    reach = mount.back_mm - float((seats @ normal).min()) + max(mirror.thickness_mm for mirror in layout.mirrors)
+    extent = mount.back_mm - float((seats @ normal).min()) + max(mirror.thickness_mm for mirror in layout.mirrors)
     plan = ScrewedHolderPlan(
         slab=column_to_back(hull, mount, normal),
         flange=column_to_back(rim, mount, normal),
@@ -198,7 +198,7 @@ def _plan(
         pads=(),
         fillers=(),
         rims=(),
-        walls=baffle_of(layout, border, light, reach, mount, rig_from_mount, hardware),
+        walls=baffle_of(layout, border, light, extent, mount, rig_from_mount, hardware),
         keep_outs=tuple(tuple(group) for group in light),
         grooves=(),
         hollows=(),

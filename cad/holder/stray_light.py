@@ -38,12 +38,14 @@ def rays_past_mirrors(layout: Layout) -> FloatArray:
 
 
 def stray_light(layout: Layout, holder: Manifold, mirrors: Sequence[Manifold]) -> float:
-    """Share of the camera's pixels that see past the solids of holder and mirrors, from rays through the pupil."""
-    past = sum(_is_free([holder, *mirrors], np.array([*ray, 1.0]) * FAR_MM) for ray in rays_past_mirrors(layout))
-    return past / len(viewing_rays(layout.camera))
+    """Fraction of the camera's pixels that see past the solids of holder and mirrors, from rays through the pupil."""
+    unblocked = sum(
+        _is_unblocked([holder, *mirrors], np.array([*ray, 1.0]) * FAR_MM) for ray in rays_past_mirrors(layout)
+    )
+    return unblocked / len(viewing_rays(layout.camera))
 
 
-def _is_free(bodies: Sequence[Manifold], end: FloatArray) -> bool:
+def _is_unblocked(bodies: Sequence[Manifold], end: FloatArray) -> bool:
     return not any(body.ray_cast(np.zeros(3), end) for body in bodies)
 
 
@@ -51,8 +53,8 @@ def _is_free(bodies: Sequence[Manifold], end: FloatArray) -> bool:
 class Baffle:
     """A closed wall on the holder's slab that keeps stray light from the lens.
 
-    The outer and inner side, each at foot and crest, are loops of corresponding corners (n, 3) in rig, mm, round the
-    mirrors, counter-clockwise seen from behind.
+    The outer and inner side, each at foot and crest, are loops of corresponding corners (n, 3) in the rig frame, mm,
+    round the mirrors, counter-clockwise seen from behind.
     """
 
     outer_foot: FloatArray
@@ -87,9 +89,9 @@ def plan_baffle(
 ) -> Baffle:
     """Lay out the baffle along a convex border, as high as the adjacent light permits.
 
-    The crest consists of short straight pieces, clear of all light. It is as high as the camera sees past the mirrors
-    or, as a hood, `hood_mm` above the highest mirror. Where the baffle may not rise above `foot_mm`, it ends inside the
-    slab.
+    The crest consists of short straight pieces, clear of all light. It is high enough to hide what the camera would see
+    past the mirrors or, as a hood, `hood_mm` above the highest mirror. Where the baffle may not rise above `foot_mm`,
+    it ends inside the slab.
 
     Parameters
     ----------
@@ -100,7 +102,7 @@ def plan_baffle(
     rig_from_mount : (4, 4)
         Frame of the holder's flat back, z out of the back.
     light : sequence of Frustum
-        Solids in rig, mm, that the baffle must not enter.
+        Solids in the rig frame, mm, that the baffle must not enter.
     foot_mm : float
         Height of the flange, on which the baffle stands, over the back.
     hardware : Hardware
@@ -109,14 +111,14 @@ def plan_baffle(
     outside, inside = _sides(border, hardware)
     mount_from_rig = np.linalg.inv(rig_from_mount)[:3]
     hulls = [Manifold.hull_points(np.vstack([volume.base, volume.top])) for volume in light]
-    lights = Manifold.batch_boolean(hulls, OpType.Add).transform(mount_from_rig)
-    view = (_field_of_view(layout.camera) - _behind_mirrors(layout, hardware)).transform(mount_from_rig)
+    beams = Manifold.batch_boolean(hulls, OpType.Add).transform(mount_from_rig)
+    view = (_field_of_view(layout.camera) - _hidden_space(layout, hardware)).transform(mount_from_rig)
     hood_mm = 0.0
     if hardware.holder.hood_mm > 0.0:
         fronts = np.vstack([outline_at(mirror, mirror.front_mm) for mirror in layout.mirrors])
         highest_mm = -float((fronts @ mount_from_rig[2, :3] + mount_from_rig[2, 3]).min())
         hood_mm = highest_mm + hardware.holder.hood_mm
-    crest = _crest_mm(outside, inside, lights, view, hood_mm, hardware)
+    crest = _crest_mm(outside, inside, beams, view, hood_mm, hardware)
     inside_slab = foot_mm - 1.0
     crest = np.where(crest > foot_mm + hardware.holder.shade_mm, crest, inside_slab - 0.5)
     foot = np.full(len(outside), 0.5 * inside_slab)
@@ -125,39 +127,41 @@ def plan_baffle(
 
 
 def _in_rig(rig_from_mount: FloatArray, heights: FloatArray, flat: FloatArray) -> FloatArray:
-    """Points (n, 3) in rig from points (n, 2) on the back and heights (n,) above it."""
+    """Points (n, 3) in the rig frame from points (n, 2) on the back and heights (n,) above it."""
     return np.asarray(np.column_stack([flat, -heights]) @ rig_from_mount[:3, :3].T + rig_from_mount[:3, 3])
 
 
 def _sides(border: Polygon, hardware: Hardware) -> tuple[FloatArray, FloatArray]:
-    """Corners (n, 2) of the outer and inner side of the baffle, in straight pieces of about `shade_step_mm`."""
+    """Corners (n, 2) of the baffle's outer and inner side, which are divided into pieces of about `shade_step_mm`."""
     corners = get_coordinates(orient(border))[:-1]
     inner = _offset_inwards(corners, hardware.holder.shade_mm)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     counts = np.ceil(lengths / hardware.holder.shade_step_mm).astype(int)
-    return _in_pieces(corners, counts), _in_pieces(inner, counts)
+    return _subdivided(corners, counts), _subdivided(inner, counts)
 
 
 def _crest_mm(
-    outside: FloatArray, inside: FloatArray, lights: Manifold, view: Manifold, hood_mm: float, hardware: Hardware
+    outside: FloatArray, inside: FloatArray, beams: Manifold, view: Manifold, hood_mm: float, hardware: Hardware
 ) -> FloatArray:
-    """Heights (n,) of the corners above the back: the lower height of the two pieces at each corner."""
+    """Heights (n,) of the corners above the back: at each corner, the height of the lower of its two pieces."""
     heights = []
     for i in range(len(outside)):
         piece = np.array([outside[i - 1], outside[i], inside[i], inside[i - 1]])
-        heights.append(_free_height_mm(piece, lights, view, hood_mm, hardware))
+        heights.append(_free_height_mm(piece, beams, view, hood_mm, hardware))
     return np.minimum(heights, np.roll(heights, -1))
 
 
-def _offset_inwards(corners: FloatArray, by_mm: float) -> FloatArray:
+def _offset_inwards(corners: FloatArray, distance: float) -> FloatArray:
     """Corners (n, 2) of a convex polygon, counter-clockwise, with every side moved inwards by a distance."""
-    along = np.roll(corners, -1, axis=0) - corners
-    inward = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1, keepdims=True)
+    sides = np.roll(corners, -1, axis=0) - corners
+    inward = np.column_stack([-sides[:, 1], sides[:, 0]]) / np.linalg.norm(sides, axis=1, keepdims=True)
     previous = np.roll(inward, 1, axis=0)
-    return np.asarray(corners + by_mm * (inward + previous) / (1.0 + np.sum(inward * previous, axis=1, keepdims=True)))
+    return np.asarray(
+        corners + distance * (inward + previous) / (1.0 + np.sum(inward * previous, axis=1, keepdims=True))
+    )
 
 
-def _in_pieces(corners: FloatArray, counts: NDArray[np.int64]) -> FloatArray:
+def _subdivided(corners: FloatArray, counts: NDArray[np.int64]) -> FloatArray:
     """A closed polygon's corners (n, 2), with every side divided into a given number of equal pieces."""
     ends = np.roll(corners, -1, axis=0)
     return np.vstack(
@@ -170,24 +174,24 @@ def _in_pieces(corners: FloatArray, counts: NDArray[np.int64]) -> FloatArray:
 
 def _field_of_view(camera: Camera) -> Manifold:
     """The camera's field of view, as a pyramid from the pupil."""
-    across, down = np.array([0.0, 0.5, 1.0]) * (camera.width_px - 1), np.array([0.0, 0.5, 1.0]) * (camera.height_px - 1)
-    rays = camera.normalized_from_pixels(np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2))
+    columns, rows = (np.array([0.0, 0.5, 1.0]) * (size - 1) for size in (camera.width_px, camera.height_px))
+    rays = camera.normalized_from_pixels(np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2))
     ends = np.column_stack([rays, np.ones(len(rays))]) * FAR_MM
     return Manifold.hull_points(np.vstack([np.zeros((1, 3)), ends]))
 
 
-def _behind_mirrors(layout: Layout, hardware: Hardware) -> Manifold:
+def _hidden_space(layout: Layout, hardware: Hardware) -> Manifold:
     """The space hidden from the camera by mirrors wherever they are in their pockets."""
     loops = [outline_at(mirror, mirror.back_mm, hardware.fit.free_mm) for mirror in layout.mirrors]
     shadows = [Manifold.hull_points(np.vstack([loop, loop * FAR_MM / loop[:, 2].min()])) for loop in loops]
     return Manifold.batch_boolean(shadows, OpType.Add)
 
 
-def _free_height_mm(piece: FloatArray, lights: Manifold, view: Manifold, hood_mm: float, hardware: Hardware) -> float:
-    """Height above the back of a wall on a convex piece (n, 2): as high as necessary, as far as light permits.
+def _free_height_mm(piece: FloatArray, beams: Manifold, view: Manifold, hood_mm: float, hardware: Hardware) -> float:
+    """Height above the back of a wall on a convex piece (n, 2): as high as needed, as far as light permits.
 
-    The necessary height is at least `hood_mm` and hides the surroundings from the camera. It is 0 without a hood if the
-    camera cannot see the wall.
+    At the needed height, at least `hood_mm`, the wall hides the surroundings from the camera. Without a hood it is 0 if
+    the camera cannot see the wall.
     """
     highest = hardware.printer.bed_mm[2]
     visible = _column(piece, highest) ^ view
@@ -195,7 +199,7 @@ def _free_height_mm(piece: FloatArray, lights: Manifold, view: Manifold, hood_mm
     if needed == 0.0:
         return 0.0
     enlarged = Polygon(piece).buffer(hardware.fit.light_mm, join_style="mitre")
-    overlap = _column(get_coordinates(enlarged), highest) ^ lights
+    overlap = _column(get_coordinates(enlarged), highest) ^ beams
     free = highest if overlap.is_empty() else -overlap.bounding_box()[5] - hardware.fit.light_mm
     return min(free, needed)
 

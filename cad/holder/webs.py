@@ -11,15 +11,15 @@ from shapely import Point, Polygon, box, get_coordinates
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.plan.cuts import Cuts, reach_of_pin_mm
+from mirrorcam.cad.plan.cuts import Cuts, depth_for_pin_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import planes_of
 from mirrorcam.core.values import FloatArray
 
 # Narrower hollows save no plastic.
-NARROWEST_MM = 5.0
-# Least height of the eaves over the back.
-LEAST_EAVES_MM = 0.5
+MIN_WIDTH_MM = 5.0
+# Minimum height of the eaves over the back.
+MIN_EAVES_MM = 0.5
 # Skip the edges of the body's sides: rounding makes them neither solid nor air.
 ROUNDING_MM = 1e-3
 # Factor on the slope of roofs, so that they are slightly steeper than the overhang limit.
@@ -28,9 +28,9 @@ ROOF_STEEPNESS = 1.01
 
 @dataclass(frozen=True)
 class Hollow:
-    """A prism with a truncated pyramid on it: loops `base` below the part's back, `eaves` and `top`.
+    """A prism with a truncated pyramid on it, by three loops: `base` below the part's back, `eaves` and `top`.
 
-    All are (n, 3) in rig, mm, with corresponding corners.
+    All are (n, 3) in the rig frame, mm, with corresponding corners.
     """
 
     base: FloatArray
@@ -41,7 +41,7 @@ class Hollow:
     def faces(self) -> list[FloatArray]:
         """The flat faces as loops of corners, counter-clockwise seen from outside."""
         base, eaves, top = self.base, self.eaves, self.top
-        middle = (base.mean(axis=0) + eaves.mean(axis=0)) / 2.0
+        centre = (base.mean(axis=0) + eaves.mean(axis=0)) / 2.0
         pairs = [(i, (i + 1) % len(base)) for i in range(len(base))]
         loops = [
             base,
@@ -50,8 +50,8 @@ class Hollow:
             *(np.array([eaves[i], eaves[j], top[j], top[i]]) for i, j in pairs),
         ]
         normals, offsets = planes_of(loops)
-        inward = normals @ middle > offsets
-        return [loop[::-1] if turned else loop for loop, turned in zip(loops, inward, strict=True)]
+        inward = normals @ centre > offsets
+        return [loop[::-1] if reverse else loop for loop, reverse in zip(loops, inward, strict=True)]
 
     @cached_property
     def half_spaces(self) -> tuple[FloatArray, FloatArray]:
@@ -69,28 +69,28 @@ def plan_hollows(
 ) -> tuple[Hollow, ...]:
     """Plan the hollows of a solid body, in rows and columns over its footprint (in the mount's x and y).
 
-    Over a hollow the floor is `floor_mm` thick, normal to its roof. A hollow is `web_mm` apart from other hollows and
-    from air. Material remains round every hole (n, 2) for the insert's wall, and along the cuts (positions across x and
-    across y) for the pins' holes.
+    Over a hollow the floor is `floor_mm` thick, normal to the hollow's roof. A hollow is `web_mm` from other hollows
+    and from air. Material remains round every hole (n, 2) for the insert's wall, and along the cuts (normal to x and to
+    y) for the pins' holes.
     """
     dimensions, screw = hardware.holder, hardware.screw
     boss_radius = screw.insert_hole_mm / 2.0 + screw.insert_wall_mm
-    # The margin keeps sections that are tested for a pin off the side of a hollow.
-    joint_margin = reach_of_pin_mm(hardware) + 0.1
+    # The margin keeps the sections that are tested for a pin clear of the side of a hollow.
+    joint_margin = depth_for_pin_mm(hardware) + 0.1
     inside = footprint.buffer(-dimensions.web_mm, join_style="mitre")
     footprint = footprint.buffer(-ROUNDING_MM, join_style="mitre")
     if inside.is_empty:
         return ()
-    left, lower, right, upper = inside.bounds
+    x_min, y_min, x_max, y_max = inside.bounds
     mount_from_rig = np.asarray(np.linalg.inv(rig_from_mount), dtype=np.float64)
     in_mount = body.transform(mount_from_rig[:3])
     hollows = []
-    for start, stop in _spans(left, right, cuts_mm[0], joint_margin, dimensions.cell_mm, dimensions.web_mm):
-        for bottom, top in _spans(lower, upper, cuts_mm[1], joint_margin, dimensions.cell_mm, dimensions.web_mm):
+    for start, stop in _spans(x_min, x_max, cuts_mm[0], joint_margin, dimensions.cell_mm, dimensions.web_mm):
+        for bottom, top in _spans(y_min, y_max, cuts_mm[1], joint_margin, dimensions.cell_mm, dimensions.web_mm):
             cell = box(start, bottom, stop, top).intersection(inside)
             for hole in holes_mm:
-                cell = _off_boss(cell, hole, boss_radius)
-            if not isinstance(cell, Polygon) or cell.buffer(-NARROWEST_MM / 2.0).is_empty:
+                cell = _outside_boss(cell, hole, boss_radius)
+            if not isinstance(cell, Polygon) or cell.buffer(-MIN_WIDTH_MM / 2.0).is_empty:
                 continue
             hollow = _hollow(in_mount, cell, footprint, hardware)
             if hollow is not None:
@@ -103,29 +103,29 @@ def plan_hollows(
 
 
 def _spans(
-    low: float, high: float, cuts: tuple[float, ...], margin: float, widest: float, web: float
+    low: float, high: float, cuts: tuple[float, ...], margin: float, max_width: float, web: float
 ) -> list[tuple[float, float]]:
-    """Equal spans, at most `widest` wide, with webs between them and without joints."""
+    """Equal spans, at most `max_width` wide, with webs between them, clear of the joints at cuts."""
     spans = []
     starts, ends = [low, *(cut + margin for cut in cuts)], [*(cut - margin for cut in cuts), high]
     for start, end in zip(starts, ends, strict=True):
-        count = max(1, int(np.ceil((end - start + web) / (widest + web))))
+        count = max(1, int(np.ceil((end - start + web) / (max_width + web))))
         width = (end - start + web) / count - web
         if width > 0.0:
             spans += [(start + i * (width + web), start + i * (width + web) + width) for i in range(count)]
     return spans
 
 
-def _off_boss(cell: Polygon, hole: FloatArray, radius: float) -> Polygon:
-    """The largest part of a cell, after one straight cut, outside a disc round a hole."""
+def _outside_boss(cell: Polygon, hole: FloatArray, radius: float) -> Polygon:
+    """The largest part of a cell that one straight cut leaves outside a disc round a hole."""
     if not cell.intersects(Point(hole).buffer(radius)):
         return cell
-    (x, y), reach = hole, 1e4
+    (x, y), far = hole, 1e4
     sides = (
-        box(-reach, -reach, x - radius, reach),
-        box(x + radius, -reach, reach, reach),
-        box(-reach, -reach, reach, y - radius),
-        box(-reach, y + radius, reach, reach),
+        box(-far, -far, x - radius, far),
+        box(x + radius, -far, far, far),
+        box(-far, -far, far, y - radius),
+        box(-far, y + radius, far, far),
     )
     return max((cell.intersection(side) for side in sides), key=lambda part: part.area)
 
@@ -133,18 +133,18 @@ def _off_boss(cell: Polygon, hole: FloatArray, radius: float) -> Polygon:
 def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardware) -> Hollow | None:
     """The highest hollow over a convex cell, in the mount frame; None if none fits.
 
-    Its roof rises from the eaves towards the cell's middle, up to a flat top that a printer bridges. With roof and top
-    offset outwards by the floor's thickness, and the walls by a web's, the hollow must meet no air. Under each side of
-    the roof, and under its part of the top, this constraint is linear in the corners of the air, so that the height is
-    a minimum over these corners.
+    Its roof rises from the eaves towards the cell's centroid, up to a flat top that a printer bridges. With roof and
+    top offset outwards by the floor's thickness, and the walls by a web's, the hollow must not meet air. Under each
+    side of the roof, and under the part of the top next to it, the constraint is linear in the corners of the air, so
+    that the height is a minimum over these corners.
     """
     floor = hardware.holder.floor_mm
     corners = get_coordinates(orient(cell.simplify(1e-6)))[:-1]
-    middle = np.array(cell.centroid.coords[0])
+    centroid = np.array(cell.centroid.coords[0])
     directions = np.roll(corners, -1, axis=0) - corners
     outward = np.column_stack([directions[:, 1], -directions[:, 0]])
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
-    distances = np.sum((corners - middle) * outward, axis=1)
+    distances = np.sum((corners - centroid) * outward, axis=1)
     # Heights of the complete pyramid and of its part below the top.
     slope = ROOF_STEEPNESS * np.tan(np.radians(90.0 - hardware.printer.overhang_deg))
     pyramid = float(distances.max()) * slope
@@ -152,33 +152,33 @@ def _hollow(body: Manifold, cell: Polygon, footprint: Polygon, hardware: Hardwar
     roof_height = pyramid * (1.0 - top_scale)
     outer_scale = 1.0 + hardware.holder.web_mm / float(distances.min())
     # Below the mount's origin (towards the mirrors) z is negative.
-    levels = (body.bounding_box()[2] - 1.0, -0.5 * LEAST_EAVES_MM)
+    levels = (body.bounding_box()[2] - 1.0, -0.5 * MIN_EAVES_MM)
     # Slightly more than the tested region: the complete body takes twice as long.
-    near = body ^ _column(middle + 1.01 * outer_scale * (corners - middle), levels)
+    near = body ^ _column(centroid + 1.01 * outer_scale * (corners - centroid), levels)
     eaves = np.inf
     for i in range(len(corners)):
-        side = corners[[i, (i + 1) % len(corners)]] - middle
+        side = corners[[i, (i + 1) % len(corners)]] - centroid
         floor_height = floor * float(np.hypot(1.0, pyramid / distances[i]))
         # Intersection of the offset roof and the offset top.
         edge_scale = float(np.clip(1.0 - (roof_height + floor - floor_height) / pyramid, 0.0, outer_scale))
-        under_top = Polygon([middle, *(middle + edge_scale * side)]) if edge_scale > 0.0 else Polygon()
-        under_roof = Polygon([*(middle + edge_scale * side), *(middle + outer_scale * side[::-1])])
+        under_top = Polygon([centroid, *(centroid + edge_scale * side)]) if edge_scale > 0.0 else Polygon()
+        under_roof = Polygon([*(centroid + edge_scale * side), *(centroid + outer_scale * side[::-1])])
         heights = [height - floor - roof_height for height, _ in _air(near, under_top.intersection(footprint), levels)]
         for height, point in _air(near, under_roof.intersection(footprint), levels):
-            scale_at = float((point - middle) @ outward[i]) / distances[i]
+            scale_at = float((point - centroid) @ outward[i]) / distances[i]
             heights.append(height - floor_height - pyramid * (1.0 - scale_at))
         eaves = min([eaves, *heights])
     if eaves == np.inf:
         return None
     # If the roof would start below the back, the same pyramid is truncated higher up.
-    eaves_scale = min(1.0, top_scale + (1.0 - top_scale) * (eaves + roof_height - LEAST_EAVES_MM) / roof_height)
-    if eaves_scale <= top_scale or 2.0 * eaves_scale * distances.min() < NARROWEST_MM:
+    eaves_scale = min(1.0, top_scale + (1.0 - top_scale) * (eaves + roof_height - MIN_EAVES_MM) / roof_height)
+    if eaves_scale <= top_scale or 2.0 * eaves_scale * distances.min() < MIN_WIDTH_MM:
         return None
-    eaves_corners = middle + eaves_scale * (corners - middle)
-    top = middle + top_scale * (corners - middle)
+    eaves_corners = centroid + eaves_scale * (corners - centroid)
+    top = centroid + top_scale * (corners - centroid)
     return Hollow(
         np.column_stack([eaves_corners, np.full(len(corners), 1.0)]),
-        np.column_stack([eaves_corners, np.full(len(corners), -max(eaves, LEAST_EAVES_MM))]),
+        np.column_stack([eaves_corners, np.full(len(corners), -max(eaves, MIN_EAVES_MM))]),
         np.column_stack([top, np.full(len(corners), -(eaves + roof_height))]),
     )
 
@@ -192,5 +192,5 @@ def _air(body: Manifold, area: BaseGeometry, levels: tuple[float, float]) -> lis
 
 
 def _column(flat: FloatArray, levels: tuple[float, float]) -> Manifold:
-    """The prism between two z on the convex hull of points (n, 2)."""
+    """The prism on the convex hull of points (n, 2), between two z coordinates."""
     return Manifold.hull_points(np.vstack([np.column_stack([flat, np.full(len(flat), z)]) for z in levels]))

@@ -2,7 +2,7 @@
 
 A piece at p overlaps a placed one if p lies in the Minkowski sum of the placed piece and the reflected new one (Burke,
 Hellier, Kendall, Whitwell, "Complete and robust no-fit polygon generation", EJOR 179, 2007). For convex pieces this sum
-is the hull of the sums of their corners. A piece is placed where it extends least from the packed side.
+is the hull of the sums of their corners. A piece is placed where it extends least far from the packed side.
 """
 
 from __future__ import annotations
@@ -48,30 +48,30 @@ def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: fl
     """A position for every convex piece (n, 2), at least a gap from the others and from the sheet's edge.
 
     Tries several orders, packed to the left and to the bottom, until the number of sheets reaches its lower bound by
-    area. Otherwise returns the nesting with the fewest sheets, and the least use of the last one. Raises ValueError for
-    a piece that does not fit.
+    area. Otherwise returns the nesting with the fewest sheets and, among these, the smallest used part of the last one.
+    Raises ValueError for a piece that does not fit.
     """
     if not all(fits(piece, sheet_mm, gap_mm) for piece in pieces):
-        raise ValueError("a piece is larger than a sheet, expected each to fit")
+        raise ValueError("a piece is larger than a sheet, but each must fit")
     orientations = [_orientations(piece) for piece in pieces]
     usable_mm = _usable_mm(sheet_mm, gap_mm)
     areas = [Polygon(piece).area for piece in pieces]
-    lengths = [max(oriented.size.max() for oriented in tried) for tried in orientations]
-    widths = [min(oriented.size.min() for oriented in tried) for tried in orientations]
-    fewest = np.ceil(sum(areas) / usable_mm.prod())
+    lengths = [max(oriented.size.max() for oriented in candidates) for candidates in orientations]
+    widths = [min(oriented.size.min() for oriented in candidates) for candidates in orientations]
+    min_sheets = np.ceil(sum(areas) / usable_mm.prod())
     best: tuple[tuple[int, float], list[NestedOutline]] | None = None
-    for sizes, along in product((areas, lengths, widths), (0, 1)):
+    for sizes, axis in product((areas, lengths, widths), (0, 1)):
         order = sorted(range(len(pieces)), key=lambda index: (-round(sizes[index], 6), index))
-        cost, placed = _pack(orientations, order, usable_mm, gap_mm, along)
+        cost, placed = _pack(orientations, order, usable_mm, gap_mm, axis)
         if best is None or cost < best[0]:
             best = (cost, placed)
-        if best[0][0] <= fewest:
+        if best[0][0] <= min_sheets:
             break
     return best[1] if best else []
 
 
 def fits(piece: FloatArray, sheet_mm: tuple[float, float], gap_mm: float) -> bool:
-    """Return whether a convex piece (n, 2) fits on a sheet in a tried orientation, with a gap to the sheet's edge."""
+    """Return whether a convex piece (n, 2) fits on a sheet in some orientation, with a gap to the sheet's edge."""
     usable_mm = _usable_mm(sheet_mm, gap_mm)
     return any((oriented.size <= usable_mm).all() for oriented in _orientations(piece))
 
@@ -94,9 +94,9 @@ def _orientations(piece: FloatArray) -> list[_Orientation]:
 
 
 def _pack(
-    orientations: list[list[_Orientation]], order: list[int], usable_mm: FloatArray, gap_mm: float, along: int
+    orientations: list[list[_Orientation]], order: list[int], usable_mm: FloatArray, gap_mm: float, axis: int
 ) -> tuple[tuple[int, float], list[NestedOutline]]:
-    """Number of sheets, used share of the last one along an axis, and the positions in the order of the pieces."""
+    """Number of sheets, used fraction of the last one along an axis, and the positions in the order of the pieces."""
     placed: list[NestedOutline | None] = [None] * len(orientations)
     sheets: list[list[FloatArray]] = []
     used: list[float] = []
@@ -105,39 +105,39 @@ def _pack(
             if sheet == len(sheets):
                 sheets.append([])
                 used.append(0.0)
-            best = _nearest_place(orientations[index], sheets[sheet], usable_mm, along)
+            best = _nearest_position(orientations[index], sheets[sheet], usable_mm, axis)
             if best is None:
                 continue
             oriented, corner = best
             placed[index] = NestedOutline(sheet, oriented.rotation, oriented.offset + corner + gap_mm)
             enlarged = Polygon(oriented.outline + corner).buffer(gap_mm, join_style="mitre", mitre_limit=2.0)
             sheets[sheet].append(shapely.get_coordinates(enlarged)[:-1])
-            used[sheet] = max(used[sheet], float((corner + oriented.size)[along] / usable_mm[along]))
+            used[sheet] = max(used[sheet], float((corner + oriented.size)[axis] / usable_mm[axis]))
             break
-    return (len(sheets), used[-1] if used else 0.0), [place for place in placed if place is not None]
+    return (len(sheets), used[-1] if used else 0.0), [position for position in placed if position is not None]
 
 
-def _nearest_place(
-    orientations: list[_Orientation], taken: list[FloatArray], usable_mm: FloatArray, along: int
+def _nearest_position(
+    orientations: list[_Orientation], placed: list[FloatArray], usable_mm: FloatArray, axis: int
 ) -> tuple[_Orientation, FloatArray] | None:
-    """The orientation and the corner (2,) at which a piece extends least along an axis, then across it."""
+    """The orientation and the corner (2,) at which a piece extends least far along an axis, then along the other."""
     best: tuple[tuple[float, float], _Orientation, FloatArray] | None = None
     for oriented in orientations:
         if (oriented.size > usable_mm).any():
             continue
         free = shapely.box(0.0, 0.0, *(usable_mm - oriented.size))
-        if taken:
-            free = free.difference(shapely.union_all(_no_fit(oriented.outline, taken)))
+        if placed:
+            free = free.difference(shapely.union_all(_no_fit(oriented.outline, placed)))
         for corner in shapely.get_coordinates(free):
             end = np.round(corner + oriented.size, 6)
-            key = (float(end[along]), float(end[1 - along]))
+            key = (float(end[axis]), float(end[1 - axis]))
             if best is None or key < best[0]:
                 best = (key, oriented, corner)
     return best[1:] if best else None
 
 
-def _no_fit(outline: FloatArray, taken: list[FloatArray]) -> FloatArray:
+def _no_fit(outline: FloatArray, placed: list[FloatArray]) -> FloatArray:
     """The no-fit polygons of an outline (n, 2) around placed outlines, as an array of shapely polygons."""
-    sums = [(placed[:, None] - outline).reshape(-1, 2) for placed in taken]
+    sums = [(obstacle[:, None] - outline).reshape(-1, 2) for obstacle in placed]
     indices = np.repeat(np.arange(len(sums)), [len(points) for points in sums])
     return shapely.convex_hull(shapely.multipoints(np.concatenate(sums), indices=indices))

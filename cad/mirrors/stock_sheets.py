@@ -4,8 +4,8 @@ Drawings show the *back* of the stock sheet, the side that is glued to the seat.
 up, nothing has to be mirrored. Mirrors are rotated on the sheet, never flipped. The back is:
 
 - first-surface: the bare side. The coating is on the table under its film, and the laser reaches it last.
-- second-surface: the paint on the coating. Engraving would burn both, and the mark would be visible in the views, so
-  that paper tape on the paint is engraved instead.
+- second-surface: the paint on the coating. Engraving would burn both, and the mark would be visible in the views.
+  Therefore, paper tape on the paint is engraved instead.
 
 Glass is neither cut nor marked by a laser: it is cut by a water jet, or scored and broken, and marked by pen. A mark is
 an arrow that points up and the mirror's id, in single strokes.
@@ -46,25 +46,25 @@ Material = Literal["acrylic", "glass"]
 class Facing:
     """How one kind of stock lies on the table, as text for the notes of a sheet and the guide.
 
-    `up` is the face towards the laser; `up_is` and `down_is` describe that face and the face on the table. `marked` is
-    the layer that the laser engraves; `before` and `after` are instructions for before and after the engraving.
+    `up` is the face towards the laser; `up_face` and `down_face` describe it and the face on the table. `marked` is the
+    layer that the laser engraves; `before` and `after` are instructions for before and after the engraving.
     """
 
     up: Literal["back", "front"]
-    up_is: str
-    down_is: str
+    up_face: str
+    down_face: str
     marked: str
     before: str
     after: str
 
-    def seen(self, outline_in_plane_mm: FloatArray) -> FloatArray:
-        """An outline (n, 2) from a mirror's frame to the laser's view: x along the rig's x, y up from the back."""
+    def laser_view(self, outline_in_plane_mm: FloatArray) -> FloatArray:
+        """An outline (n, 2) in a mirror's frame as the laser sees it: x along the rig's x, y up seen from the back."""
         return outline_in_plane_mm * ((1.0, -1.0) if self.up == "back" else (1.0, 1.0))
 
     @property
     def note(self) -> str:
         """How the sheet lies on the table, for the notes of its drawing."""
-        return f"{self.up.upper()} up ({self.up_is}), on the table {self.down_is}"
+        return f"{self.up.upper()} up ({self.up_face}), on the table {self.down_face}"
 
 
 def facing_of(surface: Surface, material: Material) -> Facing:
@@ -75,16 +75,16 @@ def facing_of(surface: Surface, material: Material) -> Facing:
 FACINGS: dict[tuple[Material, Surface], Facing] = {
     ("acrylic", "first"): Facing(
         up="back",
-        up_is="the side without the coating",
-        down_is="the coated side under its film",
+        up_face="the side without the coating",
+        down_face="the coated side under its film",
         marked="the bare back, lightly",
         before="leave the film on the coated side, and lay a clean sheet of card under it",
         after="",
     ),
     ("acrylic", "second"): Facing(
         up="back",
-        up_is="the painted side",
-        down_is="the clear side under its film",
+        up_face="the painted side",
+        down_face="the clear side under its film",
         marked="paper tape on the paint, not the paint",
         before="cover the paint with paper tape, and find on an offcut the power at which the laser marks only the "
         "tape: a laser through the paint would burn the coating, and the mark would show in the picture",
@@ -92,16 +92,16 @@ FACINGS: dict[tuple[Material, Surface], Facing] = {
     ),
     ("glass", "first"): Facing(
         up="back",
-        up_is="the side without the coating",
-        down_is="the coated side, on clean lint-free paper",
+        up_face="the side without the coating",
+        down_face="the coated side, on clean lint-free paper",
         marked="the bare back, written with a paint marker",
         before="score the bare back, never the coating",
         after="",
     ),
     ("glass", "second"): Facing(
         up="back",
-        up_is="the painted side",
-        down_is="the clear side",
+        up_face="the painted side",
+        down_face="the clear side",
         marked="the paint, written with a paint marker",
         before="to score it by hand, flip sheet and drawing together and score the clear side, since paint and coating "
         "would chip",
@@ -111,9 +111,9 @@ FACINGS: dict[tuple[Material, Surface], Facing] = {
 
 
 LINE_GAP_MM = 0.5
-"""Least distance of a laser's lines: closer lines merge."""
+"""Minimum distance between a laser's lines: closer lines merge."""
 
-# Spacing of glyphs, in units of half their height: for legibility, and for small glyphs.
+# Spacing of glyphs, in units of half their height: normal, and for small glyphs.
 GAPS = (0.6, 1.0)
 ARROW = (((0, 0), (0, 2)), ((-0.5, 1.4), (0, 2), (0.5, 1.4)))
 
@@ -121,17 +121,17 @@ ARROW = (((0, 0), (0, 2)), ((-0.5, 1.4), (0, 2), (0.5, 1.4)))
 def mark(text: str, outline: FloatArray, height_mm: float) -> tuple[FloatArray, ...]:
     """Strokes (n, 2) of an up arrow, its shaft first, and of a text inside a convex outline (n, 2), mm, y up.
 
-    Glyphs are in a row or a column, `LINE_GAP_MM` from the outline, and `height_mm` high or as high as fits. Small ones
-    have wider spaces, for the line gap between strokes. If no arrangement has that gap, they are as far apart as
-    possible.
+    Glyphs are in a row or a column, `LINE_GAP_MM` from the outline, and `height_mm` high or as high as fits. Small
+    glyphs have wider spaces, for the line gap between strokes. If no arrangement has that gap, strokes are as far apart
+    as possible.
     """
     polygon = Polygon(outline)
     circle = maximum_inscribed_circle(polygon, tolerance=0.01)
     centres = np.array([polygon.centroid.coords[0], circle.coords[0]])
     best: tuple[tuple[float, float], tuple[FloatArray, ...]] | None = None
     for gap, axis, centre in product(GAPS, (0, 1), centres):
-        strokes = _arranged(text, gap, axis)
-        scale = min(height_mm / 2.0, _largest_scale(np.vstack(strokes), outline - centre))
+        strokes = _arrangement(text, gap, axis)
+        scale = min(height_mm / 2.0, _max_scale(np.vstack(strokes), outline - centre))
         # Strokes of a glyph are 1 apart.
         gap_mm = min(LINE_GAP_MM, scale * min(gap, 1.0))
         if best is None or (gap_mm, scale) > best[0]:
@@ -140,23 +140,23 @@ def mark(text: str, outline: FloatArray, height_mm: float) -> tuple[FloatArray, 
     return best[1]
 
 
-def _arranged(text: str, gap: float, axis: int) -> list[FloatArray]:
-    """Arrow and glyphs, two high, in a row (axis 0) or down a column (axis 1), centred on the origin."""
+def _arrangement(text: str, gap: float, axis: int) -> list[FloatArray]:
+    """Strokes of arrow and glyphs, two high, in a row (axis 0) or down a column (axis 1), centred on the origin."""
     placed: list[FloatArray] = []
     end = 0.0
     for glyph in (ARROW, *(STROKES[letter] for letter in text)):
         strokes = [np.array(stroke, dtype=np.float64) for stroke in glyph]
         corners = np.vstack(strokes)
-        lower, upper = corners.min(axis=0), corners.max(axis=0)
-        shift = np.array([end - lower[0], 0.0]) if axis == 0 else np.array([-(lower + upper)[0] / 2.0, end - upper[1]])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        shift = np.array([end - low[0], 0.0]) if axis == 0 else np.array([-(low + high)[0] / 2.0, end - high[1]])
         placed += [stroke + shift for stroke in strokes]
-        end += (upper - lower)[0] + gap if axis == 0 else -(upper - lower)[1] - gap
+        end += (high - low)[0] + gap if axis == 0 else -(high - low)[1] - gap
     corners = np.vstack(placed)
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
-    return [stroke - middle for stroke in placed]
+    centre = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+    return [stroke - centre for stroke in placed]
 
 
-def _largest_scale(corners: FloatArray, outline: FloatArray) -> float:
+def _max_scale(corners: FloatArray, outline: FloatArray) -> float:
     """Largest scale about the origin at which points (n, 2) keep the line gap inside a convex outline (m, 2)."""
     loop = np.array(orient(Polygon(outline)).exterior.coords)
     edges = np.diff(loop, axis=0)
@@ -183,7 +183,7 @@ class CutMirror:
 
 @dataclass(frozen=True)
 class StockSheet:
-    """One stock sheet, `number` of `count`, with mirrors of one kind; `stem` is its file name without ending."""
+    """One stock sheet, `number` of `count`, with mirrors of one kind; `stem` is its file name without extension."""
 
     number: int
     count: int
@@ -201,7 +201,7 @@ class StockSheet:
     def kind(self) -> str:
         return stock_kind(self.surface, self.thickness_mm, self.cutting)
 
-    def _lines_mean(self, facing: Facing) -> tuple[str, str]:
+    def _line_notes(self, facing: Facing) -> tuple[str, str]:
         """The meaning of the lines on both layers."""
         if self.cutting.material == "glass":
             return (
@@ -218,7 +218,7 @@ class StockSheet:
 
     @property
     def use(self) -> float:
-        """Share of the sheet that becomes mirrors."""
+        """Fraction of the sheet that becomes mirrors."""
         width, height = self.cutting.sheet_mm
         return float(sum(Polygon(cut.outline).area for cut in self.cuts)) / (width * height)
 
@@ -232,7 +232,7 @@ class StockSheet:
             f"Sheet: {self.kind}, {width:g} x {height:g}",
             f"Lay the sheet down with its {facing.note}",
             f"Seen from the {facing.up} of the mirrors: do not mirror the drawing",
-            *self._lines_mean(facing),
+            *self._line_notes(facing),
         )
 
 
@@ -243,13 +243,13 @@ def stock_kind(surface: Surface, thickness_mm: float, cutting: Cutting) -> str:
 
 def outline_from_back(mirror: Mirror, cutting: Cutting) -> FloatArray:
     """The outline (n, 2) seen from the back, which is up: x along the rig's x, y up."""
-    return facing_of(mirror.surface, cutting.material).seen(mirror.outline_in_plane_mm)
+    return facing_of(mirror.surface, cutting.material).laser_view(mirror.outline_in_plane_mm)
 
 
 def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
     """A convex outline (n, 2) offset outwards with mitred corners: the same number of corners, counter-clockwise.
 
-    A corner between edges with outward normals a and b moves by d (a + b) / (1 + a.b) to where both moved edges meet.
+    A corner between edges with outward normals a and b moves by d (a + b) / (1 + a.b), to where the offset edges meet.
     """
     corners = np.array(orient(Polygon(outline)).exterior.coords)[:-1]
     edges = np.roll(corners, -1, axis=0) - corners
@@ -259,15 +259,14 @@ def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
 
 
 def require_cuttable(layout: Layout, cutting: Cutting) -> None:
-    """Raise InputError if a mirror is larger than a sheet, too narrow for its thickness, or made of the wrong glass."""
+    """Raise InputError if a mirror is larger than a sheet, too narrow for its thickness, or not designed for glass."""
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         outline = outline_from_back(mirror, cutting)
-        width = _width_mm(outline)
-        if width < cutting.least_width * mirror.thickness_mm:
-            least = "its thickness" if cutting.material == "acrylic" else f"{cutting.least_width:g} thicknesses"
+        width, ratio = _width_mm(outline), cutting.min_width_to_thickness
+        if width < ratio * mirror.thickness_mm:
+            limit = "its thickness" if cutting.material == "acrylic" else f"{ratio:g} times its thickness"
             raise InputError(
-                f"mirror {name} is {width:.2f} mm across, expected at least {least}, "
-                f"{cutting.least_width * mirror.thickness_mm:g} mm"
+                f"mirror {name} is {width:.2f} mm across, expected at least {limit}, {ratio * mirror.thickness_mm:g} mm"
             )
         if cutting.material == "glass" and mirror.is_second_surface and mirror.refractive_index < GLASS_INDEX:
             raise InputError(
@@ -306,10 +305,10 @@ def _nested(mirrors: list[tuple[str, FloatArray]], cutting: Cutting) -> list[lis
     """Nested mirrors of one kind, given by names and outlines, sheet by sheet."""
     paths = [offset_outline(outline, cutting.allowance_mm) for _, outline in mirrors]
     placed = nest(paths, cutting.sheet_mm, cutting.gap_mm)
-    sheets: list[list[CutMirror]] = [[] for _ in range(1 + max(place.sheet for place in placed))]
-    for (name, outline), path, place in zip(mirrors, paths, placed, strict=True):
-        strokes = mark(name, outline, cutting.mark_mm)
-        sheets[place.sheet].append(CutMirror(name, place.apply(path), tuple(place.apply(stroke) for stroke in strokes)))
+    sheets: list[list[CutMirror]] = [[] for _ in range(1 + max(nested.sheet for nested in placed))]
+    for (name, outline), path, nested in zip(mirrors, paths, placed, strict=True):
+        strokes = tuple(nested.apply(stroke) for stroke in mark(name, outline, cutting.mark_mm))
+        sheets[nested.sheet].append(CutMirror(name, nested.apply(path), strokes))
     return sheets
 
 
@@ -321,7 +320,7 @@ def _box_mm(outline: FloatArray) -> tuple[float, float]:
 
 
 def _width_mm(outline: FloatArray) -> float:
-    """Width of a convex outline (n, 2): the smallest distance of parallel supporting lines, one of them on an edge."""
+    """Width of a convex outline (n, 2): the smallest distance between parallel supporting lines, one on an edge."""
     corners = np.array(orient(Polygon(outline)).exterior.coords)
     edges = np.diff(corners, axis=0)
     inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
@@ -342,7 +341,7 @@ def sheet_metrics(sheets: tuple[StockSheet, ...]) -> dict[str, Metric]:
         "feature_of_thickness": Metric(
             value=min(features),
             unit="",
-            limit=max(sheet.cutting.least_width for sheet in sheets),
+            limit=max(sheet.cutting.min_width_to_thickness for sheet in sheets),
             lower_is_better=False,
         ),
         "line_gap_mm": Metric(

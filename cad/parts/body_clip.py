@@ -1,9 +1,9 @@
 """The cradle of a camera with a body: a tray open to the scene, with a nest of six points.
 
 Three pads locate the body's front: two near the slide, one at the corner of the stop's end. Two pads locate the body's
-side towards the mount, and one its end; a round end rests on a V instead, with one pad on the side. Two screws in
-leaves press: one on the back, one obliquely on the far corner. The part prints lying on its slide, with all overhangs
-at 45 deg or steeper.
+side towards the mount, and one locates its end; a round end rests on a V instead, with one pad on the side. Two screws
+in leaves press on the body: one on its back, one obliquely on its far corner. The part prints lying on its slide, with
+all overhangs at 45 deg or steeper.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from mirrorcam.cad.parts.camera_box import (
     SprungScrew,
     body_box,
     leaf_thickness_mm,
-    least_forces_n,
+    required_forces_n,
     tie_height_mm,
 )
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, ROOF_IN_SKINS_DEG, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.cad.plan.prisms import along_x, along_z, box
+from mirrorcam.cad.plan.prisms import box, prism_along_x, prism_along_z
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
@@ -81,7 +81,7 @@ class Tray:
 
     @property
     def level_mm(self) -> float:
-        """z of the pads and the screw at the body's sides: the middle of its depth, so that they do not tip it."""
+        """z of the pads and the screw at the body's sides: half its depth, so that they do not tip it."""
         return float(self.low[2] + self.high[2]) / 2.0
 
     @property
@@ -90,36 +90,36 @@ class Tray:
         return flat < FLAT_MM and self.radius_mm > ROUND_MM
 
     def in_rig(self, points: Sequence[float] | FloatArray) -> FloatArray:
-        """Transform points or vectors (..., 3) from (u, y, z) to rig."""
+        """Transform points or vectors (..., 3) from (u, y, z) to the rig frame."""
         return np.asarray(points, dtype=np.float64) * [self.side, 1.0, 1.0]
 
     def box(self, u: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Frustum:
-        xs = sorted(self.side * np.array(u))
-        return box((xs[0], y[0], z[0]), (xs[1], y[1], z[1]))
+        x = sorted(self.side * np.array(u))
+        return box((x[0], y[0], z[0]), (x[1], y[1], z[1]))
 
     def prism(self, points: Sequence[tuple[float, float]], z: tuple[float, float]) -> Frustum:
-        """The prism on a convex polygon (n, 2) in u and y, between two z."""
-        return along_z(np.array(points) * [self.side, 1.0], *z)
+        """The prism on a convex polygon (n, 2) in u and y, between two z coordinates."""
+        return prism_along_z(np.array(points) * [self.side, 1.0], *z)
 
 
 def stops(tray: Tray, nest: Nest, top: float, wall: float) -> list[Frustum]:
     """The lip along the wall, the end with the corner over the front, and the pads on all of them."""
     low, high, end = tray.low, tray.high, tray.end_mm
     front, level, overlap = float(high[2]) + PAD_MM, tray.level_mm, OVERLAP_MM
-    corner, *at_wall = nest.points[:3] * [tray.side, 1.0, 1.0]
+    corner, *wall_points = nest.points[:3] * [tray.side, 1.0, 1.0]
     half = PAD_WIDTH_MM / 2.0
-    upper_y = float(corner[1]) + half
-    lower_z = min(level - PAD_LENGTH_MM / 2.0, float(high[2]) - 2.0 * wall)
+    max_y = float(corner[1]) + half
+    min_z = min(level - PAD_LENGTH_MM / 2.0, float(high[2]) - 2.0 * wall)
     pieces = [
         tray.box(
             (end - wall, float(high[0]) - tray.radius_mm),
             (tray.wall_mm - overlap, float(low[1]) + tray.lip_mm),
             (front, top),
         ),
-        tray.box((end - wall, end), (tray.wall_mm - overlap, upper_y), (lower_z, top)),
-        tray.box((end - wall, float(corner[0]) + half + 1.0), (tray.wall_mm - overlap, upper_y), (front, top)),
+        tray.box((end - wall, end), (tray.wall_mm - overlap, max_y), (min_z, top)),
+        tray.box((end - wall, float(corner[0]) + half + 1.0), (tray.wall_mm - overlap, max_y), (front, top)),
     ]
-    for u, y, z in (corner, *at_wall):
+    for u, y, z in (corner, *wall_points):
         half_length = min(half, tray.lip_mm / 2.0)
         profile = [
             (y - half_length - PAD_MM - overlap, z + PAD_MM + overlap),
@@ -127,7 +127,7 @@ def stops(tray: Tray, nest: Nest, top: float, wall: float) -> list[Frustum]:
             (y + half_length, z),
             (y + half_length, z + PAD_MM + overlap),
         ]
-        pieces.append(along_x(np.array(profile), *sorted(tray.side * (u + s * half) for s in (-1.0, 1.0))))
+        pieces.append(prism_along_x(np.array(profile), *sorted(tray.side * (u + s * half) for s in (-1.0, 1.0))))
     z_mm = (level - PAD_LENGTH_MM / 2.0, level + PAD_LENGTH_MM / 2.0)
     for point, normal in zip(
         nest.points[3:] * [tray.side, 1.0, 1.0], nest.normals[3:] * [tray.side, 1.0, 1.0], strict=True
@@ -147,17 +147,17 @@ def stops(tray: Tray, nest: Nest, top: float, wall: float) -> list[Frustum]:
 
 
 def _lower_wedge(u: float, y: float, end: float, wall: float) -> list[tuple[float, float]]:
-    """The wedge under the plane at 45 deg through a point, which fills the corner between end and wall."""
+    """The wedge under the plane at 45 deg through a point; it fills the corner between end and wall."""
     return [(end, y + u - end), (u + y - wall, wall), (end, wall)]
 
 
 def _upper_wedge(u: float, y: float, end: float, half: float) -> list[tuple[float, float]]:
-    """The wedge over the plane at 45 deg through a point, which starts at the end."""
+    """The wedge over the plane at 45 deg through a point; it starts at the end."""
     return [(end, y - (u - end)), (u + half, y + half), (end, y + half)]
 
 
 def back_leaf(tray: Tray, screw: SprungScrew, boss_radius: float, hardware: Hardware) -> list[Frustum]:
-    """The leaf behind the body, with a boss that widens from it at 45 deg."""
+    """The leaf behind the body, with a boss that widens towards it at 45 deg."""
     u, y = float(tray.side * screw.tip[0]), float(screw.tip[1])
     top = float(screw.tip[2]) - hardware.clip.behind_mm
     low, half = float(screw.tip[2]) - screw.mouth_mm, screw.leaf.width_mm / 2.0
@@ -172,21 +172,21 @@ def back_leaf(tray: Tray, screw: SprungScrew, boss_radius: float, hardware: Hard
     x_range = sorted(tray.side * np.array([u - boss_radius, u + boss_radius]))
     return [
         tray.box((u - half, u + half), (tray.wall_mm - OVERLAP_MM, y + boss_radius), (leaf_z, top)),
-        along_x(np.array(boss), float(x_range[0]), float(x_range[1])),
+        prism_along_x(np.array(boss), float(x_range[0]), float(x_range[1])),
     ]
 
 
 def far_leaf(tray: Tray, screw: SprungScrew, boss_radius: float) -> list[Frustum]:
-    """The leaf beyond the end, with a boss along the screw on its outer side.
+    """The leaf beyond the body's end, with a boss along the screw on its outer side.
 
-    A leaf thicker than the boss is long is cut off in the plane of the mouth, for access by tools.
+    A leaf that is thicker than the boss is long is cut off in the plane of the hole's mouth, for access by tools.
     """
     inner = float(tray.high[0]) + LEAF_GAP_MM
     tip = np.array([tray.side * screw.tip[0], screw.tip[1]])
     mouth = tip + screw.mouth_mm / np.sqrt(2.0)
     offset = boss_radius / np.sqrt(2.0)
-    lower, upper = mouth + np.array([offset, -offset]), mouth + np.array([-offset, offset])
-    boss_y = [float(corner[1] - (corner[0] - inner)) for corner in (lower, upper)]
+    low, high = mouth + np.array([offset, -offset]), mouth + np.array([-offset, offset])
+    boss_y = [float(corner[1] - (corner[0] - inner)) for corner in (low, high)]
     level, half = tray.level_mm, screw.leaf.width_mm / 2.0
     thickness = screw.leaf.thickness_mm
     foot, outer, top = tray.wall_mm - OVERLAP_MM, inner + thickness, boss_y[0] + thickness
@@ -195,7 +195,7 @@ def far_leaf(tray: Tray, screw: SprungScrew, boss_radius: float) -> list[Frustum
     return [
         tray.prism([(inner, foot), (outer, foot), *end, (inner, top)], (level - half, level + half)),
         tray.prism(
-            [(inner, boss_y[0]), (lower[0], lower[1]), (upper[0], upper[1]), (inner, boss_y[1])],
+            [(inner, boss_y[0]), (low[0], low[1]), (high[0], high[1]), (inner, boss_y[1])],
             (level - boss_radius, level + boss_radius),
         ),
     ]
@@ -226,14 +226,14 @@ def thread_cuts(screw: SprungScrew, boss_radius: float, hardware: Hardware) -> l
 PAD_INSET_MM = 3.0
 # Length of a screw past the nominal face of the body.
 SCREW_RESERVE_MM = 3.0
-# Least force of a screw.
-LEAST_FORCE_N = 3.0
+# Minimum force of a screw.
+MIN_FORCE_N = 3.0
 # Safety factor on the camera's weight, so that all points stay in contact.
 WEIGHT_RESERVE = 1.1
-# Largest and least width of the leaf behind the back.
-WIDEST_LEAF_MM, NARROWEST_LEAF_MM = 20.0, 11.0
-# Share of the back screw's force on the front pad far from the slide.
-FAR_SHARE = 0.6
+# Maximum and minimum width of the leaf behind the back.
+MAX_LEAF_MM, MIN_LEAF_MM = 20.0, 11.0
+# Fraction of the back screw's force on the front pad far from the slide.
+FAR_PAD_FRACTION = 0.6
 
 
 def hold_body(camera: CameraBody, lips: Lips, boss_radius_mm: float, hardware: Hardware) -> Cradle:
@@ -277,27 +277,25 @@ def _nest(tray: Tray, camera: CameraBody, boss_radius_mm: float, hardware: Hardw
 
 
 def _front_points(tray: Tray, camera: CameraBody) -> FloatArray:
-    """Points (3, 3) of the front in (u, y, z): one at the stop's corner away from the wall, and two near the wall."""
+    """Points (3, 3) on the front, in (u, y, z): one at the stop's corner away from the wall, and two near the wall."""
     low, high, r = tray.low, tray.high, tray.radius_mm
     inset, half = tray.lip_mm / 2.0, PAD_INSET_MM + PAD_WIDTH_MM / 2.0
-    lower_y, upper_y = float(low[1]) + inset, float(high[1]) - inset
+    min_y, max_y = float(low[1]) + inset, float(high[1]) - inset
     corner = float(low[0]) + max(r + 1.0, half)
     ring = camera.lens_ring_mm / 2.0
     if (gap := -(corner + PAD_WIDTH_MM / 2.0 + 1.0) - ring) < 0.0:
-        raise InputError(f"camera clip's corner overlaps the lens ring by {-gap:.1f} mm, expected it outside the ring")
+        raise InputError(f"camera clip's corner overlaps the lens ring by {-gap:.1f} mm, but must be outside it")
     if (gap := -float(low[1]) - tray.lip_mm - ring) < 0.0:
         raise InputError(
             f"camera clip's lip overlaps the lens ring ({camera.lens_ring_mm:g} mm across) by {-gap:.1f} mm, "
             f"expected lip_mm of at most {tray.lip_mm + gap:.1f}"
         )
     z = float(high[2])
-    return np.array(
-        [(corner, upper_y, z), (float(low[0]) + r + half, lower_y, z), (float(high[0]) - r - half, lower_y, z)]
-    )
+    return np.array([(corner, max_y, z), (float(low[0]) + r + half, min_y, z), (float(high[0]) - r - half, min_y, z)])
 
 
 def _side_points(tray: Tray) -> tuple[FloatArray, FloatArray]:
-    """Points (3, 3) of the sides and the end in (u, y, z), and their unit normals (3, 3) into the body."""
+    """Points (3, 3) on the sides and the end, in (u, y, z), and their unit normals (3, 3) into the body."""
     low, high, r, z = tray.low, tray.high, tray.radius_mm, tray.level_mm
     inset = r + PAD_INSET_MM
     far = (float(high[0]) - inset, float(low[1]), z)
@@ -313,15 +311,15 @@ def _back_screw(
     tray: Tray, front: FloatArray, camera: CameraBody, boss_radius_mm: float, hardware: Hardware
 ) -> SprungScrew:
     """The screw on the back, within the triangle of the front's pads, with its leaf clear of the cable."""
-    weights = np.array([FAR_SHARE, *((1.0 - FAR_SHARE) / 2.0,) * 2])
+    weights = np.array([FAR_PAD_FRACTION, *((1.0 - FAR_PAD_FRACTION) / 2.0,) * 2])
     u, y, _ = (float(value) for value in weights @ front)
     cable = tray.side * camera.cable_x_mm
     space_to_cable = abs(cable - u) - camera.cable_mm / 2.0 - hardware.fit.free_mm
-    width = min(WIDEST_LEAF_MM, 2.0 * space_to_cable, 2.0 * (u - tray.end_mm))
-    if width < NARROWEST_LEAF_MM:
+    width = min(MAX_LEAF_MM, 2.0 * space_to_cable, 2.0 * (u - tray.end_mm))
+    if width < MIN_LEAF_MM:
         raise InputError(
             f"camera clip's leaf behind the body would be {width:.1f} mm wide next to the cable, "
-            f"expected at least {NARROWEST_LEAF_MM:g} mm"
+            f"expected at least {MIN_LEAF_MM:g} mm"
         )
     screw = hardware.screw
     gap = hardware.clip.behind_mm
@@ -363,7 +361,7 @@ def _far_screw(tray: Tray, boss_radius_mm: float, hardware: Hardware) -> SprungS
     boss_foot_y = (
         float(corner[1]) - boss_radius_mm / np.sqrt(2.0) + (inner - float(corner[0]) - boss_radius_mm / np.sqrt(2.0))
     )
-    width = min(WIDEST_LEAF_MM, float(tray.high[2] - tray.low[2]) - PAD_MM)
+    width = min(MAX_LEAF_MM, float(tray.high[2] - tray.low[2]) - PAD_MM)
     leaf = Leaf(
         leaf_length, leaf_length + tray.wall_mm - boss_foot_y, max(width, 2.0 * boss_radius_mm), 3.0, 1.0 / np.sqrt(2.0)
     )
@@ -394,22 +392,22 @@ def _boss_mm(screw: Fastening, wall_mm: float) -> tuple[float, float]:
 
 
 def _screw_length_mm(mouth_mm: float, screw: Fastening) -> float:
-    fits = [length for length in screw.lengths_mm if length >= mouth_mm + SCREW_RESERVE_MM]
-    if not fits:
+    lengths = [length for length in screw.lengths_mm if length >= mouth_mm + SCREW_RESERVE_MM]
+    if not lengths:
         raise InputError(
             f"camera clip needs an M3 screw of {mouth_mm + SCREW_RESERVE_MM:.1f} mm, longer than any on the list"
         )
-    return min(fits)
+    return min(lengths)
 
 
 def _with_forces(tray: Tray, nest: Nest, camera: CameraBody, hardware: Hardware) -> Nest:
     """The nest with leaves thick enough for the camera's weight under the robot's acceleration."""
-    middle = tray.in_rig((tray.low + tray.high) / 2.0)
+    centre = tray.in_rig((tray.low + tray.high) / 2.0)
     weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g * WEIGHT_RESERVE
-    forces = np.maximum(least_forces_n(nest, middle, weight), LEAST_FORCE_N)
-    modulus, least = hardware.printer.plastic_mpa, hardware.printer.wall_mm
+    forces = np.maximum(required_forces_n(nest, centre, weight), MIN_FORCE_N)
+    modulus, wall = hardware.printer.plastic_mpa, hardware.printer.wall_mm
     screws = []
     for screw, force in zip(nest.screws, forces, strict=True):
-        thickness = max(least, float(np.ceil(10.0 * leaf_thickness_mm(float(force), screw.leaf, modulus)) / 10.0))
+        thickness = max(wall, float(np.ceil(10.0 * leaf_thickness_mm(float(force), screw.leaf, modulus)) / 10.0))
         screws.append(replace(screw, leaf=replace(screw.leaf, thickness_mm=thickness)))
     return replace(nest, screws=tuple(screws))

@@ -1,8 +1,8 @@
-"""A camera's body in rig, the six points that locate it in a clip, and the axes of the rig.
+"""A camera's body in the rig frame, the six points that locate it in a clip, and the axes of the rig.
 
 Sprung screws press the body against all six points of a nest. Contacts are modelled without friction, so that the six
-forces follow from equilibrium alone; friction only helps. A screw sits in a leaf of the clip, a cantilever that bends
-when the screw is turned further after contact.
+forces follow from equilibrium alone; friction only adds to the hold. A screw sits in a leaf of the clip, a cantilever
+that bends when the screw is turned further after contact.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import CameraBody
 
 GRAVITY_N_PER_KG = 9.80665
-# Pitch of an M3 screw (ISO 261), and its turns after contact with the body.
+# Pitch of an M3 screw (ISO 261), and its turns after it touches the body.
 PITCH_MM = 0.5
-TURNS = 0.75
+CONTACT_TURNS = 0.75
 
 
 @dataclass(frozen=True)
 class Leaf:
     """A cantilever of rectangular section, `length_mm` from its root to the screw, that bends in one plane.
 
-    The last `stiff_mm`, round the thread, are rigid. `cosine` is the cosine of the angle between the screw and the
+    The last `stiff_mm`, round the thread, are rigid. `cosine` is that of the angle between the screw's axis and the
     direction of deflection.
     """
 
@@ -39,30 +39,30 @@ class Leaf:
     cosine: float
 
     @property
-    def bent_mm(self) -> float:
-        """Deflection of its end after `TURNS` of the screw beyond contact.
+    def deflection_mm(self) -> float:
+        """Deflection of the leaf's end after `CONTACT_TURNS` turns of the screw beyond contact.
 
-        Only the leaf deforms: a displacement of the screw along its axis needs this deflection times the cosine.
+        Only the leaf deforms: the screw's displacement along its axis is the deflection times the cosine.
         """
-        return TURNS * PITCH_MM / self.cosine
+        return CONTACT_TURNS * PITCH_MM / self.cosine
 
     @property
-    def _cubed_mm3(self) -> float:
+    def _difference_of_cubes_mm3(self) -> float:
         return self.length_mm**3 - self.stiff_mm**3
 
     def force_n(self, modulus_mpa: float) -> float:
-        """The force along the screw, from the force 3 E I d / (l^3 - s^3) across the leaf with a rigid end of length s.
+        """The force along the screw; normal to the leaf it is 3 E I d / (l^3 - s^3), with a rigid end of length s.
 
         For s = 0 this is the end load of a cantilever, d = F l^3 / (3 E I) (Young, Roark's Formulas for Stress and
         Strain, table of beams, case 1a).
         """
         moment = self.width_mm * self.thickness_mm**3 / 12.0
-        return 3.0 * modulus_mpa * moment * self.bent_mm / self._cubed_mm3 / self.cosine
+        return 3.0 * modulus_mpa * moment * self.deflection_mm / self._difference_of_cubes_mm3 / self.cosine
 
     @property
     def strain(self) -> float:
         """The largest strain, at the root: 3/2 t d l / (l^3 - s^3), from the moment F l there."""
-        return 1.5 * self.thickness_mm * self.bent_mm * self.length_mm / self._cubed_mm3
+        return 1.5 * self.thickness_mm * self.deflection_mm * self.length_mm / self._difference_of_cubes_mm3
 
 
 def leaf_thickness_mm(force_n: float, leaf: Leaf, modulus_mpa: float) -> float:
@@ -72,11 +72,11 @@ def leaf_thickness_mm(force_n: float, leaf: Leaf, modulus_mpa: float) -> float:
 
 @dataclass(frozen=True)
 class SprungScrew:
-    """A screw in a leaf: its tip (3,) on the body, its axis (3,) from head to tip, in rig, mm.
+    """A screw in a leaf: its tip (3,) on the body, its axis (3,) from head to tip, in the rig frame, mm.
 
     The face that the screw enters is `mouth_mm` from the tip along the axis. The insert (0) or the nut starts
-    `thread_mm` below that face. `nut_way_mm` (n, 3) are the moves by which a nut leaves its seat. The leaf's face
-    towards the body contains `leaf_at` (3,), and its thickness is along `leaf_way` (3,).
+    `thread_mm` below that face. `nut_way_mm` (n, 3) are the successive moves by which a nut leaves its seat. The leaf's
+    face towards the body contains the point `leaf_at` (3,), and its thickness is along the direction `leaf_way` (3,).
     """
 
     tip: FloatArray
@@ -91,15 +91,15 @@ class SprungScrew:
 
     @property
     def head(self) -> FloatArray:
-        """The middle (3,) of its head's lower face when the screw touches the body."""
+        """The centre (3,) of its head's lower face when the screw touches the body."""
         return self.tip - self.length_mm * self.axis
 
 
 @dataclass(frozen=True)
 class Nest:
-    """Six points (6, 3) in rig, mm, that locate a body, their unit normals (6, 3) into it, and the screws that press.
+    """Six points (6, 3) in the rig frame, mm, that locate a body, and the screws that press the body against them.
 
-    The first three points locate the body's front.
+    `normals` (6, 3) are unit normals at the points, into the body. The first three points locate the body's front.
     """
 
     points: FloatArray
@@ -118,13 +118,13 @@ def reactions(nest: Nest, points: FloatArray, forces: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(contacts, -wrenches(points, forces)), dtype=np.float64)
 
 
-def least_forces_n(nest: Nest, middle: FloatArray, weight_n: float) -> FloatArray:
-    """Force of each screw (m,) that keeps all points in contact under a weight at the middle (3,) in any direction.
+def required_forces_n(nest: Nest, centre: FloatArray, weight_n: float) -> FloatArray:
+    """Force of each screw (m,) that keeps all points in contact under a weight at a centre (3,) in any direction.
 
-    Each point is assigned to the screw that presses hardest on it. The force is infinite if none presses on a point.
+    Each point is assigned to the screw that presses hardest on it. Forces are infinite if none presses on a point.
     """
     preload = reactions(nest, *_screw_lines(nest))
-    load = weight_n * np.linalg.norm(reactions(nest, np.tile(middle, (3, 1)), np.eye(3)), axis=1)
+    load = weight_n * np.linalg.norm(reactions(nest, np.tile(centre, (3, 1)), np.eye(3)), axis=1)
     best_screw = preload.argmax(axis=1)
     forces = np.zeros(len(nest.screws))
     for point, screw in enumerate(best_screw):
@@ -133,10 +133,10 @@ def least_forces_n(nest: Nest, middle: FloatArray, weight_n: float) -> FloatArra
     return forces
 
 
-def least_contact_n(nest: Nest, middle: FloatArray, weight_n: float, modulus_mpa: float) -> float:
+def min_contact_n(nest: Nest, centre: FloatArray, weight_n: float, modulus_mpa: float) -> float:
     """The smallest force at the six points, with the leaves bent as planned and a weight in the worst direction."""
     forces = np.array([screw.leaf.force_n(modulus_mpa) for screw in nest.screws])
-    load = weight_n * np.linalg.norm(reactions(nest, np.tile(middle, (3, 1)), np.eye(3)), axis=1)
+    load = weight_n * np.linalg.norm(reactions(nest, np.tile(centre, (3, 1)), np.eye(3)), axis=1)
     return float((reactions(nest, *_screw_lines(nest)) @ forces - load).min())
 
 
@@ -145,8 +145,8 @@ def _screw_lines(nest: Nest) -> tuple[FloatArray, FloatArray]:
     return np.array([screw.tip for screw in nest.screws]), np.array([screw.axis for screw in nest.screws])
 
 
-def motion_of_errors(nest: Nest) -> FloatArray:
-    """Jacobian (6, 6) of the body's motion, in mm and rad in rig, with respect to an error in mm of each point.
+def error_jacobian(nest: Nest) -> FloatArray:
+    """Jacobian (6, 6) of the body's motion, mm and rad in the rig frame, with respect to an error in mm of each point.
 
     The body follows an error e along the point's normal: n . (t + w x p) = e. The first three rows are the shift t of
     the pupil, which is the origin, and the others the rotation w.
@@ -154,7 +154,7 @@ def motion_of_errors(nest: Nest) -> FloatArray:
     return np.asarray(np.linalg.inv(wrenches(nest.points, nest.normals).T), dtype=np.float64)
 
 
-# Axes of the rig: up while the mount prints, towards the scene, and along the optical axis, up in the device.
+# Axes of the rig: upwards while the mount prints, towards the scene, and along the optical axis, upwards in the device.
 UP = np.array([1.0, 0.0, 0.0])
 SCENE = np.array([0.0, 1.0, 0.0])
 ABOVE = np.array([0.0, 0.0, 1.0])
@@ -162,7 +162,7 @@ ABOVE = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class BodyBox:
-    """The bounding box of a camera's body in rig, mm, from `low` (3,) to `high` (3,), with the pupil at the origin."""
+    """The bounding box of a camera's body, from `low` (3,) to `high` (3,) in the rig frame, mm; the pupil is at 0."""
 
     low: FloatArray
     high: FloatArray
@@ -172,8 +172,8 @@ class BodyBox:
         return box(tuple(self.low), tuple(self.high))
 
     @property
-    def middle(self) -> FloatArray:
-        """The middle (3,) of the box."""
+    def centre(self) -> FloatArray:
+        """The centre (3,) of the box."""
         return (self.low + self.high) / 2.0
 
 
@@ -190,7 +190,7 @@ def tie_height_mm(hardware: Hardware) -> float:
 
 @dataclass(frozen=True)
 class Cradle:
-    """The part of a clip that holds a camera, in rig, mm: pieces and cuts, and the extent of the wall that joins them.
+    """The part of a clip that holds a camera, in the rig frame, mm: pieces, cuts, and the extent of the joining wall.
 
     The wall's face towards the camera is at y = `inner_y_mm`; it spans `x_mm` (from, to) and `z_mm` (from, to).
     `board_screws` (n, 3) are the positions of the heads of a board's own screws; a body has a nest.

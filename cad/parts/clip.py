@@ -14,16 +14,16 @@ from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, Cradle, Nest, body_
 from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, head_space_mm, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.prisms import along_x, along_z, box, corners_of
+from mirrorcam.cad.plan.prisms import box, corners_of, prism_along_x, prism_along_z
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
 
-# Least radius of the hole for the cable: a four-pin plug passes through.
+# Minimum radius of the hole for the cable: a four-pin plug passes through.
 PLUG_RADIUS_MM = 4.0
-# The barrel of a heavy lens rests on two faces at this angle to the clip's wall. Between them is a gap for protrusions
-# of the barrel, and outside them are the screws of the board.
+# The barrel of a heavy lens rests on two faces at this angle to the clip's wall, and between these distances from the
+# centre: within them is a gap for protrusions of the barrel, and outside them are the screws of the board.
 REST_DEG = 35.0
 REST_FROM_MM, REST_TO_MM = 6.0, 12.4
 # Clearance of a ribbon, which bends, on both sides in its slot.
@@ -45,22 +45,22 @@ def hold_board(camera: CameraBody, holes: BoardHoles, hardware: Hardware) -> Cra
     pieces = [box((low_x, low_y - 0.5, bottom), (high_x, high_y, floor_top))]
     cuts: list[Frustum | Bore | Hexagon] = []
     # A thread-forming screw cuts its thread into a hole of about 0.8 of its diameter.
-    pilot = 0.4 * holes.screw_mm
+    pilot_radius = 0.4 * holes.screw_mm
     for x, y in centres:
         # The slope ends in the wall.
         slope = min(holes.post_mm, y - radius - (low_y - 0.5))
-        under = [(y - radius, floor_top)]
+        foot = [(y - radius, floor_top)]
         if slope > 0.0:
-            under = [(y - radius - slope, back - slope), (y - radius - slope, floor_top)][: 1 + (slope < holes.post_mm)]
-        profile = [(y + radius, floor_top), (y + radius, back), (y - radius, back), *under]
-        pieces.append(along_x(np.array(profile), x - radius, x + radius))
+            foot = [(y - radius - slope, back - slope), (y - radius - slope, floor_top)][: 1 + (slope < holes.post_mm)]
+        profile = [(y + radius, floor_top), (y + radius, back), (y - radius, back), *foot]
+        pieces.append(prism_along_x(np.array(profile), x - radius, x + radius))
         mouth = np.array([x, y, back])
-        cuts.append(Bore(mouth + OUTSIDE_MM * ABOVE, -ABOVE, pilot, holes.post_mm + OUTSIDE_MM, SCENE))
+        cuts.append(Bore(mouth + OUTSIDE_MM * ABOVE, -ABOVE, pilot_radius, holes.post_mm + OUTSIDE_MM, SCENE))
     if camera.rest_mm is not None:
         pieces += _rest(camera, holes.play_mm / 2.0, low_y - 0.5)
     floor = (float(low_y), high_y)
     cuts.append(
-        _cable_hole(camera, (camera.cable_x_mm, float(body.middle[1]) + camera.cable_y_mm), floor_top, floor, hardware)
+        _cable_hole(camera, (camera.cable_x_mm, float(body.centre[1]) + camera.cable_y_mm), floor_top, floor, hardware)
     )
     return Cradle(
         pieces=tuple(pieces),
@@ -90,13 +90,13 @@ def _rest(camera: CameraBody, gap_mm: float, wall_y: float) -> list[Frustum]:
 
     if (inner_y := face_y(REST_FROM_MM)) <= wall_y:
         raise InputError(
-            f"camera clip's rest for the lens would start {wall_y - inner_y:.1f} mm inside its wall, "
+            f"camera clip's rest for the lens would start {wall_y - inner_y:.1f} mm inside the clip's wall, "
             f"expected a barrel narrower than {camera.lens_ring_mm:g} mm, or no rest_mm"
         )
     profile = np.array(
         [(REST_FROM_MM, wall_y), (REST_TO_MM, wall_y), (REST_TO_MM, face_y(REST_TO_MM)), (REST_FROM_MM, inner_y)]
     )
-    return [along_z(profile * (side, 1.0), z[0], z[1]) for side in (-1.0, 1.0)]
+    return [prism_along_z(profile * (side, 1.0), z[0], z[1]) for side in (-1.0, 1.0)]
 
 
 def _post_radius_mm(holes: BoardHoles) -> float:
@@ -107,16 +107,16 @@ def _post_radius_mm(holes: BoardHoles) -> float:
 def _cable_hole(
     camera: CameraBody, centre: tuple[float, float], top: float, floor_y: tuple[float, float], hardware: Hardware
 ) -> Frustum | Bore:
-    """The hole in the floor for a cable at (x, y): round for a plug; a slot for a ribbon, open if near the edge."""
+    """The hole in the floor for a cable at (x, y): round for a plug; for a ribbon, a slot, open if near the edge."""
     free, wall = hardware.fit.free_mm, hardware.clip.wall_mm
     if not camera.cable_thick_mm:
         radius = max(camera.cable_mm / 2.0 + free, PLUG_RADIUS_MM)
         return Bore(np.array([*centre, top + 1.0]), -ABOVE, radius, wall + 2.0, SCENE)
     half_x, half_y = camera.cable_mm / 2.0 + free, camera.cable_thick_mm / 2.0 + RIBBON_FREE_MM
-    upper_y = centre[1] + half_y
-    if upper_y > floor_y[1] - wall:
-        upper_y = floor_y[1] + 1.0
-    return box((centre[0] - half_x, centre[1] - half_y, top - wall - 1.0), (centre[0] + half_x, upper_y, top + 1.0))
+    max_y = centre[1] + half_y
+    if max_y > floor_y[1] - wall:
+        max_y = floor_y[1] + 1.0
+    return box((centre[0] - half_x, centre[1] - half_y, top - wall - 1.0), (centre[0] + half_x, max_y, top + 1.0))
 
 
 # Depth of the hollow for a tie in the wall, below the groove of the rib.
@@ -125,13 +125,13 @@ TIE_THICK_MM = 1.6
 
 @dataclass(frozen=True)
 class ClipPlan:
-    """A camera clip in rig, mm, at the nominal depth of the pupil: convex pieces, cuts, and its slide.
+    """A camera clip in the rig frame, mm, at the nominal depth of the pupil: convex pieces, cuts, and its slide.
 
     Its wall, `pieces[0]`, faces -y and lies against the mount at y = `slide_y_mm`. The slide's screws are at x =
-    +-`slide_x_mm` and each z of `slide_z_mm`, in ascending order; the clip moves by up to `travel_mm` in both
-    directions along z, guided in its groove by a V rib of the mount, `rib_mm` high. The clip extends from `bottom_mm`
-    to `top_mm`. A body rests in a `nest`; `board_screws` (n, 3) are the positions of the heads of a board's own screws.
-    `tie_mm` are the x of the two slots for the cable's tie, and the z of their middle.
+    +-`slide_x_mm` and each z of `slide_z_mm`, in ascending order; the clip moves by up to `travel_mm` in either
+    direction along z, guided in its groove by a V rib of the mount, `rib_mm` high. The clip extends from `bottom_mm` to
+    `top_mm`. A body rests in a `nest`; `board_screws` (n, 3) are the positions of the heads of a board's own screws.
+    `tie_mm` are the x coordinates of the two slots for the cable's tie, and the z coordinate of their centres.
     """
 
     pieces: tuple[Frustum, ...]
@@ -149,15 +149,15 @@ class ClipPlan:
     tie_mm: tuple[float, float, float]
 
     @property
-    def slide_at(self) -> FloatArray:
-        """Points (n, 3) in rig where the slide's screws cross from the mount into the clip."""
+    def slide_points(self) -> FloatArray:
+        """Points (n, 3) in the rig frame where the slide's screws cross from the mount into the clip."""
         sides = (-self.slide_x_mm, self.slide_x_mm)
         return np.array([(x, self.slide_y_mm, z) for z in self.slide_z_mm for x in sides])
 
     @property
-    def slide_middle(self) -> FloatArray:
-        """The middle (3,) of `slide_at`."""
-        return np.asarray(self.slide_at.mean(axis=0))
+    def slide_centre(self) -> FloatArray:
+        """The centre (3,) of `slide_points`."""
+        return np.asarray(self.slide_points.mean(axis=0))
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
@@ -167,12 +167,14 @@ class ClipPlan:
         """
         low, high = (corners_of(self.pieces[:1]).min(axis=0), corners_of(self.pieces[:1]).max(axis=0))
         wall = length(low, low + (high - low) * SCENE, "wall")
-        leaves = () if self.nest is None else self.nest.screws
-        thick = (length(each.leaf_at, each.leaf_at + each.leaf.thickness_mm * each.leaf_way, "leaf") for each in leaves)
-        return (*holes(self.cuts), wall, *thick, *self._nest_lengths())
+        leaves = (
+            length(screw.leaf_at, screw.leaf_at + screw.leaf.thickness_mm * screw.leaf_way, "leaf")
+            for screw in (self.nest.screws if self.nest is not None else ())
+        )
+        return (*holes(self.cuts), wall, *leaves, *self._nest_lengths())
 
     def _nest_lengths(self) -> tuple[Length, ...]:
-        """The distances of the nest's points along each axis; equal coordinates share one."""
+        """The coordinates of the nest's points along each axis, as lengths; equal coordinates share one."""
         if self.nest is None:
             return ()
         corners = corners_of(self.pieces)
@@ -199,14 +201,15 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
         else hold_board(camera, held_by, hardware)
     )
     slide_x = _slide_x_mm(cradle, hardware)
-    reach = slide_x + boss
+    half_width = slide_x + boss
     bottom, top = cradle.z_mm
     top = max(top, bottom + 2.0 * (screw.insert_hole_mm + screw.insert_wall_mm))
     if cradle.nest is not None:
         # A body is heavy, so that the wall extends below it as far as two rows of screws need.
-        bottom = min(bottom, top - 2.0 * boss - _least_row_spacing_mm(hardware))
+        bottom = min(bottom, top - 2.0 * boss - _min_row_spacing_mm(hardware))
     outer_y = cradle.inner_y_mm - slide.wall_mm
-    wall = box((min(cradle.x_mm[0], -reach), outer_y, bottom), (max(cradle.x_mm[1], reach), cradle.inner_y_mm, top))
+    low_x, high_x = min(cradle.x_mm[0], -half_width), max(cradle.x_mm[1], half_width)
+    wall = box((low_x, outer_y, bottom), (high_x, cradle.inner_y_mm, top))
     slide_z = _slide_z_mm(cradle, (bottom + boss, top - boss), hardware)
     cuts = list(cradle.cuts)
     for mouth in np.array([(x, outer_y, z) for z in slide_z for x in (-slide_x, slide_x)]):
@@ -249,51 +252,51 @@ def _boss_radius_mm(hardware: Hardware) -> float:
 
 
 def _slide_x_mm(cradle: Cradle, hardware: Hardware) -> float:
-    """Distance of the slide's screws from the middle; nuts enter outside a board's floor, at a full mm."""
-    least, screw = hardware.clip.screws_apart_mm / 2.0, hardware.screw
+    """Distance of the slide's screws from x = 0; nuts enter outside a board's floor, at a whole number of mm."""
+    nominal, screw = hardware.clip.screws_apart_mm / 2.0, hardware.screw
     if screw.kind == "insert" or cradle.nest is not None:
-        return least
+        return nominal
     nut_clearance = screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.free_mm
-    return max(least, float(np.ceil(max(np.abs(cradle.x_mm)) + nut_clearance)))
+    return max(nominal, float(np.ceil(max(np.abs(cradle.x_mm)) + nut_clearance)))
 
 
 def _slide_z_mm(cradle: Cradle, ends_mm: tuple[float, float], hardware: Hardware) -> tuple[float, ...]:
     """z of the slide's screws, between `ends_mm`: two rows, so that the camera's weight does not bend the skin.
 
-    They are symmetric about the pads at a body's sides, as far as the wall allows. A wall too low for the driver's
-    holes of two rows has one row, in the middle or at these pads.
+    They are symmetric about the pads at a body's sides, as far as the wall allows. A wall too low for the screwdriver
+    holes of two rows has one row, halfway between its ends or at these pads.
     """
     low, high = ends_mm
-    middle = (low + high) / 2.0 if cradle.nest is None else float(cradle.nest.points[5, 2])
+    centre = (low + high) / 2.0 if cradle.nest is None else float(cradle.nest.points[5, 2])
     half_spacing = min(hardware.clip.screws_above_mm, high - low) / 2.0
-    if 2.0 * half_spacing < _least_row_spacing_mm(hardware) - 1e-9:
-        return (middle,)
-    middle = min(max(middle, low + half_spacing), high - half_spacing)
-    return (middle - half_spacing, middle + half_spacing)
+    if 2.0 * half_spacing < _min_row_spacing_mm(hardware) - 1e-9:
+        return (centre,)
+    centre = min(max(centre, low + half_spacing), high - half_spacing)
+    return (centre - half_spacing, centre + half_spacing)
 
 
-def _least_row_spacing_mm(hardware: Hardware) -> float:
-    """Least distance between the rows of the slide's screws, with a wall between the driver's holes in the mount."""
+def _min_row_spacing_mm(hardware: Hardware) -> float:
+    """Minimum distance between the rows of the slide's screws: a wall separates their screwdriver holes."""
     return 2.0 * (hardware.clip.travel_mm + head_space_mm(hardware)) + hardware.printer.wall_mm
 
 
 def _tie(
-    cradle: Cradle, outer_y: float, bottom: float, widest_mm: float, hardware: Hardware
+    cradle: Cradle, outer_y: float, bottom: float, max_x_mm: float, hardware: Hardware
 ) -> tuple[list[Frustum], tuple[float, float, float]]:
     """Two slots through the wall below the camera, for a tie as strain relief of its cable.
 
     Between them the tie lies in a hollow of the wall's outer face, clear of the mount's rib. Raises InputError if the
-    cable is too far from the middle.
+    cable is too far from x = 0.
     """
     camera, fit = hardware.camera, hardware.fit
     half_z, half_x = _tie_slot_mm(hardware)
     z = bottom + hardware.printer.wall_mm + half_z
     offset = max(camera.cable_mm / 2.0, hardware.clip.rib_mm + 2.0 * fit.slide_mm) + half_x
     left, right = camera.cable_x_mm - offset, camera.cable_x_mm + offset
-    if (excess := max(-left, right) + half_x - widest_mm) > 0.0:
+    if (excess := max(-left, right) + half_x - max_x_mm) > 0.0:
         raise InputError(
             f"camera clip's slot for the cable's tie is {excess:.1f} mm beyond the screws of its slide, "
-            f"expected the cable nearer to the middle"
+            f"expected the cable nearer to the centre"
         )
     return _slots(left, right, z, (outer_y, cradle.inner_y_mm), hardware), (left, right, z)
 

@@ -1,4 +1,4 @@
-"""The fit coupon: one small print that tests, before the other parts, whether mirrors, inserts, wrist and lens fit."""
+"""The fit coupon: a small test print, made before the other parts, for the fit of mirrors, inserts, wrist and lens."""
 
 from __future__ import annotations
 
@@ -28,17 +28,17 @@ STRIP_MM = (22.0, 8.0)
 GAUGE_WALL_MM = 3.0
 LENS_STEPS_MM = (-0.3, 0.0, 0.3)
 THREAD_STEPS_MM = (-0.1, 0.0, 0.1)
-"""Differences of a gauge's holes from the parts' holes, marked by one, two and three notches."""
+"""Differences of a gauge's holes from the parts' holes, in the order of one, two and three notches."""
 
 GO_MM, GO_DEPTH_MM = 0.3, 4.0
 """Allowance of the go slot (wider than the camera's body) and of the no-go slot (narrower), and the depth of each."""
 RIG_FROM_COUPON_MM = np.array([130.0, 0.0, -100.0])
-"""Origin of the coupon in rig, next to the device."""
+"""Origin of the coupon in the rig frame, next to the device."""
 
 
 @dataclass(frozen=True)
 class CouponPlan:
-    """A coupon in rig, mm: pieces, cuts and, for a back that clamps, a segment of its ring, open to +x.
+    """A coupon in the rig frame, mm: pieces, cuts and, for a back that clamps, a segment of its ring, open to +x.
 
     The segment of `ring` is about `centre` (3,) along z and ends at the plate's edge, x = `right_mm`, so that the
     clamped shell touches nothing else.
@@ -169,9 +169,9 @@ def _slot_lengths(right_mm: float, depth_mm: float, hardware: Hardware) -> Itera
     """Width and depth of the go and no-go slots for a camera's body."""
     if not _slot_y_mm(hardware):
         return
-    middle, height = right_mm / 2.0, hardware.camera.height_mm
+    centre_x, height = right_mm / 2.0, hardware.camera.height_mm
     for text, size, slot_depth in (("go", height + GO_MM, GO_DEPTH_MM), ("no-go", height - GO_MM, 2.0 * GO_DEPTH_MM)):
-        left, end = middle - size / 2.0, depth_mm - slot_depth
+        left, end = centre_x - size / 2.0, depth_mm - slot_depth
         yield _length((left, end, PLATE_MM), (left + size, end, PLATE_MM), text)
         yield _length((left, end, PLATE_MM), (left, depth_mm, PLATE_MM), text)
 
@@ -202,7 +202,7 @@ def _slot_x_mm(hardware: Hardware) -> float:
 
 
 def _slot_y_mm(hardware: Hardware) -> float:
-    """Depth of plate for the slot of a camera's body; 0 for a bare board, which is held by its holes."""
+    """Extent of the plate along y for the slot of a camera's body; 0 for a bare board, which is held by its holes."""
     return 0.0 if isinstance(hardware.camera.held_by, BoardHoles) else 2.0 * GO_DEPTH_MM + 2.0
 
 
@@ -219,8 +219,8 @@ def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frust
     ]
     grooves = []
     for side in (-0.5, 0.5):
-        middle = seat_x / 2.0 + side * dimensions.groove_pitch_mm
-        from_x, to_x = middle - dimensions.groove_mm / 2.0, middle + dimensions.groove_mm / 2.0
+        centre_x = seat_x / 2.0 + side * dimensions.groove_pitch_mm
+        from_x, to_x = centre_x - dimensions.groove_mm / 2.0, centre_x + dimensions.groove_mm / 2.0
         grooves.append(_box((from_x, -1.0, PLATE_MM - dimensions.groove_depth_mm), (to_x, seat_y, rim_top + 1.0)))
     return rims, grooves
 
@@ -229,9 +229,9 @@ def _pads(hardware: Hardware) -> list[Frustum]:
     """Three pads in the seat, clear of the grooves."""
     margin = hardware.holder.rim_mm + 2.0 * hardware.fit.free_mm + hardware.holder.pad_mm / 2.0
     seat_x, seat_y = _seat_mm(hardware)
-    middles = np.array([(margin, margin), (seat_x - margin, margin), (seat_x / 2.0, seat_y - margin)])
+    centres = np.array([(margin, margin), (seat_x - margin, margin), (seat_x / 2.0, seat_y - margin)])
     pads = []
-    for shape in pad_shapes(middles, hardware):
+    for shape in pad_shapes(centres, hardware):
         base = RIG_FROM_COUPON_MM + np.column_stack([shape, np.full(len(shape), PLATE_MM - 0.5)])
         pads.append(Frustum(base, base + np.array([0.0, 0.0, 0.5 + hardware.holder.bond_mm])))
     return pads
@@ -254,24 +254,22 @@ def _screw_block(x_mm: float, hardware: Hardware) -> tuple[Frustum, list[Frustum
     return solid, cuts
 
 
-def _notches(
-    count: int, x_mm: float, along_y_mm: tuple[float, float], along_z_mm: tuple[float, float]
-) -> list[Frustum]:
-    """A number of notches centred on a coordinate along x."""
-    middles = [x_mm + 2.4 * (number - (count - 1) / 2.0) for number in range(count)]
-    (y0, y1), (z0, z1) = along_y_mm, along_z_mm
-    return [_box((middle - 0.5, y0, z0), (middle + 0.5, y1, z1)) for middle in middles]
+def _notches(count: int, x_mm: float, y_mm: tuple[float, float], z_mm: tuple[float, float]) -> list[Frustum]:
+    """A row of notches centred on an x coordinate."""
+    centres = [x_mm + 2.4 * (number - (count - 1) / 2.0) for number in range(count)]
+    (y0, y1), (z0, z1) = y_mm, z_mm
+    return [_box((centre - 0.5, y0, z0), (centre + 0.5, y1, z1)) for centre in centres]
 
 
 def _slot(right_mm: float, depth_mm: float, hardware: Hardware) -> list[Frustum]:
     """A go and no-go gauge for the height of a camera's body, open at the far edge; none for a bare board."""
     if not _slot_y_mm(hardware):
         return []
-    middle, height = right_mm / 2.0, hardware.camera.height_mm
+    centre_x, height = right_mm / 2.0, hardware.camera.height_mm
     return [
         _box(
-            (middle - half, depth_mm - depth, -1.0),
-            (middle + half, depth_mm + 1.0, PLATE_MM + 1.0),
+            (centre_x - half, depth_mm - depth, -1.0),
+            (centre_x + half, depth_mm + 1.0, PLATE_MM + 1.0),
         )
         for half, depth in ((height / 2.0 + GO_MM / 2.0, GO_DEPTH_MM), (height / 2.0 - GO_MM / 2.0, 2.0 * GO_DEPTH_MM))
     ]
@@ -283,8 +281,8 @@ def _lens_gauges(from_y_mm: float, pitch_mm: float, hardware: Hardware) -> list[
     end = from_y_mm + pitch_mm
     for index, step in enumerate(LENS_STEPS_MM):
         x = pitch_mm * (index + 0.5)
-        middle = RIG_FROM_COUPON_MM + np.array([x, from_y_mm + pitch_mm / 2.0, PLATE_MM + 0.5])
+        mouth = RIG_FROM_COUPON_MM + np.array([x, from_y_mm + pitch_mm / 2.0, PLATE_MM + 0.5])
         radius = (hardware.camera.lens_ring_mm + step) / 2.0
-        cuts.append(Bore(middle, np.array([0.0, 0.0, -1.0]), radius, PLATE_MM + 1.0))
+        cuts.append(Bore(mouth, np.array([0.0, 0.0, -1.0]), radius, PLATE_MM + 1.0))
         cuts += _notches(index + 1, x, (end - 1.0, end + 0.2), (-1.0, PLATE_MM + 1.0))
     return cuts

@@ -1,8 +1,8 @@
-"""The mount, which carries the mirror holder over the camera, and the camera's clip on its slide.
+"""The mount, which carries the mirror holder over the camera, and on its slide the camera's clip.
 
 It is a profile in the y-z plane, extruded along x, and prints on its end; only its holes have overhangs. Two skins with
-a truss of webs between them run from the foot up behind the camera, round the lower end of the holder, and along its
-back. It is printed parallel to the bed's sides, rotated, or cut in two, with blocks for the joining pins.
+a truss of webs between them run from the foot up behind the camera, round the lower end of the holder, and along the
+holder's back. The mount prints parallel to the bed's sides, rotated, or cut in two, with blocks for the joining pins.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount_openings import (
-    cable_reach_mm,
+    cable_half_width_mm,
     driver_holes_top_mm,
     head_end_mm,
     leaves_unprintable_web_ends,
@@ -34,17 +34,17 @@ from mirrorcam.cad.parts.truss import (
     foot_z_mm,
     inner_path,
     offset,
-    to_head,
     truss,
+    up_to_head,
     webs_between,
 )
-from mirrorcam.cad.plan.cuts import clearance_round_pin_mm
+from mirrorcam.cad.plan.cuts import clearance_around_pin_mm
 from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_space_mm, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.prisms import along_x, box, overlap_mm, volume_mm3
+from mirrorcam.cad.plan.prisms import box, overlap_mm, prism_along_x, volume_mm3
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
-from mirrorcam.cad.plan.stiffness import Section, bends_per_newton
+from mirrorcam.cad.plan.stiffness import Section, beam_compliance
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -52,60 +52,60 @@ from mirrorcam.optics.geometry.transforms import transform
 
 # Margin to the edge of the bed.
 BED_MARGIN_MM = 0.5
-TURN_STEP_DEG = 5
-# Tried cuts, as shares of the length of a piece of the profile, and a cut's largest angle from square.
-CUT_SHARES = (0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7, 0.25, 0.75, 0.2, 0.8, 0.15, 0.85)
-MOST_OBLIQUE_DEG = 32.0
+ROTATION_STEP_DEG = 5
+# Candidate cuts, as fractions of the length of a segment of the profile, and the largest angle of a cut from square.
+CUT_FRACTIONS = (0.5, 0.45, 0.55, 0.4, 0.6, 0.35, 0.65, 0.3, 0.7, 0.25, 0.75, 0.2, 0.8, 0.15, 0.85)
+MAX_OBLIQUE_DEG = 32.0
 BLOCK_MM = 16.0
 FAR_MM = 1e4
 
 
 @dataclass(frozen=True)
 class Placement:
-    """The placement of a profile (y and z in rig) on the bed, rotated by `turn_deg` about the bed's normal.
+    """The placement of a profile (y and z in the rig frame) on the bed, rotated by `rotation_deg` about its normal.
 
-    If it fits only in two pieces, `cut_mm` is the cut's coordinate along the bed's y, `at` (2, 2) the points of the
-    profile's inner and outer side there, and `along` (2,) its direction there, in y and z.
+    If it fits only in two pieces, `cut_mm` is the cut's coordinate along the bed's y, `cut_points` (2, 2) the points
+    where it crosses the profile's inner and outer side, and `direction` (2,) the profile's direction there; y and z.
     """
 
-    turn_deg: float
+    rotation_deg: float
     cut_mm: float | None = None
-    at: FloatArray | None = None
-    along: FloatArray | None = None
+    cut_points: FloatArray | None = None
+    direction: FloatArray | None = None
 
 
 def place_on_bed(inner: FloatArray, outer: FloatArray, hardware: Hardware) -> Placement | None:
-    """Rotate a profile between two polylines (n, 2) by the smallest angle at which it fits, or cut its longest piece.
+    """Rotate a profile between two polylines (n, 2) by the smallest angle at which it fits, or cut its longest segment.
 
     Returns None if it fits neither rotated nor in two pieces.
     """
     bed = np.array(hardware.printer.bed_mm[:2])
     band = Polygon([*inner, *outer[::-1]]).buffer(BED_MARGIN_MM, join_style="mitre")
-    for degrees in range(0, 180, TURN_STEP_DEG):
+    for degrees in range(0, 180, ROTATION_STEP_DEG):
         if fits(band, float(degrees), bed):
             return Placement(float(degrees))
     lengths = np.linalg.norm(np.diff(inner, axis=0), axis=1)[1:-1]
     if len(lengths) == 0:
         return None
     piece = 1 + int(lengths.argmax())
-    along = (inner[piece + 1] - inner[piece]) / lengths.max()
-    square_deg = 90.0 - float(np.degrees(np.arctan2(along[1], along[0])))
-    tried = [float(deg) for deg in range(-90, 91, TURN_STEP_DEG) if abs(deg - square_deg) <= MOST_OBLIQUE_DEG]
+    direction = (inner[piece + 1] - inner[piece]) / lengths.max()
+    square_deg = 90.0 - float(np.degrees(np.arctan2(direction[1], direction[0])))
+    candidates = [float(deg) for deg in range(-90, 91, ROTATION_STEP_DEG) if abs(deg - square_deg) <= MAX_OBLIQUE_DEG]
     # The smallest rotation first.
-    for angle_deg in sorted(tried, key=abs):
-        for share in CUT_SHARES:
-            inner_point = inner[piece] + share * (inner[piece + 1] - inner[piece])
+    for angle_deg in sorted(candidates, key=abs):
+        for fraction in CUT_FRACTIONS:
+            inner_point = inner[piece] + fraction * (inner[piece + 1] - inner[piece])
             cut = float((rotation_2d(angle_deg) @ inner_point)[1])
             if all(fits(half, angle_deg, bed) for half in halves(band, angle_deg, cut)):
-                normal = np.array([-along[1], along[0]])
+                normal = np.array([-direction[1], direction[0]])
                 depth = float((outer[piece] - inner[piece]) @ normal)
-                outer_point = inner_point + depth * (normal - np.tan(np.deg2rad(angle_deg - square_deg)) * along)
+                outer_point = inner_point + depth * (normal - np.tan(np.deg2rad(angle_deg - square_deg)) * direction)
                 cut_points = np.array([inner_point, outer_point])
                 # Blocks must not extend past the bends of the skins.
-                starts = (cut_points - [inner[piece], outer[piece]]) @ along
-                ends = ([inner[piece + 1], outer[piece + 1]] - cut_points) @ along
-                if min(*starts, *ends) >= _block_mm(cut_points, along, hardware)[1]:
-                    return Placement(angle_deg, cut, cut_points, along)
+                starts = (cut_points - [inner[piece], outer[piece]]) @ direction
+                ends = ([inner[piece + 1], outer[piece + 1]] - cut_points) @ direction
+                if min(*starts, *ends) >= _block_mm(cut_points, direction, hardware)[1]:
+                    return Placement(angle_deg, cut, cut_points, direction)
     return None
 
 
@@ -121,11 +121,11 @@ def fits(area: Polygon, degrees: float, bed: FloatArray) -> bool:
 
 
 def halves(area: Polygon, degrees: float, cut_mm: float) -> tuple[Polygon, Polygon]:
-    """The halves of an area below and above a cut that is level once the area is rotated by an angle."""
-    turned = Polygon(get_coordinates(area.exterior) @ rotation_2d(degrees).T)
+    """The halves of an area below and above a cut that is level when the area is rotated by an angle."""
+    rotated = Polygon(get_coordinates(area.exterior) @ rotation_2d(degrees).T)
     parts = (shapely.box(-FAR_MM, -FAR_MM, FAR_MM, cut_mm), shapely.box(-FAR_MM, cut_mm, FAR_MM, FAR_MM))
-    below, above = (get_coordinates(turned.intersection(part).convex_hull) @ rotation_2d(degrees) for part in parts)
-    return Polygon(below), Polygon(above)
+    lower, upper = (get_coordinates(rotated.intersection(part).convex_hull) @ rotation_2d(degrees) for part in parts)
+    return Polygon(lower), Polygon(upper)
 
 
 def joint_blocks(placement: Placement, skin_mm: float, half_width_mm: float, hardware: Hardware) -> list[Frustum]:
@@ -133,17 +133,18 @@ def joint_blocks(placement: Placement, skin_mm: float, half_width_mm: float, har
 
     The blocks at the end that prints last are on slopes of 45 deg.
     """
-    if placement.at is None or placement.along is None:
+    direction = placement.direction
+    if placement.cut_points is None or direction is None:
         return []
-    normal = np.array([-placement.along[1], placement.along[0]])
-    thickness, half_length = _block_mm(placement.at, placement.along, hardware)
+    normal = np.array([-direction[1], direction[0]])
+    thickness, half_length = _block_mm(placement.cut_points, direction, hardware)
     blocks = []
-    for point, inwards in zip(placement.at, (normal, -normal), strict=True):
-        ends = np.array([point - half_length * placement.along, point + half_length * placement.along])
+    for point, inwards in zip(placement.cut_points, (normal, -normal), strict=True):
+        ends = np.array([point - half_length * direction, point + half_length * direction])
         profile = np.array([*ends, *(ends[::-1] + thickness * inwards)])
         root = np.array([*ends, *(ends[::-1] + 0.5 * skin_mm * inwards)])
-        blocks.append(along_x(profile, -half_width_mm, -half_width_mm + BLOCK_MM))
-        blocks.append(along_x(profile, half_width_mm - BLOCK_MM, half_width_mm))
+        blocks.append(prism_along_x(profile, -half_width_mm, -half_width_mm + BLOCK_MM))
+        blocks.append(prism_along_x(profile, half_width_mm - BLOCK_MM, half_width_mm))
         top, foot = half_width_mm - BLOCK_MM, half_width_mm - BLOCK_MM - thickness
         blocks.append(
             Frustum(
@@ -154,13 +155,13 @@ def joint_blocks(placement: Placement, skin_mm: float, half_width_mm: float, har
     return blocks
 
 
-def _block_mm(at: FloatArray, along: FloatArray, hardware: Hardware) -> tuple[float, float]:
+def _block_mm(cut_points: FloatArray, direction: FloatArray, hardware: Hardware) -> tuple[float, float]:
     """Thickness of a block, and its extent along its skin on either side of the cut through two points (2, 2)."""
-    normal, span = np.array([-along[1], along[0]]), at[1] - at[0]
-    tangent = float(np.abs(span @ along) / np.abs(span @ normal))
+    normal, span = np.array([-direction[1], direction[0]]), cut_points[1] - cut_points[0]
+    tangent = float(np.abs(span @ direction) / np.abs(span @ normal))
     # 1 mm of margin, which includes the clearance of a pin's hole.
     half_length = hardware.holder.pin_mm[1] / 2.0 + hardware.printer.wall_mm + 1.0
-    thickness = 2.0 * clearance_round_pin_mm(hardware) + 1.0 + 2.0 * half_length * tangent
+    thickness = 2.0 * clearance_around_pin_mm(hardware) + 1.0 + 2.0 * half_length * tangent
     return thickness, half_length + thickness * tangent
 
 
@@ -170,21 +171,21 @@ GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
 # Extent of the thicker skin round the slots: slightly more than a washer.
 SLOT_MARGIN_MM = 5.0
-# Steps of the tried widths and depths, and tried factors of the thicknesses.
+# Steps of the candidate widths and depths, and candidate factors of the thicknesses.
 WIDTH_STEP_MM, DEPTH_STEP_MM = 8.0, 2.0
 THICKNESS_FACTORS = (1.0, 1.5, 2.0)
-# Number of tried heights of the bend; a higher bend leans further back.
+# Number of candidate heights of the bend; a mount with a higher bend leans further back.
 BEND_HEIGHTS = 4
 
 
 @dataclass(frozen=True)
 class MountPlan:
-    """A mount in rig, mm: convex pieces, cuts, and its interfaces to the other parts.
+    """A mount in the rig frame, mm: convex pieces, cuts, and its interfaces to the other parts.
 
     `rig_from_head` (4, 4) is the frame of the face on the holder's back (z out of the mount, into the holder), with the
     screws at `holes_in_head_mm` (4, 2) and their stack `head`. `foot` (4, 3) are the back's screws in the lower face,
-    `slide` (3,) is the middle of the clip's travel. `tilt_deg` and `shift_um` are the rotation and displacement of the
-    mirrors by the weight of `load_g` at `load_at` (3,) in the worst direction. `path` (n, 2; y and z) is the middle
+    `slide` (3,) is the centre of the clip's travel. `tilt_deg` and `shift_um` are the rotation and displacement of the
+    mirrors due to the weight of `load_g` at `load_at` (3,) in the worst direction. `path` (n, 2; y and z) is the centre
     line of the truss.
     """
 
@@ -208,15 +209,15 @@ class MountPlan:
 
     @property
     def foot_z_mm(self) -> float:
-        """Height in rig of the foot's lower face."""
+        """Height in the rig frame of the foot's lower face."""
         return float(self.foot[0, 2])
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes, and the positions of the head's screws on its face, which is oblique.
+        """The holes, and the positions of the head's screws on its oblique face.
 
-        They are dimensioned from the foot's corner at the slide along both axes of the bed, which are also the axes of
-        the drawing's view, and from row to row.
+        The screws are dimensioned from the foot's corner at the slide along both axes of the bed, which are also the
+        axes of the drawing's view, and from row to row.
         """
         rows = transform(self.rig_from_head, np.column_stack([self.holes_in_head_mm, np.zeros(4)]))[[1, 2]]
         corner = np.array([rows[0, 0], self.slide[1], self.foot[0, 2]])
@@ -232,7 +233,7 @@ class MountPlan:
 
 @dataclass(frozen=True)
 class Profile:
-    """A truss between an `inner` and an `outer` line (n, 2; y and z); `path` is its middle line up to the head."""
+    """A truss between an `inner` and an `outer` line (n, 2; y and z); `path` is its centre line up to the head."""
 
     section: Section
     inner: FloatArray
@@ -265,7 +266,7 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         holes_in_head_mm=holder.holes_in_mount_mm * [1.0, -1.0],
         head=stack_into(grip, holder.thread_mm, holder.hole_depth_mm, holder.hole_depth_mm, hardware.screw),
         foot=foot_screws(clip, section.depth_mm, hardware),
-        slide=clip.slide_middle,
+        slide=clip.slide_centre,
         path=profile.path,
         section=section,
         load_g=load_g,
@@ -273,7 +274,7 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         tilt_deg=tilt_deg,
         shift_um=shift_um,
         half_width_mm=half_width,
-        bed_turn_deg=placement.turn_deg,
+        bed_turn_deg=placement.rotation_deg,
         bed_cuts_mm=() if placement.cut_mm is None else (placement.cut_mm,),
     )
 
@@ -282,13 +283,14 @@ def _lightest(
     holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, hardware: Hardware
 ) -> tuple[Profile, Placement]:
     """The lightest profile that is stiff enough and fits the bed; raises InputError if there is none."""
-    limit, tried = hardware.mount.tilt_deg, sorted(profiles(holder, clip, hardware), key=lambda each: each.volume_mm3)
-    if not tried:
-        raise InputError("mirror holder is too low over the camera's clip for the mount's bend, expected it higher")
+    limit = hardware.mount.tilt_deg
+    candidates = sorted(profiles(holder, clip, hardware), key=lambda profile: profile.volume_mm3)
+    if not candidates:
+        raise InputError("mirror holder is too low over the camera's clip for the mount's bend, but must be higher")
     # The beam has no openings and is stiffer: if it tilts too far, so do the plates.
-    beam_tilts = [beam_tilt_deg(profile, load_g, load_at) for profile in tried]
+    beam_tilts = [beam_tilt_deg(profile, load_g, load_at) for profile in candidates]
     stiff: Profile | None = None
-    for profile, beam_tilt in zip(tried, beam_tilts, strict=True):
+    for profile, beam_tilt in zip(candidates, beam_tilts, strict=True):
         if beam_tilt > limit:
             continue
         placement = place_on_bed(profile.inner, profile.outer, hardware)
@@ -299,7 +301,7 @@ def _lightest(
                 return profile, placement
             stiff = profile
     if stiff is None:
-        stiffest = tried[int(np.argmin(beam_tilts))]
+        stiffest = candidates[int(np.argmin(beam_tilts))]
         tilt = bending(stiffest, holder, clip, load_g, load_at, hardware)[0]
         raise InputError(
             f"mirrors tilt by {tilt:.3f} deg under their holder's {load_g:.0f} g on the stiffest mount, "
@@ -310,24 +312,24 @@ def _lightest(
     width, length, _ = hardware.printer.bed_mm
     raise InputError(
         f"mount is {depth:.0f} x {height:.0f} mm in profile to be stiff enough, "
-        f"expected it to fit the printer's bed of {width:g} x {length:g} mm in two pieces at most"
+        f"but must fit the printer's bed of {width:g} x {length:g} mm in at most two pieces"
     )
 
 
 def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator[Profile]:
-    """The profiles of all tried widths, thicknesses and depths."""
+    """The profiles of all candidate widths, thicknesses and depths."""
     mount, screw = hardware.mount, hardware.screw
     head_margin = head_space_mm(hardware) + screw.insert_wall_mm
-    # The holder may be off the middle of the camera.
+    # The holder may be off the camera's centre.
     screws = head_screws(holder)
-    least_half = max(float(np.abs(screws[:, 0]).max()), clip.slide_x_mm, FOOT_X_MM) + head_margin
-    least_half = max(least_half, cable_reach_mm(hardware))
-    widest_half = min(max(least_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
-    for half_width in np.arange(least_half, widest_half + 0.1, WIDTH_STEP_MM).tolist():
+    min_half = max(float(np.abs(screws[:, 0]).max()), clip.slide_x_mm, FOOT_X_MM) + head_margin
+    min_half = max(min_half, cable_half_width_mm(hardware))
+    max_half = min(max(min_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
+    for half_width in np.arange(min_half, max_half + 0.1, WIDTH_STEP_MM).tolist():
         for factor in THICKNESS_FACTORS:
             skin, web = factor * mount.skin_mm, factor * mount.web_mm
             end = head_end_mm(holder, half_width, web, hardware)
-            # All depths share the inner line from one top of the slide.
+            # All depths share the inner line from a given top of the slide.
             line_from = cache(
                 partial(inner_path, holder, clip, half_width_mm=half_width, head_end_mm=end, hardware=hardware)
             )
@@ -341,10 +343,10 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
                     holder, webs_between(inner, outer, section, hardware), section, hardware
                 ):
                     continue
-                middle = (inner + outer) / 2.0
+                centre_line = (inner + outer) / 2.0
                 foot_mm3 = depth * foot_plate_mm(depth, hardware) * section.width_mm
-                volume = LineString(middle).length * section.plastic_mm2 + foot_mm3
-                yield Profile(section, inner, outer, to_head(middle, holder), volume)
+                volume = LineString(centre_line).length * section.plastic_mm2 + foot_mm3
+                yield Profile(section, inner, outer, up_to_head(centre_line, holder), volume)
 
 
 def _lines(
@@ -352,37 +354,35 @@ def _lines(
 ) -> tuple[FloatArray, FloatArray] | None:
     """The inner and the outer line (n, 2; y and z) of a mount of a given depth; None if it is too deep.
 
-    `line_from` returns the inner line for a z of the slide's top in rig, as `inner_path` does.
+    `line_from` returns the inner line for a z of the slide's top in the rig frame, as `inner_path` does.
 
     The lines bend above the slide, higher in a deep mount: the web from corner to corner is almost parallel to the
-    driver's holes below it, and would end in a thin edge at one of them.
+    screwdriver holes below it, and would end in a thin edge at one of them.
     """
     slide_top, foot = clip.top_mm + clip.travel_mm + 2.0, (clip.slide_y_mm, foot_z_mm(clip, depth, hardware))
-    least_bend_z = driver_holes_top_mm(clip, hardware) + max(THICKNESS_FACTORS) * hardware.mount.web_mm / 2.0
+    min_bend_z = driver_holes_top_mm(clip, hardware) + max(THICKNESS_FACTORS) * hardware.mount.web_mm / 2.0
     for bends in range(BEND_HEIGHTS):
         chain = line_from(slide_top)
         if chain is None and bends == 0:
-            raise InputError(
-                "mirror holder's back does not face away from the camera's clip, expected it to for the mount"
-            )
+            raise InputError("mirror holder's back faces the camera's clip, but must face away from it for the mount")
         if chain is None:
             return None
         inner = np.vstack([foot, chain])
         outer = offset(inner, depth)
-        if outer[1, 1] >= least_bend_z:
+        if outer[1, 1] >= min_bend_z:
             return inner, outer
-        slide_top += least_bend_z - float(outer[1, 1]) + 0.1
+        slide_top += min_bend_z - float(outer[1, 1]) + 0.1
     return None
 
 
 def head_screws(holder: HolderPlan) -> FloatArray:
-    """Intersections (4, 3) of the head's screws with the holder's back, in rig."""
+    """Intersections (4, 3) of the head's screws with the holder's back, in the rig frame."""
     return transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
 
 
 def beam_tilt_deg(profile: Profile, load_g: float, load_at: FloatArray) -> float:
     """Largest rotation of the mirrors under their weight, with the profile as a sandwich beam without openings."""
-    rotation, _ = bends_per_newton(profile.path, load_at, profile.section)
+    rotation, _ = beam_compliance(profile.path, load_at, profile.section)
     return float(np.degrees(np.linalg.norm(rotation, ord=2))) * load_g / 1000.0 * GRAVITY_N_PER_KG
 
 
@@ -420,7 +420,7 @@ def _rib(clip: ClipPlan) -> Frustum:
 def _slide_skin(clip: ClipPlan, half_width: float) -> Frustum:
     """The thicker part of the skin, from below the lowest slot of the slide to above the highest.
 
-    On a thin skin the camera would pitch under its weight.
+    On a thin skin the camera would pitch under its own weight.
     """
     margin = clip.travel_mm + SLOT_MARGIN_MM
     z_range = (min(clip.slide_z_mm) - margin, max(clip.slide_z_mm) + margin)

@@ -1,4 +1,4 @@
-"""Cuts of the mount: holes for screws and drivers, the cable's window, and the scale of the clip."""
+"""Cuts of the mount: holes for screws and screwdrivers, the cable's window, and the clip's graduated scale."""
 
 from __future__ import annotations
 
@@ -23,31 +23,31 @@ from mirrorcam.cad.plan.fasteners import (
     thread,
 )
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.prisms import along_x, roofed
+from mirrorcam.cad.plan.prisms import prism_along_x, roofed_window
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.stiffness import Section
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 
-# Width of the marks of the scale at the clip's upper end, and length of the longest.
+# Width of the marks of the scale at the clip's upper end, and length of the longest mark.
 MARK_MM = 0.6
 LONGEST_MARK_MM = 14.0
 # Distance between the cable's window and the slots for its tie on both sides.
 TIE_GAP_MM = 3.0
 # Slicers detect overhangs slightly before the printer's limit.
 ROUNDING_DEG = 2.0
-# Length of a driver's axis, beyond any mount.
+# Length of a screwdriver's axis, beyond any mount.
 BEYOND_MOUNT_MM = 1e3
 
 
 def openings(
-    holder: HolderPlan, clip: ClipPlan, head: FloatArray, section: Section, hardware: Hardware
+    holder: HolderPlan, clip: ClipPlan, mount_top: FloatArray, section: Section, hardware: Hardware
 ) -> tuple[Frustum | Bore | Hexagon, ...]:
-    """All cuts of a mount; `head` (2, 2) are the ends (y, z) in rig of its face on the holder's back."""
+    """All cuts of a mount; `mount_top` (2, 2; y and z) are the ends, in the rig frame, of its face on the holder."""
     depth, half_width = section.depth_mm, section.width_mm / 2.0
     plate = foot_plate_mm(depth, hardware)
     mount, screw = hardware.mount, hardware.screw
-    driver = head_space_mm(hardware)
+    driver_radius = head_space_mm(hardware)
     cuts: list[Frustum | Bore | Hexagon] = []
     normal = holder.rig_from_mount[:3, 2]
     up = UP - (UP @ normal) * normal
@@ -55,35 +55,37 @@ def openings(
     for hole in transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)])):
         clearance, through = screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0
         cuts.append(Bore(hole - normal, normal, clearance, through, up, roof_deg=ROOF_IN_SKINS_DEG))
-        cuts.append(Bore(hole + mount.skin_mm * normal, normal, driver, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
+        start = hole + mount.skin_mm * normal
+        cuts.append(Bore(start, normal, driver_radius, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
     cuts += _carrier_driver_cuts(holder, up, half_width, 2.0 * depth, hardware)
     slide_y = clip.slide_y_mm
-    for screw_point in clip.slide_at:
-        mouth, reach = screw_point + SCENE, clip.slide.grip_mm + 2.0
-        cuts.append(Bore(mouth, -SCENE, screw.clearance_hole_mm / 2.0, reach, UP, 2.0 * clip.travel_mm, flat=True))
-        mouth = screw_point - clip.slide.grip_mm * SCENE
-        cuts.append(Bore(mouth, -SCENE, driver, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
+    for screw_point in clip.slide_points:
+        start, through = screw_point + SCENE, clip.slide.grip_mm + 2.0
+        cuts.append(Bore(start, -SCENE, screw.clearance_hole_mm / 2.0, through, UP, 2.0 * clip.travel_mm, flat=True))
+        start = screw_point - clip.slide.grip_mm * SCENE
+        cuts.append(Bore(start, -SCENE, driver_radius, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
     for screw_point in foot_screws(clip, depth, hardware):
         cuts += thread(screw_point, ABOVE, UP, stack(mount.skin_mm, hardware), plate, screw)
     cuts += _cable_cuts(slide_y, foot_z_mm(clip, depth, hardware) + plate, section, hardware)
     cuts += _scale_marks(clip, half_width, hardware)
     if abs(normal[0]) > 1e-6:
-        cuts.append(_holder_clearance(holder, head, half_width))
+        cuts.append(_holder_clearance(holder, mount_top, half_width))
     return tuple(cuts)
 
 
 def leaves_unprintable_web_ends(holder: HolderPlan, webs: Webs, section: Section, hardware: Hardware) -> bool:
-    """Return whether a driver's hole behind the holder is too nearly parallel to a web to print the cut web's end.
+    """Return whether a screwdriver hole behind the holder is too nearly parallel to a web to print the cut web's end.
 
-    The end overhangs along the web under the hole's roof: the smaller the angle between web and hole, the flatter.
+    The end overhangs along the web under the hole's roof: the smaller the angle between web and hole, the flatter the
+    overhang.
     """
     normal = _back_normal(holder)
     drivers = _driver_holes(holder, section.width_mm / 2.0, hardware)
-    steepest = np.tan(np.deg2rad(hardware.printer.overhang_deg + ROUNDING_DEG))
+    max_tangent = np.tan(np.deg2rad(hardware.printer.overhang_deg + ROUNDING_DEG))
     for start, end in webs.webs:
-        along = (end - start) / np.linalg.norm(end - start)
-        sine = abs(along[0] * normal[1] - along[1] * normal[0])
-        if sine >= np.tan(np.deg2rad(ROOF_IN_WEBS_DEG)) * steepest:
+        direction = (end - start) / np.linalg.norm(end - start)
+        sine = abs(direction[0] * normal[1] - direction[1] * normal[0])
+        if sine >= np.tan(np.deg2rad(ROOF_IN_WEBS_DEG)) * max_tangent:
             continue
         web = LineString([start, end])
         for point, radius in drivers:
@@ -95,7 +97,7 @@ def leaves_unprintable_web_ends(holder: HolderPlan, webs: Webs, section: Section
 def head_end_mm(holder: HolderPlan, half_width_mm: float, web_mm: float, hardware: Hardware) -> float:
     """Upper end of a mount of given half width on the holder's back, measured along the back from the rig's origin.
 
-    It is above the holder's screws, where the last web, which is parallel to the drivers' holes, clears all of them.
+    It is above the holder's screws, where the last web, which is parallel to the screwdriver holes, clears all of them.
     """
     normal = _back_normal(holder)
     up = np.array([normal[1], -normal[0]])
@@ -115,7 +117,7 @@ def _back_normal(holder: HolderPlan) -> FloatArray:
 
 
 def _driver_holes(holder: HolderPlan, half_width_mm: float, hardware: Hardware) -> list[tuple[FloatArray, float]]:
-    """A point (y, z) on the axis of each driver's hole behind the holder, and the hole's radius."""
+    """A point (y, z) on the axis of each screwdriver hole behind the holder, and the hole's radius."""
     screws = transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)]))
     drivers = [(screw[1:], head_space_mm(hardware)) for screw in screws]
     if isinstance(holder, ScrewedHolderPlan):
@@ -125,24 +127,24 @@ def _driver_holes(holder: HolderPlan, half_width_mm: float, hardware: Hardware) 
 
 
 def _crosses(head: FloatArray, half_width_mm: float) -> bool:
-    """Return whether the driver's hole of a carrier's screw meets a mount of given half width."""
+    """Return whether the screwdriver hole of a carrier's screw meets a mount of given half width."""
     low, high = (float(head[0]) + end for end in DRIVER_HOLE_ENDS_MM)
     return high >= -half_width_mm and low <= half_width_mm
 
 
 def driver_holes_top_mm(clip: ClipPlan, hardware: Hardware) -> float:
-    """z in rig of the top of the driver's holes for the clip's screws."""
+    """z, in the rig frame, of the top of the screwdriver holes for the clip's screws."""
     return max(clip.slide_z_mm) + clip.travel_mm + head_space_mm(hardware)
 
 
 def _carrier_driver_cuts(
     holder: HolderPlan, up: FloatArray, half_width_mm: float, depth_mm: float, hardware: Hardware
 ) -> list[Bore | Frustum]:
-    """Holes for the driver of the carriers' screws; those near a side of the mount are open to that side."""
+    """Screwdriver holes for the carriers' screws; those near a side of the mount are open to that side."""
     if not isinstance(holder, ScrewedHolderPlan):
         return []
     normal, wall, radius = holder.rig_from_mount[:3, 2], hardware.printer.wall_mm, DRIVER_HOLE_MM / 2.0
-    across = radius * np.cross(normal, up)
+    half_slot = radius * np.cross(normal, up)
     cuts: list[Bore | Frustum] = []
     for head in holder.heads:
         if not _crosses(head, half_width_mm):
@@ -152,13 +154,13 @@ def _carrier_driver_cuts(
         open_ends = [1.0] if high + wall > half_width_mm else [-1.0] if low - wall < -half_width_mm else []
         for end in open_ends:
             outwards = (end * (half_width_mm + 1.0) - float(head[0])) * up
-            base = head - normal + np.array([-across, across, across + outwards, outwards - across])
+            base = head - normal + np.array([-half_slot, half_slot, half_slot + outwards, outwards - half_slot])
             cuts.append(Frustum(base, base + depth_mm * normal))
     return cuts
 
 
-def cable_reach_mm(hardware: Hardware) -> float:
-    """Distance from the middle to the end of the cable's window and tie slots, including the thinnest wall."""
+def cable_half_width_mm(hardware: Hardware) -> float:
+    """Half width of the cable's window and tie slots, including the thinnest wall."""
     width, height = hardware.mount.cable_window_mm
     tie_width, tie_height = hardware.mount.tie_mm
     roof = tie_height / 2.0 / np.tan(np.deg2rad(ROOF_DEG))
@@ -171,9 +173,9 @@ def _cable_cuts(y: float, floor_z: float, section: Section, hardware: Hardware) 
     width, height = mount.cable_window_mm
     half, middle_z = width / 2.0, floor_z + height / 2.0
     tie_width, tie_height = mount.tie_mm
-    window = roofed((-half, half), (floor_z, floor_z + height), (y - depth - 1.0, y + 1.0))
+    window = roofed_window((-half, half), (floor_z, floor_z + height), (y - depth - 1.0, y + 1.0))
     ties = [
-        roofed(
+        roofed_window(
             (x, x + tie_width),
             (middle_z - tie_height / 2.0, middle_z + tie_height / 2.0),
             (y - depth - 1.0, y - depth + section.skin_mm + 1.0),
@@ -184,7 +186,7 @@ def _cable_cuts(y: float, floor_z: float, section: Section, hardware: Hardware) 
 
 
 def _scale_marks(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustum]:
-    """Marks 1 mm apart; the clip's upper end is at the longest when the pupil is at its nominal depth.
+    """Marks 1 mm apart; the clip's upper end is at the longest mark when the pupil is at its nominal depth.
 
     They are open to the side that prints last, so that they have no overhang.
     """
@@ -197,7 +199,7 @@ def _scale_marks(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[
         notch = np.array(
             [(y + OUTSIDE_MM, z - MARK_MM / 2.0), (y + OUTSIDE_MM, z + MARK_MM / 2.0), (y - MARK_MM / 2.0, z)]
         )
-        marks.append(along_x(notch, half_width - length, half_width + 1.0))
+        marks.append(prism_along_x(notch, half_width - length, half_width + 1.0))
     return marks
 
 
@@ -208,13 +210,13 @@ def longest_mark_mm(clip: ClipPlan, half_width: float, hardware: Hardware) -> fl
     return LONGEST_MARK_MM if over_slots else min(LONGEST_MARK_MM, half_width - clip.slide_x_mm - slot_margin)
 
 
-def _holder_clearance(holder: HolderPlan, head: FloatArray, half_width: float) -> Frustum:
-    """The cut that keeps the mount's head clear of a holder whose back is turned sideways."""
-    head_points: FloatArray = np.column_stack([np.zeros(2), head])
+def _holder_clearance(holder: HolderPlan, mount_top: FloatArray, half_width: float) -> Frustum:
+    """The cut that keeps the mount's top clear of a holder whose back is rotated sideways."""
+    ends: FloatArray = np.column_stack([np.zeros(2), mount_top])
     mount_from_rig = np.asarray(np.linalg.inv(holder.rig_from_mount), dtype=np.float64)
-    on_back = transform(mount_from_rig, head_points)
+    on_back = transform(mount_from_rig, ends)
     low, high = on_back[:, 1].min(), on_back[:, 1].max() + 1.0
-    # The middle of the mount may differ from the middle of the holder's screws.
+    # The mount's centre may differ from the centre of the holder's screws.
     left, right = on_back[:, 0].mean() + np.array([-1.0, 1.0]) * (half_width + 5.0)
     corners = np.array([(left, low, 0.0), (right, low, 0.0), (right, high, 0.0), (left, high, 0.0)])
     base: FloatArray = transform(holder.rig_from_mount, corners)

@@ -30,12 +30,12 @@ TOUCH_MM = 1e-6
 def softening(
     start: FloatArray, end: FloatArray, half_width_mm: float, cuts: Iterable[Frustum | Bore | Hexagon]
 ) -> float:
-    """Ratio of a strip's compliance along itself with openings to that without.
+    """Ratio of a strip's compliance along its length with openings to its compliance without.
 
     The strip is a plate between two points (2,; y and z), `half_width_mm` to either side of x = 0. An ellipse with the
-    axes 2 a across the stress and 2 b along it adds its share of the area times 1 + 2 a / b (Kachanov 1992, Effective
-    elastic properties of cracked solids; holes without interaction). An opening of another shape counts as the ellipse
-    of the same width and length. Pockets for nuts are not through holes and are neglected.
+    axes 2 a normal to the stress and 2 b along it adds its fraction of the area times 1 + 2 a / b (Kachanov 1992,
+    Effective elastic properties of cracked solids; holes without interaction). An opening of another shape counts as
+    the ellipse of the same width and length. Pockets for nuts are not through holes and are neglected.
     """
     length = float(np.linalg.norm(end - start))
     band = box(-half_width_mm, -FAR_MM, half_width_mm, FAR_MM)
@@ -47,8 +47,8 @@ def softening(
             continue
         opening = opening.intersection(band)
         low_x, low, high_x, high = opening.bounds
-        share = opening.intersection(strip).area / strip.area
-        ratio += share * (1.0 + 2.0 * (high_x - low_x) / (high - low))
+        fraction = opening.intersection(strip).area / strip.area
+        ratio += fraction * (1.0 + 2.0 * (high_x - low_x) / (high - low))
     return ratio
 
 
@@ -63,8 +63,8 @@ def _may_meet(cut: Frustum | Bore | Hexagon, start: FloatArray, end: FloatArray)
     return bool(left < -TOUCH_MM and right > TOUCH_MM and first < length and last > 0.0)
 
 
-def _in_plane(cut: Frustum | Bore | Hexagon, start: FloatArray, along: FloatArray) -> Polygon | None:
-    """Section of a cut with the plane through the x axis and a line from a point along a direction, both (2,; y and z).
+def _in_plane(cut: Frustum | Bore | Hexagon, start: FloatArray, tangent: FloatArray) -> Polygon | None:
+    """Section of a cut by the plane that x spans with a line from a point along a tangent, both (2,; y and z).
 
     Coordinates are x and the distance along the line; None if the cut does not meet the plane.
     """
@@ -73,22 +73,22 @@ def _in_plane(cut: Frustum | Bore | Hexagon, start: FloatArray, along: FloatArra
     if isinstance(cut, Frustum):
         loop = np.array([(-FAR_MM, -FAR_MM), (FAR_MM, -FAR_MM), (FAR_MM, FAR_MM), (-FAR_MM, FAR_MM)])
         for normal, offset in zip(*cut.half_spaces, strict=True):
-            direction = np.array([normal[0], normal[1:] @ along])
+            direction = np.array([normal[0], normal[1:] @ tangent])
             if len(loop) == 0:
                 return None
             loop = clip_loop(loop, direction, offset - normal[1:] @ start)
         return Polygon(loop) if len(loop) > 2 else None
     # A bore in the y-z plane, or nearly so, with its roof towards +x.
     axis = cut.axis[1:] / np.linalg.norm(cut.axis[1:])
-    across = np.array([-axis[1], axis[0]])
-    sine = float(along @ across)
+    side = np.array([-axis[1], axis[0]])
+    sine = float(tangent @ side)
     if abs(sine) < 1e-3:
         return None
     from_mouth = start - cut.mouth[1:]
     outline = _bore_outline(cut.radius_mm, cut.travel_mm, cut.roof_mm if cut.up is not None else 0.0)
     outline = scale(outline, 1.0, 1.0 / abs(sine), origin=(0.0, 0.0))
-    outline = translate(outline, float(cut.mouth[0]), -float(from_mouth @ across) / sine)
-    cosine = float(along @ axis)
+    outline = translate(outline, float(cut.mouth[0]), -float(from_mouth @ side) / sine)
+    cosine = float(tangent @ axis)
     if abs(cosine) < 1e-9:
         return outline if 0.0 < from_mouth @ axis < cut.depth_mm else None
     limits = sorted(float(depth - from_mouth @ axis) / cosine for depth in (0.0, cut.depth_mm))
@@ -97,15 +97,15 @@ def _in_plane(cut: Frustum | Bore | Hexagon, start: FloatArray, along: FloatArra
 
 @cache
 def _bore_outline(radius_mm: float, travel_mm: float, roof_mm: float) -> Polygon:
-    """The outline of a bore or a slot about its middle, with its roof towards +x and its travel along y."""
+    """The outline of a bore or a slot about its centre, with its roof towards +x and its travel along y."""
     half = max(travel_mm / 2.0, 1e-9)
     ends = LineString([(0.0, -half), (0.0, half)]).buffer(radius_mm)
     # The roof consists of the two tangents from its ridge.
     return ends.union(Point(roof_mm, 0.0)).convex_hull if roof_mm > radius_mm else ends
 
 
-# Distance to which a screw of the head clamps its skin on both sides: about the radius of its head.
-SCREW_REACH_MM = 3.0
+# A screw at the mount's top clamps its skin this far to either side: about the radius of the screw's head.
+CLAMPED_MM = 3.0
 # A screw of the foot clamps the plastic on a disc of this radius, over which its pressure spreads in the back.
 DISC_MM = 6.0
 # Solid finite elements tilt up to 1.28 times as far about x as these plates, and .96 to 1.05 times about the other
@@ -132,11 +132,11 @@ def mount_compliance(
     section
         Its skins and webs.
     screws : (4, 3) array
-        Points in rig, mm, of the head's screws on its face, two in each of two rows.
+        Points in the rig frame, mm, of the head's screws on its face, two in each of two rows.
     cuts
         Openings of the mount.
     load : (3,) array
-        Point in rig, mm, where forces act on the holder.
+        Point in the rig frame, mm, where forces act on the holder.
     hardware
         Dimensions of the foot.
 
@@ -154,7 +154,7 @@ def mount_compliance(
     foot_points = np.array([(inner[0, 0] - y, plate_top) for y in FOOT_Y_MM])
     head = LineString(webs.inner)
     rows = [
-        np.array(head.interpolate(head.project(Point(row)) + side * SCREW_REACH_MM).coords[0])
+        np.array(head.interpolate(head.project(Point(row)) + side * CLAMPED_MM).coords[0])
         for row in screws[[0, 2], 1:]
         for side in (-1.0, 1.0)
     ]
@@ -194,9 +194,9 @@ def disc_on_solid(radius_mm: float, modulus_mpa: float) -> FloatArray:
     It lies in the plane of x and y. Johnson, Contact Mechanics (1985), sections 3.7 and 3.8 for frictionless discs.
     """
     shear = modulus_mpa / (2.0 * (1.0 + POISSON))
-    sideways = 8.0 * shear * radius_mm / (2.0 - POISSON)
-    down = 4.0 * shear * radius_mm / (1.0 - POISSON)
-    return np.array([sideways, sideways, down, 8.0 * shear * radius_mm**3 / (3.0 * (1.0 - POISSON))])
+    lateral = 8.0 * shear * radius_mm / (2.0 - POISSON)
+    normal = 4.0 * shear * radius_mm / (1.0 - POISSON)
+    return np.array([lateral, lateral, normal, 8.0 * shear * radius_mm**3 / (3.0 * (1.0 - POISSON))])
 
 
 class _Edges:

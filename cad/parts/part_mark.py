@@ -20,7 +20,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 
 DEPTH_MM, STROKE_MM, SIDE_DEG = 0.4, 1.0, 48.0
-"""Grooves two layers deep, two lines wide at the face, with sides so inclined that they print without support."""
+"""Grooves two layers deep, two lines wide at the face, with sides inclined enough to print without support."""
 
 UNIT_MM = 2.0
 """Half the height of a glyph: ridges between strokes are then two lines wide."""
@@ -30,19 +30,19 @@ GAP, LINE = 0.95, 3.2
 
 # Distance of the mark from the edges of its face, and thickness of the material behind it.
 EDGE_MM, BACKING_MM = 1.5, 1.19
-# Free distance in front of a mark, so that it can be read.
+# Free distance in front of a mark, for it to be readable.
 CLEAR_VIEW_MM = 25.0
-# Spacing of the tried positions, and their largest number on a face.
-SEARCH_STEP_MM, TRIED_POSITIONS = 1.0, 8
-# Tolerances: the part's extent in front of an outer face, and the angle (1 - cosine) to a named plane.
+# Spacing of the candidate positions, and the maximum number that are checked on a face.
+SEARCH_STEP_MM, MAX_POSITIONS = 1.0, 8
+# Tolerances: the part's extent in front of an outer face, and 1 - cosine of the angle to a named plane.
 OUTER_MM, PARALLEL = 1e-3, 1e-4
-# Least z of a face's normal in print: faces on the bed are squeezed by the first layers, and overhangs need support.
-LEAST_NORMAL_Z = -0.2
+# Minimum z of a face's normal in print: the first layers squeeze faces on the bed, and overhangs need support.
+MIN_NORMAL_Z = -0.2
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Outlines of glyphs (with holes) in the plane of a frame (4, 4) in rig, mm, with z out of the part."""
+    """Outlines of glyphs (with holes) in the plane of a frame (4, 4) in the rig frame, mm, with z out of the part."""
 
     outlines: tuple[Polygon, ...]
     rig_from_face: FloatArray
@@ -51,16 +51,16 @@ class Mark:
 def plan_mark(
     solid: Shape[Any], lines: Sequence[str], up: FloatArray, unmarked: Sequence[NamedFace] = ()
 ) -> Mark | None:
-    """Find a position on a part for as many lines of a mark as fit; None if there is none, or the mesh is invalid.
+    """Find a position on a part for as many lines of a mark as fit; None if none fits, or the mesh is invalid.
 
     Parameters
     ----------
     solid : Shape
-        The part, in rig, mm.
+        The part, in the rig frame, mm.
     lines : sequence of str
         Digits, letters a to f, M, C and "-".
     up : (3,)
-        Upward direction in print, in rig.
+        Upward direction in print, in the rig frame.
     unmarked : sequence of NamedFace
         Faces that must not be marked.
     """
@@ -83,7 +83,7 @@ def plan_mark(
             frame = _frame(face, up)
             for oriented in (frame, _quarter_turned(frame)):
                 if (shift := _position(face, oriented, half, body)) is not None:
-                    shifted = tuple(shapely.affinity.translate(each, *shift) for each in outlines)
+                    shifted = tuple(shapely.affinity.translate(outline, *shift) for outline in outlines)
                     return Mark(shifted, oriented)
     return None
 
@@ -99,22 +99,22 @@ def _groove(outline: Polygon, rig_from_face: FloatArray) -> Solid:
     """The solid of a glyph's groove: its outline in the face, narrower at the bottom; all faces are flat."""
     inset = DEPTH_MM * np.tan(np.deg2rad(SIDE_DEG))
     rings = [np.array(ring.coords[:-1]) for ring in (orient(outline).exterior, *orient(outline).interiors)]
-    upper = [transform(rig_from_face, np.insert(ring, 2, 0.0, axis=1)) for ring in rings]
-    lower = [transform(rig_from_face, np.insert(_offset(ring, inset), 2, -DEPTH_MM, axis=1)) for ring in rings]
+    tops = [transform(rig_from_face, np.insert(ring, 2, 0.0, axis=1)) for ring in rings]
+    bottoms = [transform(rig_from_face, np.insert(_offset(ring, inset), 2, -DEPTH_MM, axis=1)) for ring in rings]
     sides = [
         _face([np.array([top[i - 1], top[i], bottom[i], bottom[i - 1]])])
-        for top, bottom in zip(upper, lower, strict=True)
+        for top, bottom in zip(tops, bottoms, strict=True)
         for i in range(len(top))
     ]
-    return Solid(Shell([_face(upper), _face(lower), *sides]))
+    return Solid(Shell([_face(tops), _face(bottoms), *sides]))
 
 
-def _offset(ring: FloatArray, by_mm: float) -> FloatArray:
+def _offset(ring: FloatArray, distance_mm: float) -> FloatArray:
     """A ring (n, 2) with its inside to the left, offset to the left with mitred corners."""
-    along = np.roll(ring, -1, axis=0) - ring
-    left = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    edges = np.roll(ring, -1, axis=0) - ring
+    left = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     previous = np.roll(left, 1, axis=0)
-    return np.asarray(ring + by_mm * (left + previous) / (1.0 + (left * previous).sum(axis=1))[:, None])
+    return np.asarray(ring + distance_mm * (left + previous) / (1.0 + (left * previous).sum(axis=1))[:, None])
 
 
 def _face(rings: Sequence[FloatArray]) -> Face:
@@ -134,32 +134,32 @@ def glyph_outlines(lines: Sequence[str]) -> tuple[Polygon, ...]:
             strokes += [stroke + np.array([x - low, -row * LINE]) for stroke in glyph]
             x += max(stroke[:, 0].max() for stroke in glyph) - low + GAP
     corners = np.vstack(strokes)
-    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+    centre = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
     outlines = [
-        shapely.LineString(UNIT_MM * (stroke - middle)).buffer(STROKE_MM / 2.0, cap_style="square", join_style="mitre")
+        shapely.LineString(UNIT_MM * (stroke - centre)).buffer(STROKE_MM / 2.0, cap_style="square", join_style="mitre")
         for stroke in strokes
     ]
     return tuple(shapely.get_parts(shapely.union_all(outlines)))
 
 
 def _extent_in_front_mm(face: Face, corners: FloatArray) -> float:
-    """Extent of a part, by its points (n, 3), in front of the plane of a face, mm."""
+    """Extent of a part, given by its corners (n, 3), in front of the plane of a face, mm."""
     return float(((corners - np.array(tuple(face.center()))) @ np.array(tuple(face.normal_at()))).max())
 
 
 def _is_free(face: Face, up: FloatArray, unmarked: Sequence[NamedFace]) -> bool:
-    """Return whether a face neither faces the bed nor lies in a named plane."""
+    """Return whether a face may be marked: it neither faces the bed nor lies in the plane of an unmarked face."""
     normal, point = np.array(tuple(face.normal_at())), np.array(tuple(face.center()))
-    if normal @ up < LEAST_NORMAL_Z:
+    if normal @ up < MIN_NORMAL_Z:
         return False
     return not any(
-        abs(each.normal @ normal) > 1.0 - PARALLEL and abs((each.point - point) @ normal) < OUTER_MM + 0.05
-        for each in unmarked
+        abs(plane.normal @ normal) > 1.0 - PARALLEL and abs((plane.point - point) @ normal) < OUTER_MM + 0.05
+        for plane in unmarked
     )
 
 
 def _frame(face: Face, up: FloatArray) -> FloatArray:
-    """A frame (4, 4) of a face, z out of it; y points up in print unless the face is level."""
+    """A frame (4, 4) of a face, z out of it; y is as upright in print as possible, unless the face is level."""
     normal = np.array(tuple(face.normal_at()))
     upright = up if abs(up @ normal) < 0.9 else np.eye(3)[int(np.argmin(np.abs(normal)))]
     y = upright - (upright @ normal) * normal
@@ -176,7 +176,7 @@ def _quarter_turned(frame: FloatArray) -> FloatArray:
 
 
 def _position(face: Face, frame: FloatArray, half: FloatArray, body: manifold3d.Manifold) -> tuple[float, float] | None:
-    """The centre, farthest from a face's edge, of a box with half sides (2,), mm, that has material behind it."""
+    """The centre of a box of half sides (2,), mm, backed by material, as far from a face's edge as possible."""
     outer, *holes = (_flat(wire, frame) for wire in (face.outer_wire(), *face.inner_wires()))
     area = Polygon(outer, holes).buffer(0.0)
     x0, y0, x1, y1 = area.bounds
@@ -190,7 +190,7 @@ def _position(face: Face, frame: FloatArray, half: FloatArray, body: manifold3d.
     if len(centres) == 0:
         return None
     distances = shapely.distance(shapely.points(centres), area.exterior)
-    for centre in centres[np.argsort(-np.round(distances, 3), kind="stable")][:TRIED_POSITIONS]:
+    for centre in centres[np.argsort(-np.round(distances, 3), kind="stable")][:MAX_POSITIONS]:
         if _is_backed(frame, centre, half, body):
             return float(centre[0]), float(centre[1])
     return None

@@ -44,8 +44,8 @@ Cut = Frustum | Bore | Countersink | Hexagon
 def bore_solid(bore: Bore) -> Solid:
     """The solid that a bore removes: a cylinder or a slot, with a roof that prints without support."""
     up = bore.up if bore.up is not None else np.roll(bore.axis, 1)
-    along = np.cross(up, bore.axis)
-    plane = Plane(origin=tuple(bore.mouth), x_dir=tuple(along), z_dir=tuple(bore.axis))
+    x_axis = np.cross(up, bore.axis)
+    plane = Plane(origin=tuple(bore.mouth), x_dir=tuple(x_axis), z_dir=tuple(bore.axis))
     r, half = bore.radius_mm, bore.travel_mm / 2.0
     with BuildPart() as tool:
         if bore.up is None and not half:
@@ -79,19 +79,19 @@ def _outline(r: float, half: float, roof_angle: float, roof: float) -> None:
 def countersink_solid(cut: Countersink) -> Solid:
     """The solid that a countersink removes: a cone, or a groove with a cone at either end."""
 
-    def cone(middle: FloatArray) -> Solid:
-        plane = Plane(origin=tuple(middle), z_dir=tuple(cut.axis))
+    def cone(mouth: FloatArray) -> Solid:
+        plane = Plane(origin=tuple(mouth), z_dir=tuple(cut.axis))
         return Solid.make_cone(cut.radius_mm, cut.end_radius_mm, cut.depth_mm, plane)
 
     if cut.up is None or not cut.travel_mm:
         return cone(cut.mouth)
-    along, side = cut.travel_mm / 2.0 * np.cross(cut.up, cut.axis), np.asarray(cut.up)
+    half, side = cut.travel_mm / 2.0 * np.cross(cut.up, cut.axis), np.asarray(cut.up)
     mouth, end = (
-        middle + np.array([-radius * side - along, radius * side - along, radius * side + along, along - radius * side])
-        for middle, radius in ((cut.mouth, cut.radius_mm), (cut.mouth + cut.depth_mm * cut.axis, cut.end_radius_mm))
+        centre + np.array([-radius * side - half, radius * side - half, radius * side + half, half - radius * side])
+        for centre, radius in ((cut.mouth, cut.radius_mm), (cut.mouth + cut.depth_mm * cut.axis, cut.end_radius_mm))
     )
     with BuildPart() as groove:
-        for solid in (cone(cut.mouth - along), cone(cut.mouth + along), solid_of(Frustum(mouth, end))):
+        for solid in (cone(cut.mouth - half), cone(cut.mouth + half), solid_of(Frustum(mouth, end))):
             insert(solid)
     return groove.solids()[0]
 
@@ -101,8 +101,8 @@ def hexagon_solid(pocket: Hexagon) -> Solid:
     radius, sine = pocket.corner_mm, np.sqrt(0.75)
     if pocket.up is None:
         angles = np.pi / 3.0 * np.arange(6)
-        across = np.array([1.0, 0.0, 0.0])
-        loop = np.outer(np.cos(angles), across) + np.outer(np.sin(angles), np.cross(pocket.axis, across))
+        x_axis = np.array([1.0, 0.0, 0.0])
+        loop = np.outer(np.cos(angles), x_axis) + np.outer(np.sin(angles), np.cross(pocket.axis, x_axis))
         base = pocket.mouth + radius * loop
         return solid_of(Frustum(base, base + pocket.depth_mm * pocket.axis))
     side = np.cross(pocket.axis, pocket.up)
@@ -131,7 +131,7 @@ def one_solid(name: str, built: BuildPart) -> Part:
 
 
 def built_of(name: str, pieces: Iterable[Frustum], cuts: Iterable[Cut]) -> Part:
-    """Convex pieces as one solid, minus cuts; raises InputError if it is not connected."""
+    """The union of convex pieces, minus cuts; raises InputError if it is not one solid."""
     with BuildPart() as part:
         insert([solid_of(piece) for piece in pieces])
         insert([cut_solid(cut) for cut in cuts], mode=Mode.SUBTRACT)

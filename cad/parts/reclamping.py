@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.cad.parts.camera_box import body_box, motion_of_errors
+from mirrorcam.cad.parts.camera_box import body_box, error_jacobian
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.core.values import FloatArray
@@ -25,11 +25,11 @@ class Repeatability:
     """Standard deviations of the motion of a camera that is removed from its clip and reinserted.
 
     They are the pupil's shift, the body's rotation, and the motion of the sub-image that moves most: its total motion,
-    and its motion against the mean of all sub-images, which changes the views' disparities.
+    and its motion relative to the mean of all sub-images, which changes the views' disparities.
     """
 
     shift_mm: float
-    turn_deg: float
+    rotation_deg: float
     image_px: float
     between_views_px: float
 
@@ -42,19 +42,19 @@ def repeatability(clip: ClipPlan, layout: Layout, hardware: Hardware) -> Repeata
     """
     held_by = hardware.camera.held_by
     if clip.nest is not None:
-        motion = CONTACT_MM * motion_of_errors(clip.nest)
+        motion = CONTACT_MM * error_jacobian(clip.nest)
     elif isinstance(held_by, BoardHoles):
         posts = np.column_stack([clip.board_screws[:, :2], np.full(len(clip.board_screws), _back_mm(hardware))])
-        motion = np.hstack([CONTACT_MM * _motion_of_post_errors(posts), _motion_in_play(posts[:, :2], held_by.play_mm)])
+        motion = np.hstack([CONTACT_MM * _post_error_jacobian(posts), _motion_in_play(posts[:, :2], held_by.play_mm)])
     else:
-        raise ValueError("a body without a nest, expected the clip of this camera")
+        raise ValueError("the clip has no nest for this body, expected the clip of this camera")
     motion_px = _image_jacobian(layout, working_distance_mm(layout) or hardware.holder.depth_without_spec_mm) @ motion
-    between = motion_px - motion_px.mean(axis=0)
+    relative_px = motion_px - motion_px.mean(axis=0)
     return Repeatability(
         shift_mm=float(np.linalg.norm(motion[:3])),
-        turn_deg=float(np.degrees(np.linalg.norm(motion[3:]))),
-        image_px=_largest(motion_px),
-        between_views_px=_largest(between),
+        rotation_deg=float(np.degrees(np.linalg.norm(motion[3:]))),
+        image_px=_max_sigma_px(motion_px),
+        between_views_px=_max_sigma_px(relative_px),
     )
 
 
@@ -62,14 +62,14 @@ def _back_mm(hardware: Hardware) -> float:
     return float(body_box(hardware.camera).low[2])
 
 
-def _motion_of_post_errors(posts: FloatArray) -> FloatArray:
-    """Jacobian (6, n) of a board's motion, in mm and rad in rig, with respect to errors in mm of its posts' heights.
+def _post_error_jacobian(posts: FloatArray) -> FloatArray:
+    """Jacobian (6, n) of a board's motion, mm and rad in the rig frame, with respect to errors in mm of post heights.
 
     The board is in the least-squares plane of the posts' ends (n, 3); with two posts, it does not rotate about the line
-    between them. Points at the posts do not move within the plane, so that a pupil in front of it moves sideways.
+    between them. Points at the posts do not move within the plane, so that a pupil in front of it moves laterally.
     """
     x, y, z = posts[:, 0], posts[:, 1], float(posts[:, 2].mean())
-    # The heights over the posts after a shift along z and rotations about x and y.
+    # The board's heights at the posts for a shift along z and rotations about x and y.
     heights = np.column_stack([np.ones(len(posts)), y, -x])
     motion = np.zeros((6, len(posts)))
     motion[2:5] = np.linalg.pinv(heights)
@@ -80,15 +80,15 @@ def _motion_of_post_errors(posts: FloatArray) -> FloatArray:
 def _motion_in_play(centres: FloatArray, play: float) -> FloatArray:
     """A square root (6, 3) of the covariance of a board's in-plane motion within the play of its holes, in mm and rad.
 
-    The motions (t, w), in rig, are uniformly distributed where |t + w x p| <= play at the centre p of every hole
-    (n, 2). The mean over the holes gives |t| <= play about their middle; w is at most 2 play over their largest
+    The motions (t, w), in the rig frame, are uniformly distributed where |t + w x p| <= play at the centre p of every
+    hole (n, 2). The mean over the holes gives |t| <= play about their centroid; w is at most 2 play over their largest
     distance.
     """
     motion = np.zeros((6, 3))
     if play == 0.0:
         return motion
-    middle = centres.mean(axis=0)
-    arms = centres - middle
+    centroid = centres.mean(axis=0)
+    arms = centres - centroid
     spacing = np.linalg.norm(centres[:, None] - centres[None], axis=2).max()
     grid = np.linspace(-1.0, 1.0, GRID_POINTS)
     shifts, rotations = play * grid, 2.0 * play / spacing * grid
@@ -97,31 +97,31 @@ def _motion_in_play(centres: FloatArray, play: float) -> FloatArray:
     for arm in arms:
         free &= np.hypot(x - w * arm[1], y + w * arm[0]) <= play * (1.0 + 1e-12)
     possible = np.column_stack([x, y, w])[free]
-    # The root along the eigenvectors; the pupil moves with the middle, and rotates about it.
+    # The root along the eigenvectors; the pupil moves with the centroid, and rotates about it.
     variances, axes = np.linalg.eigh(possible.T @ possible / len(possible))
     root = axes * np.sqrt(np.maximum(variances, 0.0))
-    motion[0] = root[0] + root[2] * middle[1]
-    motion[1] = root[1] - root[2] * middle[0]
+    motion[0] = root[0] + root[2] * centroid[1]
+    motion[1] = root[1] - root[2] * centroid[0]
     motion[5] = root[2]
     return motion
 
 
-def _largest(moved_px: FloatArray) -> float:
-    """The largest standard deviation, over views, of motions (n, 2, k) by independent unit errors."""
-    return float(np.sqrt((moved_px**2).sum(axis=(1, 2))).max())
+def _max_sigma_px(motion_px: FloatArray) -> float:
+    """The largest standard deviation, over views, of motions (n, 2, k) due to independent unit errors."""
+    return float(np.sqrt((motion_px**2).sum(axis=(1, 2))).max())
 
 
 def _image_jacobian(layout: Layout, distance_mm: float) -> FloatArray:
-    """Jacobian (n, 2, 6) of the pixel of a point in the middle of each view, with respect to the camera's motion.
+    """Jacobian (n, 2, 6) of the pixel of a point at the centre of each view, with respect to the camera's motion.
 
     The point is at the working distance. The columns are for a shift t in mm and a rotation w in rad. In the camera's
     frame, the point's mirror image p moves by -(t + w x p), and its pixel by f (dx - x/z dz) / z, without distortion.
     """
     camera, rows = layout.camera, []
     for mirror in layout.mirrors:
-        middle = mirror.outline_in_rig_mm.mean(axis=0)
-        distance = float(np.linalg.norm(middle))
-        point = middle / distance * (distance + distance_mm)
+        centre = mirror.outline_in_rig_mm.mean(axis=0)
+        distance = float(np.linalg.norm(centre))
+        point = centre / distance * (distance + distance_mm)
         x, y, z = point
         cross_matrix = np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
         in_camera = -np.hstack([np.eye(3), cross_matrix])

@@ -17,14 +17,14 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.plan.fasteners import Stack, stack, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.prisms import along_x
+from mirrorcam.cad.plan.prisms import prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.stiffness import Section
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
-# The back's screws in the mount's foot: +-x from the middle, and distances behind the slide's plane. They leave walls
-# round the roofs of their heads' holes in a clamp.
+# The back's screws in the mount's foot: +-x, and distances behind the slide's plane. In a clamp, they leave walls round
+# the roofs of the holes for their heads.
 FOOT_X_MM = 17.0
 FOOT_Y_MM = (4.5, 14.0)
 FOOT_DEPTH_MM = 20.0
@@ -50,14 +50,14 @@ def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
     Their tips may protrude from the foot's plate into the hollow above it. Raises InputError if no screw on the list
     engages.
     """
-    own, screw = stack(hardware.mount.skin_mm, hardware), hardware.screw
+    in_mount, screw = stack(hardware.mount.skin_mm, hardware), hardware.screw
     length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
-    deepest = screw.insert_depth_mm if screw.kind == "insert" else own.wall_mm + 1.0
-    return stack_into(grip_mm, (own.begins_mm, own.begins_mm + length), deepest, own.wall_mm, screw)
+    max_depth = screw.insert_depth_mm if screw.kind == "insert" else in_mount.wall_mm + 1.0
+    return stack_into(grip_mm, (in_mount.begins_mm, in_mount.begins_mm + length), max_depth, in_mount.wall_mm, screw)
 
 
 def foot_screws(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> FloatArray:
-    """Points (4, 3) in rig where the back's screws enter the foot's lower face, in a mount of given depth."""
+    """Points (4, 3) in the rig frame where the back's screws enter the foot's lower face, in a mount of given depth."""
     z = foot_z_mm(clip, depth_mm, hardware)
     return np.array([(x, clip.slide_y_mm - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
 
@@ -70,31 +70,31 @@ def inner_path(
     head_end_mm: float,
     hardware: Hardware,
 ) -> FloatArray | None:
-    """The inner line (n, 2) in y and z above the slide: from its top, tight round the holder, along its back.
+    """The inner line (n, 2) in y and z: from the slide's top, tight round the holder, and up along the holder's back.
 
-    `slide_top_mm` is z of the slide's top in rig, `head_end_mm` the line's end, measured up along the back from the
-    rig's origin. The line follows the convex hull of holder and pupil, which contains all camera cones. Returns None if
-    the top of the slide or the holder's back lies inside that hull.
+    `slide_top_mm` is z of the slide's top in the rig frame, `head_end_mm` the line's end, measured up along the back
+    from the rig's origin. The line follows the convex hull of holder and pupil, which contains all camera cones.
+    Returns None if the top of the slide or the holder's back lies inside that hull.
     """
     normal, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
     if abs(normal[0]) > np.sin(np.deg2rad(5.0)):
         raise InputError(
-            f"mirror holder's back is turned {np.degrees(np.arcsin(abs(normal[0]))):.1f} deg to the side, "
+            f"mirror holder's back is rotated {np.degrees(np.arcsin(abs(normal[0]))):.1f} deg to the side, "
             "expected at most 5 deg for the mount"
         )
     normal_yz = float(np.linalg.norm(normal[1:]))
     outward = normal[1:] / normal_yz
-    # The plane of the back where it is nearest to the camera over the mount's width; beyond it, the mount is cut.
+    # The plane of the back where it is nearest to the camera over the mount's width; the mount is cut off beyond it.
     back_level = float(normal @ origin) / normal_yz - abs(normal[0]) / normal_yz * half_width_mm
     up = np.array([outward[1], -outward[0]])
     corners = holder.corners_in_rig[:, 1:]
-    reach = 10.0 * np.abs(corners).max()
+    far = 10.0 * np.abs(corners).max()
     half_plane = Polygon(
         [
-            back_level * outward + reach * up,
-            back_level * outward - reach * up,
-            back_level * outward - reach * up - reach * outward,
-            back_level * outward + reach * up - reach * outward,
+            back_level * outward + far * up,
+            back_level * outward - far * up,
+            back_level * outward - far * up - far * outward,
+            back_level * outward + far * up - far * outward,
         ]
     )
     obstacle = (
@@ -105,19 +105,19 @@ def inner_path(
     hull = MultiPoint([*get_coordinates(obstacle), (y, slide_top_mm), (0.0, 0.0), head_end]).convex_hull
     # Clockwise from the slide (y right, z up), the boundary runs up behind the camera.
     loop = get_coordinates(orient(hull))[-2::-1]
-    to_slide_top = np.abs(loop - [y, slide_top_mm]).sum(axis=1)
-    loop = np.roll(loop, -int(to_slide_top.argmin()), axis=0)
+    distances = np.abs(loop - [y, slide_top_mm]).sum(axis=1)
+    loop = np.roll(loop, -int(distances.argmin()), axis=0)
     on_back = np.flatnonzero(np.abs(loop @ outward - back_level) < 1e-6)
-    if to_slide_top.min() > 1e-9 or len(on_back) < 2:
+    if distances.min() > 1e-9 or len(on_back) < 2:
         return None
     return get_coordinates(LineString(np.vstack([loop[: on_back[0] + 1], head_end])).simplify(0.2))
 
 
-def to_head(path: FloatArray, holder: HolderPlan) -> FloatArray:
-    """The path up to the middle of the head's two rows of screws, which share the load."""
+def up_to_head(path: FloatArray, holder: HolderPlan) -> FloatArray:
+    """The path up to halfway between the head's two rows of screws, which share the load."""
     line = LineString(path)
-    middle = line.project(Point(holder.rig_from_mount[1:3, 3]))
-    return get_coordinates(substring(line, 0.0, middle))
+    end = line.project(Point(holder.rig_from_mount[1:3, 3]))
+    return get_coordinates(substring(line, 0.0, end))
 
 
 def offset(inner: FloatArray, depth: float) -> FloatArray:
@@ -132,7 +132,7 @@ def offset(inner: FloatArray, depth: float) -> FloatArray:
 
 @dataclass(frozen=True)
 class Webs:
-    """The middle lines (n, 2; y and z) of both skins, and the `webs` (m, 2, 2) between them.
+    """The centre lines (n, 2; y and z) of both skins, and the `webs` (m, 2, 2) between them.
 
     The skins' lines start at the first web, above the cable's window, and end at the last. Each web runs from skin to
     skin.
@@ -146,8 +146,8 @@ class Webs:
 def webs_between(inner: FloatArray, outer: FloatArray, section: Section, hardware: Hardware) -> Webs:
     """Lay out the webs between an inner and an outer line (n, 2; y and z)."""
     depth, web_mm = section.depth_mm, section.web_mm
-    share = section.skin_mm / depth
-    inside, outside = inner + share / 2.0 * (outer - inner), outer + share / 2.0 * (inner - outer)
+    half_skin = section.skin_mm / depth / 2.0
+    inside, outside = inner + half_skin * (outer - inner), outer + half_skin * (inner - outer)
     # No web crosses the cable's window, above the foot's plate.
     first_web_z = foot_plate_mm(depth, hardware) + hardware.mount.cable_window_mm[1] + web_mm / 2.0
     inside[0], outside[0] = inside[0] + [0.0, first_web_z], outside[0] + [0.0, first_web_z]
@@ -160,8 +160,8 @@ def webs_between(inner: FloatArray, outer: FloatArray, section: Section, hardwar
         count = max(1, round(float(np.linalg.norm((b + d) - (a + c)) / 2.0 / panel)))
         for i in range(count):
             start, end = i / count, (i + 1) / count
-            near_to_far = ((a + start * (b - a), c + end * (d - c)), (c + start * (d - c), a + end * (b - a)))
-            webs.append(near_to_far[i % 2])
+            diagonals = ((a + start * (b - a), c + end * (d - c)), (c + start * (d - c), a + end * (b - a)))
+            webs.append(diagonals[i % 2])
         webs.append((b, d))
     return Webs(inside, outside, np.array(webs))
 
@@ -171,22 +171,22 @@ def truss(
 ) -> tuple[list[Frustum], list[Frustum]]:
     """The skins with the foot's plate, and the webs between them."""
     depth, half_width = section.depth_mm, section.width_mm / 2.0
-    part = section.skin_mm / depth
+    skin = section.skin_mm / depth
     skins = []
     for (a, b), (c, d) in zip(pairwise(inner), pairwise(outer), strict=True):
-        near = np.array([a, b, b + part * (d - b), a + part * (c - a)])
-        far = np.array([c, d, d + part * (b - d), c + part * (a - c)])
-        skins += [along_x(near, -half_width, half_width), along_x(far, -half_width, half_width)]
+        inner_skin = np.array([a, b, b + skin * (d - b), a + skin * (c - a)])
+        outer_skin = np.array([c, d, d + skin * (b - d), c + skin * (a - c)])
+        skins += [prism_along_x(profile, -half_width, half_width) for profile in (inner_skin, outer_skin)]
     lines = webs_between(inner, outer, section, hardware).webs
     webs = [_web(start, end, section.web_mm, half_width) for start, end in lines]
     y, z = inner[0]
     plate = foot_plate_mm(depth, hardware)
     foot = np.array([(y, z), (y - depth, z), (y - depth, z + plate), (y, z + plate)])
-    skins.append(along_x(foot, -half_width, half_width))
+    skins.append(prism_along_x(foot, -half_width, half_width))
     return skins, webs
 
 
 def _web(start: FloatArray, end: FloatArray, thickness: float, half_width: float) -> Frustum:
     """A web from the middle of one skin to the middle of the other."""
     corners = get_coordinates(LineString([start, end]).buffer(thickness / 2.0, cap_style="flat"))[:-1]
-    return along_x(corners, -half_width, half_width)
+    return prism_along_x(corners, -half_width, half_width)

@@ -31,7 +31,7 @@ class BackTable(Value):
     """Base of the tables of all backs."""
 
     title: ClassVar[str]
-    """The device's support in a few words."""
+    """What the device is mounted on, in a few words."""
     parts: ClassVar[tuple[str, ...]]
     """Names of the printed parts."""
     on_arm: ClassVar[bool] = False
@@ -67,7 +67,7 @@ class DeskBack(BackTable):
 
 
 class Gen2Back(BackTable):
-    """A split clamp on the last shell of Kinova's second generation with two fingers, whose bolts are not published.
+    """A split clamp round the last shell of a second-generation Kinova arm with two fingers; its bolts are unpublished.
 
     Measured from `hand_2finger.STL` and `ring_small.STL` of kinova-ros, kinova_description (BSD-3-Clause): see
     `mirrorcam.cad.backs.kinova_gen2`.
@@ -83,7 +83,7 @@ class Gen2Back(BackTable):
     )
     along_mm: float = PART_OFFSET_MM.field(
         14.0,
-        "distance of the clamp's middle from the link's origin towards the fingers, behind the joint's ring",
+        "distance of the clamp's centre from the link's origin towards the fingers, behind the joint's ring",
     )
     diameter_mm: float = _size(63.0, "diameter of the shell")
     band_mm: float = _size(8.0, "width of the clamp: from the joint's ring to where the hand widens")
@@ -114,7 +114,7 @@ class ArcaBack(BackTable):
     Width and angle are those that makers of plates and clamps commonly state (38 mm, 45 deg); lip and neck are guessed.
     """
 
-    title: ClassVar[str] = "a clamp of the kind of Arca-Swiss"
+    title: ClassVar[str] = "an Arca-Swiss clamp"
     parts: ClassVar[tuple[str, ...]] = ("adapter_arca",)
     kind: Literal["arca"] = "arca"
     width_mm: float = _size(38.0, "width of the dovetail over its lips")
@@ -158,7 +158,7 @@ class Gen3Back(BackTable):
     kind: Literal["gen3"] = "gen3"
     link: Link = Field(default="end_effector_link", description="link of the arm's URDF at the face (ros2_kortex)")
     holes_mm: tuple[float, float] = Field(
-        default=(27.0, 16.0), description="distance of the threads from the axis along x and y"
+        default=(27.0, 16.0), description="distances of the threads from the axis along x and y"
     )
     rim_mm: tuple[float, float, float] = Field(
         default=(35.4, 37.5, 2.9), description="rim round the face: inner radius, outer radius, height"
@@ -201,7 +201,7 @@ class VesaBack(BackTable):
 
 
 class MonitorBack(BackTable):
-    """The upper edge of a monitor, between a hook in front of it and a jaw that slides up behind it."""
+    """A holder for the upper edge of a monitor, between a hook in front of it and a jaw that slides up behind it."""
 
     title: ClassVar[str] = "the upper edge of a monitor"
     parts: ClassVar[tuple[str, ...]] = ("adapter_hook", "adapter_jaw")

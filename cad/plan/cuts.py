@@ -27,8 +27,8 @@ FAR_MM = 1e4
 PARALLEL = float(np.cos(np.radians(15.0)))
 # A triangle counts as level within the rounding of its corners.
 LEVEL_MM = 1e-6
-# A cut very near a corner or an edge leaves slivers below the precision of a mesh. It is at least CLEAR_MM away, and is
-# moved in steps of STEP_MM.
+# A cut very near a corner or an edge would leave slivers below the precision of a mesh. Cuts are shifted, in steps of
+# STEP_MM, to be at least CLEAR_MM away.
 CLEAR_MM = 0.005
 STEP_MM = 0.01
 # The boxes of the outer pieces extend this far beyond the part.
@@ -44,11 +44,11 @@ Cell = tuple[int, int]
 
 @dataclass(frozen=True)
 class PiecePlan:
-    """A piece of a part: `make(whole)` inside the box from `low_mm` to `high_mm` (3,) along the bed's axes.
+    """A piece of a part: `make(whole)`, where `whole` is the uncut part's plan, inside a box along the bed's axes.
 
-    Fragments smaller than a cube of side `crumb_mm` do not print and are omitted. `rig_from_bed` (4, 4) is the pose of
-    the uncut part's bed. `rig_from_pins` (n, 4, 4) are the frames of the pins' holes: origin in the cut, z into the
-    piece, y up on the bed. `hole_mm` is their diameter and depth.
+    The box extends from `low_mm` to `high_mm` (3,). Fragments smaller than a cube of side `crumb_mm` do not print and
+    are omitted. `rig_from_bed` (4, 4) is the pose of the uncut part's bed. `rig_from_pins` (n, 4, 4) are the frames of
+    the pins' holes: origin in the cut, z into the piece, y up on the bed. `hole_mm` is their diameter and depth.
     """
 
     whole: Any
@@ -63,19 +63,19 @@ class PiecePlan:
 
 @dataclass(frozen=True)
 class Joint:
-    """A cut between two adjacent pieces, at `at_mm` along an axis of the bed, 0 (x) or 1 (y).
+    """A cut between two adjacent pieces, at the coordinate `cut_mm` along an axis of the bed, 0 (x) or 1 (y).
 
     `span_mm` is the range for its pins along the bed's other axis, clear of the pins of crossing cuts.
     """
 
     cells: tuple[Cell, Cell]
     axis: int
-    at_mm: float
+    cut_mm: float
     span_mm: Span
 
 
 def cells_between(cuts_mm: Cuts, low_mm: FloatArray, high_mm: FloatArray) -> dict[Cell, tuple[Span, Span]]:
-    """Spans along the bed's x and y of each piece of a part with bounds (3,), ordered along x and then y."""
+    """Spans along the bed's x and y of each piece of a part with bounds (3,); pieces are ordered along x and then y."""
     spans = [
         list(pairwise([float(low_mm[axis]) - PAST_PART_MM, *cuts_mm[axis], float(high_mm[axis]) + PAST_PART_MM]))
         for axis in (0, 1)
@@ -103,8 +103,8 @@ def _next(cell: Cell, axis: int) -> Cell:
     return (cell[0] + 1, cell[1]) if axis == 0 else (cell[0], cell[1] + 1)
 
 
-def off_corners(triangles_mm: FloatArray, axis: int, cuts_mm: tuple[float, ...], wall_mm: float) -> tuple[float, ...]:
-    """Coordinates of cuts normal to an axis, moved off the corners of a mesh.
+def avoid_corners(triangles_mm: FloatArray, axis: int, cuts_mm: tuple[float, ...], wall_mm: float) -> tuple[float, ...]:
+    """Coordinates of cuts normal to an axis, shifted away from the corners of a mesh.
 
     Parameters
     ----------
@@ -120,19 +120,19 @@ def off_corners(triangles_mm: FloatArray, axis: int, cuts_mm: tuple[float, ...],
     Returns
     -------
     tuple of float
-        Each cut, moved as little as necessary and by at most `MOVED_MM`, to the side that leaves less thin wall.
+        Each cut, shifted by as little as necessary and at most `MAX_SHIFT_MM`, to the side that leaves less thin wall.
     """
-    count = round(MOVED_MM / STEP_MM)
+    count = round(MAX_SHIFT_MM / STEP_MM)
     corners = np.unique(triangles_mm[:, :, axis])
-    clear = []
+    shifted = []
     for cut in cuts_mm:
         candidates = np.asarray(cut + STEP_MM * np.arange(-count, count + 1), dtype=np.float64)
         touching = np.abs(corners[:, None] - candidates).min(axis=0) < CLEAR_MM
         # Areas are compared to a tenth of a square millimetre, since an inclined face is nearer at one end.
         thin = np.round(thin_wall_mm2(triangles_mm, axis, candidates, wall_mm), 1)
         best = min(range(len(candidates)), key=lambda k: (touching[k], thin[k], abs(k - count)))
-        clear.append(float(candidates[best]))
-    return tuple(clear)
+        shifted.append(float(candidates[best]))
+    return tuple(shifted)
 
 
 def thin_wall_mm2(triangles_mm: FloatArray, axis: int, cuts_mm: FloatArray, wall_mm: float) -> FloatArray:
@@ -163,13 +163,13 @@ def thin_wall_mm2(triangles_mm: FloatArray, axis: int, cuts_mm: FloatArray, wall
     for side in (-1.0, 1.0):
         facing = side * normals[:, axis] > 2.0 * PARALLEL * areas
         corners = side * triangles_mm[facing, :, axis]
-        shares = (_share_below(corners, side * cuts_mm + margin) for margin in (wall_mm, 0.0))
-        total += np.subtract(*shares) @ areas[facing]
+        fractions = (_fraction_below(corners, side * cuts_mm + margin) for margin in (wall_mm, 0.0))
+        total += np.subtract(*fractions) @ areas[facing]
     return total
 
 
-def _share_below(corners_mm: FloatArray, levels_mm: FloatArray) -> FloatArray:
-    """Shares (m, n) of the areas of triangles, with corners at heights (n, 3), that lie below levels (m,)."""
+def _fraction_below(corners_mm: FloatArray, levels_mm: FloatArray) -> FloatArray:
+    """Fractions (m, n) of triangles' areas below levels (m,); the triangles' corners are at heights (n, 3)."""
     low, middle, high = np.sort(corners_mm, axis=1).T[:, None, :]
     level = levels_mm[:, None]
     clipped = np.clip(level, low, high)
@@ -178,8 +178,8 @@ def _share_below(corners_mm: FloatArray, levels_mm: FloatArray) -> FloatArray:
     return np.where(high - low < LEVEL_MM, level > low, np.where(clipped < middle, rising, falling))
 
 
-# Largest shift of a cut from its requested coordinate (see `off_corners`).
-MOVED_MM = 0.09
+# Largest shift of a cut from its requested coordinate (see `avoid_corners`).
+MAX_SHIFT_MM = 0.09
 
 
 def bed_lengths_mm(lengths_mm: tuple[float, float], hardware: Hardware) -> tuple[float, float]:
@@ -188,7 +188,7 @@ def bed_lengths_mm(lengths_mm: tuple[float, float], hardware: Hardware) -> tuple
     return (long, short) if lengths_mm[0] >= lengths_mm[1] else (short, long)
 
 
-def turned_onto_bed(part: PartPlan, length_mm: float, bed_mm: float, hardware: Hardware) -> PartPlan:
+def rotated_onto_bed(part: PartPlan, length_mm: float, bed_mm: float, hardware: Hardware) -> PartPlan:
     """The part, rotated by a quarter turn if its length along x fits only the bed's y."""
     if bed_mm == hardware.printer.bed_mm[0] or length_mm <= hardware.printer.bed_mm[0]:
         return part
@@ -197,7 +197,7 @@ def turned_onto_bed(part: PartPlan, length_mm: float, bed_mm: float, hardware: H
 
 
 def require_height(name: str, height_mm: float, hardware: Hardware) -> None:
-    """Raise InputError if a part is higher than the printer: cuts are vertical, and do not lower the pieces."""
+    """Raise InputError if a part is taller than the printer's bed allows: vertical cuts do not reduce the height."""
     if height_mm > hardware.printer.bed_mm[2]:
         raise InputError(
             f"{name} is {height_mm:.1f} mm high, expected at most {hardware.printer.bed_mm[2]:g} mm (printer bed)"
@@ -206,21 +206,21 @@ def require_height(name: str, height_mm: float, hardware: Hardware) -> None:
 
 def cut_slack_mm(length_mm: float, count: int, bed_mm: float) -> float:
     """Largest independent shift of each cut into `count` equal pieces at which all pieces still fit the bed."""
-    spare = max(0.0, bed_mm - length_mm / count - MOVED_MM)
+    spare = max(0.0, bed_mm - length_mm / count - MAX_SHIFT_MM)
     return spare if count == 2 else spare / 2.0
 
 
-# Least distance of two pins, in diameters: nearer pins let the pieces rotate.
+# Minimum distance between two pins, in diameters: closer pins let the pieces rotate.
 PIN_SPACING = 4.0
 
 
-def clearance_round_pin_mm(hardware: Hardware) -> float:
-    """Least distance from a pin's axis to the part's surface: the roof of its hole is higher than its radius."""
+def clearance_around_pin_mm(hardware: Hardware) -> float:
+    """Minimum distance from a pin's axis to the part's surface: the roof of its hole is higher than its radius."""
     radius = hardware.holder.pin_mm[0] / 2.0 + hardware.fit.press_mm
     return radius / float(np.sin(np.radians(ROOF_DEG))) + hardware.printer.wall_mm
 
 
-def reach_of_pin_mm(hardware: Hardware) -> float:
+def depth_for_pin_mm(hardware: Hardware) -> float:
     """Depth of solid material that a pin needs on either side of a cut: its hole and the thinnest wall behind it."""
     return hole_depth_mm(hardware) + hardware.printer.wall_mm
 
@@ -244,7 +244,7 @@ def farthest_pair(points_mm: FloatArray) -> tuple[FloatArray, float]:
     return points_mm[[first, second]], float(distances.max())
 
 
-def hole_frame(middle_mm: FloatArray, axis: int, side: float) -> FloatArray:
-    """Frame (4, 4) on the bed of a hole that starts at a point (3,) of a cut: z into the piece along an axis, y up."""
+def hole_frame(start_mm: FloatArray, axis: int, side: float) -> FloatArray:
+    """Frame (4, 4) on the bed of a hole that starts at a point (3,) in a cut: z into the piece along an axis, y up."""
     inwards, upwards = side * np.eye(3)[axis], np.array([0.0, 0.0, 1.0])
-    return rigid(np.column_stack([np.cross(upwards, inwards), upwards, inwards]), middle_mm)
+    return rigid(np.column_stack([np.cross(upwards, inwards), upwards, inwards]), start_mm)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from mirrorcam.cad.plan.hardware import Hardware
 
 HOLDER, MOUNT, CLIP, COUPON, COVER = "mirror_holder", "mount", "camera_clip", "fit_coupon", "dust_cover"
-"""Names of printed parts; the table of a back has the names of its parts."""
-APART = (COUPON, COVER)
+"""Names of printed parts; the table of a back names the back's own parts."""
+UNMOUNTED = (COUPON, COVER)
 """Printed parts that are not mounted while the device is in use."""
 CARRIER = "carrier_"
 """Prefix of the names of carriers, which hold mirrors on screws."""
@@ -14,7 +14,7 @@ PICTURES = (
     *("assembled", "exploded", "light", "behind", "print"),
     *("inserts", "mirrors", "holder", "camera", "clip", "adapter"),
 )
-"""Names of the pictures of a device's model, in the order of its page."""
+"""Names of the pictures of a device's model, in the order of the device's page."""
 
 
 def carrier_name(mirror: str) -> str:
@@ -39,9 +39,9 @@ def files_of(hardware: Hardware, *, elastic: bool = False) -> tuple[str, ...]:
     )
     return (
         *("index.html", "guide.md", "checks.json", "bom.md", "bom.csv", "bom.json", "assembly.step", "assembly.glb"),
-        *(f"parts/{part}.{ending}" for part in parts for ending in ("step", "stl", "3mf")),
-        *(f"drawings/{part}.{ending}" for part in (*parts, "assembly") for ending in ("svg", "pdf")),
-        *(f"mirrors/mirrors{sheet}.{ending}" for sheet in ("", "_[0-9]*") for ending in ("dxf", "svg")),
+        *(f"parts/{part}.{extension}" for part in parts for extension in ("step", "stl", "3mf")),
+        *(f"drawings/{part}.{extension}" for part in (*parts, "assembly") for extension in ("svg", "pdf")),
+        *(f"mirrors/mirrors{sheet}.{extension}" for sheet in ("", "_[0-9]*") for extension in ("dxf", "svg")),
         *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
         *("NOTICE.txt", "source/layout.json", "source/hardware.toml"),
         *(f"pictures/{name}.png" for name in (*PICTURES, "live_view", "live_overlay")),

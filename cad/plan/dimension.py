@@ -1,4 +1,4 @@
-"""Dimensions of a part for its drawing, in rig: lengths, holes, datums and tables."""
+"""Dimensions of a part for its drawing, in the rig frame: lengths, holes, datums and tables."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from mirrorcam.core.values import FloatArray
 
 @dataclass(frozen=True)
 class Length:
-    """The distance between two points (2, 3) in rig, mm, drawn in a view that shows its true length.
+    """The distance between two points (2, 3) in the rig frame, mm, drawn in a view that shows its true length.
 
-    `way_in_rig` (3,), a unit vector, selects the distance along that direction. `before` and `text` stand before and
-    after the number: "Ø" for a diameter, "4x " for a repeated length.
+    `way_in_rig` (3,), a unit vector, selects the component of the distance along that direction. `before` stands
+    before the number ("Ø" for a diameter, "4x " for a repeated length), `text` after it.
     """
 
     points_in_rig: FloatArray
@@ -35,15 +35,15 @@ class Length:
 
 @dataclass(frozen=True)
 class Datum:
-    """A point (3,) in rig from which holes are dimensioned, and its name on the part."""
+    """A point (3,) in the rig frame from which holes are dimensioned, and the name of the feature at that point."""
 
-    at_in_rig: FloatArray
+    point_in_rig: FloatArray
     name: str
 
 
 @dataclass(frozen=True)
 class Hole:
-    """A hole or a cylinder: the centre of its mouth (3,) and its axis (3,) in rig; `text` follows the diameter.
+    """A hole or a cylinder: centre of its mouth (3,) and axis (3,) in the rig frame; `text` follows the diameter.
 
     Holes with the same diameter, axis and text share one callout: "4x Ø3.4". If the tool's length along the axis,
     `cut_mm`, is given, the drawing states the hole's depth in the solid, or that it is a through hole. The diameter is
@@ -88,11 +88,11 @@ def holes(cuts: Iterable[Any]) -> tuple[Hole, ...]:
 def _hole(cut: Bore | Countersink | Hexagon) -> Hole:
     mouth, depth = cut.mouth + OUTSIDE_MM * cut.axis, cut.depth_mm - OUTSIDE_MM
     if isinstance(cut, Countersink):
-        slope = (cut.radius_mm - cut.end_radius_mm) / cut.depth_mm
-        widest = cut.radius_mm - OUTSIDE_MM * slope
-        angle = 2.0 * np.degrees(np.arctan(slope))
+        tangent = (cut.radius_mm - cut.end_radius_mm) / cut.depth_mm
+        radius = cut.radius_mm - OUTSIDE_MM * tangent
+        angle = 2.0 * np.degrees(np.arctan(tangent))
         text = f"x {angle:.0f}°"
-        return Hole(mouth, cut.axis, round(2.0 * widest, 3), text, depth, "countersink", cut.travel_mm)
+        return Hole(mouth, cut.axis, round(2.0 * radius, 3), text, depth, "countersink", cut.travel_mm)
     if isinstance(cut, Hexagon):
         return Hole(cut.mouth, cut.axis, round(cut.flats_mm, 3), "", cut.depth_mm, "hexagon")
     return Hole(mouth, cut.axis, round(2.0 * cut.radius_mm, 3), "", depth, travel_mm=cut.travel_mm)
@@ -101,5 +101,5 @@ def _hole(cut: Bore | Countersink | Hexagon) -> Hole:
 def length(
     start: FloatArray, end: FloatArray, text: str = "", direction: FloatArray | None = None, before: str = ""
 ) -> Length:
-    """The distance between two points (3,) in rig, or its component along a direction (3,)."""
+    """The distance between two points (3,) in the rig frame, or its component along a direction (3,)."""
     return Length(np.array([start, end]), text, direction, before)

@@ -54,7 +54,7 @@ def thread_of(size: str) -> Thread:
     for name, thread in THREADS.items():
         if size == name or size.startswith(f"{name} "):
             return thread
-    raise ValueError(f"{size=} names no thread, expected one of {', '.join(THREADS)}")
+    raise ValueError(f"{size=} does not name a thread, expected one of {', '.join(THREADS)}")
 
 
 def diameter_mm(size: str) -> float:
@@ -80,11 +80,11 @@ ROOF_IN_WEBS_DEG = 30.0
 
 @dataclass(frozen=True)
 class Bore:
-    """A round hole from the middle of its mouth (3,) along an axis (3,), in rig, mm.
+    """A round hole from the centre of its mouth (3,) along an axis (3,), in the rig frame, mm.
 
     A bore that is horizontal in print has `up` (3,), normal to the axis: its ceiling is then a roof, `roof_deg` from
     upright. `travel_mm` makes it a slot along up x axis, with that distance between the centres of its ends. A `flat`
-    slot has a level ceiling that bridges, so that a screw's head rests on both of its sides.
+    slot has a level ceiling, printed as a bridge, so that a screw's head rests on both sides of the slot.
     """
 
     mouth: FloatArray
@@ -98,7 +98,7 @@ class Bore:
 
     @property
     def roof_mm(self) -> float:
-        """Height over the middle of the roof's ridge, where the tangents of both ends meet."""
+        """Height of the roof's ridge, where the tangents of both ends meet, over the centre."""
         angle = np.deg2rad(self.roof_deg)
         if self.flat:
             return self.radius_mm
@@ -107,9 +107,9 @@ class Bore:
 
 @dataclass(frozen=True)
 class Countersink:
-    """A cone for a countersunk head, from the middle of its mouth (3,) along an axis (3,), in rig, mm.
+    """A cone for a countersunk head, from the centre of its mouth (3,) along an axis (3,), in the rig frame, mm.
 
-    It prints without support with its mouth on the bed. `travel_mm` makes it the groove of a slot like a `Bore`'s,
+    It prints without support with its mouth on the bed. `travel_mm` makes it the countersink of a slot like a `Bore`'s,
     along `up` (3,) x axis.
     """
 
@@ -124,7 +124,7 @@ class Countersink:
 
 @dataclass(frozen=True)
 class Hexagon:
-    """A pocket for a nut, in rig: the middle of its mouth (3,), its axis (3,), and `up` (3,), opposite to a corner.
+    """A pocket for a nut: centre of its mouth (3,), axis (3,), and `up` (3,) towards a corner, all in the rig frame.
 
     Its two upper sides form a roof, `ROOF_DEG` from upright; the other four hold the nut. A pocket whose axis is
     vertical in print has no `up`: all six sides hold the nut, and two corners lie along x.
@@ -138,12 +138,12 @@ class Hexagon:
 
     @property
     def corner_mm(self) -> float:
-        """Distance of the corners from the middle."""
+        """Distance of the corners from the centre."""
         return self.flats_mm / np.sqrt(3.0)
 
     @property
     def ridge_mm(self) -> float:
-        """Height of the roof's ridge over the middle, if the pocket has a roof."""
+        """Height of the roof's ridge over the centre, if the pocket has a roof."""
         return float(self.corner_mm * (0.5 + np.sqrt(0.75) / np.tan(np.deg2rad(ROOF_DEG))))
 
 
@@ -164,7 +164,7 @@ class Stack:
 
 
 def head_space_mm(hardware: Hardware) -> float:
-    """Radius of the space for a screw's head or washer, and for the driver."""
+    """Radius of the space for a screw's head or washer, and for the screwdriver."""
     screw = hardware.screw
     return max(screw.head_mm, screw.washer_mm) / 2.0 + hardware.fit.free_mm
 
@@ -184,41 +184,41 @@ def stack(grip_mm: float, hardware: Hardware) -> Stack:
         )
     # The tip is flush with the far face and the nut just below it, with the thickness of two walls under the nut.
     washer = washer_under_mm(grip_mm, screw)
-    least = washer + grip_mm + 2.0 * hardware.printer.wall_mm + screw.nut_height_mm + NUT_FIT_MM
-    fits = [length for length in screw.lengths_mm if length >= least]
-    if not fits:
-        raise InputError(f"M3 screws through {grip_mm:g} mm must be {least:.1f} mm long, longer than any on the list")
-    wall = min(fits) - grip_mm - washer
-    return Stack(grip_mm, wall, min(fits), wall - screw.nut_height_mm - NUT_FIT_MM, screw.nut_height_mm, washer)
+    needed = washer + grip_mm + 2.0 * hardware.printer.wall_mm + screw.nut_height_mm + NUT_FIT_MM
+    lengths = [length for length in screw.lengths_mm if length >= needed]
+    if not lengths:
+        raise InputError(f"M3 screws through {grip_mm:g} mm must be {needed:.1f} mm long, longer than any on the list")
+    wall = min(lengths) - grip_mm - washer
+    return Stack(grip_mm, wall, min(lengths), wall - screw.nut_height_mm - NUT_FIT_MM, screw.nut_height_mm, washer)
 
 
 def stack_into(
-    grip_mm: float, thread_mm: tuple[float, float], deepest_mm: float, wall_mm: float, screw: Fastening
+    grip_mm: float, thread_mm: tuple[float, float], max_depth_mm: float, wall_mm: float, screw: Fastening
 ) -> Stack:
-    """The longest screw that does not bottom out in a given hole, with its thread at depths `thread_mm` (from, to).
+    """The longest screw that does not bottom out at `max_depth_mm` in a hole threaded at depths `thread_mm` (from, to).
 
     Raises InputError if no screw on the list engages.
     """
-    begins, ends = thread_mm
+    start, end = thread_mm
     washer = washer_under_mm(grip_mm, screw)
     needed = screw.engaged_mm if screw.kind == "insert" else screw.nut_height_mm
-    fits = [length for length in screw.lengths_mm if length <= washer + grip_mm + deepest_mm - NUT_FIT_MM]
-    engaged = min(max(fits, default=0.0) - washer - grip_mm, ends) - begins
+    lengths = [length for length in screw.lengths_mm if length <= washer + grip_mm + max_depth_mm - NUT_FIT_MM]
+    engaged = min(max(lengths, default=0.0) - washer - grip_mm, end) - start
     if engaged < needed - 1e-9:
         raise InputError(
-            f"M3 screws through {grip_mm:g} mm hold by {max(engaged, 0.0):.1f} mm of thread {begins:g} to {ends:g} mm "
+            f"M3 screws through {grip_mm:g} mm engage {max(engaged, 0.0):.1f} mm of the thread {start:g} to {end:g} mm "
             f"deep, expected at least {needed:g} mm"
         )
-    return Stack(grip_mm, wall_mm, max(fits), begins, engaged, washer)
+    return Stack(grip_mm, wall_mm, max(lengths), start, engaged, washer)
 
 
 def thread(
     mouth: FloatArray, axis: FloatArray, up: FloatArray, fastened: Stack, wall_mm: float, screw: Fastening
 ) -> tuple[Bore | Hexagon, ...]:
-    """The cuts in a wall for a screw that enters at a mouth (3,) along an axis (3,).
+    """The holes in a wall for a screw that enters at a mouth (3,) along an axis (3,).
 
-    The wall is at least as thick as in the screw's stack. In a thicker wall the nut's pocket is deeper, so that the nut
-    is at the screw's end.
+    The wall is at least as thick as in the screw's `Stack`. In a thicker wall the nut's pocket is deeper, so that the
+    nut is at the screw's end.
     """
     start = mouth - OUTSIDE_MM * axis
     if screw.kind == "insert":
@@ -230,18 +230,18 @@ def thread(
     )
 
 
-ACROSS = np.array([1.0, 0.0, 0.0])
-# Distance of an item from its part at the end of its exit: half a nut, and a visible gap.
+X_AXIS = np.array([1.0, 0.0, 0.0])
+# Distance of an item from its part at the end of its `exit_move`: half a nut, and a visible gap.
 EXIT_GAP_MM = 12.0
 
 
-def along(origin: FloatArray, z_axis: FloatArray, across: FloatArray = ACROSS) -> FloatArray:
+def frame_along(origin: FloatArray, z_axis: FloatArray, x_hint: FloatArray = X_AXIS) -> FloatArray:
     """A frame (4, 4) at a point (3,): z along a direction (3,), x as near to another direction (3,) as possible."""
-    x_axis = across - (z_axis @ across) * z_axis
+    x_axis = x_hint - (z_axis @ x_hint) * z_axis
     x_axis = x_axis / np.linalg.norm(x_axis)
     return rigid(np.column_stack([x_axis, np.cross(z_axis, x_axis), z_axis]), origin)
 
 
-def beyond(corners: FloatArray, point: FloatArray, direction: FloatArray) -> FloatArray:
+def exit_move(corners: FloatArray, point: FloatArray, direction: FloatArray) -> FloatArray:
     """The move (3,) along a unit vector (3,) that takes a point (3,) out of the hull of corners (n, 3)."""
     return float(((corners - point) @ direction).max() + EXIT_GAP_MM) * direction

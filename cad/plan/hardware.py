@@ -1,4 +1,4 @@
-"""Bought hardware, fits, printer and print settings: the one table of dimensions from which parts are drawn.
+"""Bought hardware, fits, printer and print settings: the one table of dimensions from which parts are made.
 
 A TOML file may replace any entry except the print settings. A camera's body comes from the library of cameras
 (`optics/geometry/cameras/`) or from its own file. Lengths in mm.
@@ -22,8 +22,8 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import read_body
 
-# Relative difference of the tangents of half fields of view above which two cameras are different models.
-OTHER_VIEW = 0.1
+# Relative difference of the tangents of the half fields of view up to which two cameras count as the same model.
+SAME_CAMERA_TOLERANCE = 0.1
 
 _Size = Annotated[float, PART_MM.limits]
 
@@ -46,7 +46,9 @@ class Printer(Value):
     bed_mm: tuple[_Size, _Size, _Size] = Field(default=(220.0, 220.0, 250.0), description="largest part, z up")
     wall_mm: float = _positive(1.2, "thinnest wall that prints: three lines of a 0.4 mm nozzle")
     floor_mm: float = _positive(0.6, "thinnest level floor that prints: three layers")
-    overhang_deg: float = Bounds(1.0, 89.0).field(45.0, "steepest overhang from upright without support")
+    overhang_deg: float = Bounds(1.0, 89.0).field(
+        45.0, "largest angle of an overhang from upright that prints without support"
+    )
     bridge_mm: float = _positive(10.0, "longest flat ceiling between two walls")
     plastic: Name = Field(default="PLA", description="printed plastic")
     plastic_g_per_cm3: float = Bounds(0.01, 30.0).field(1.24, "density of the plastic")
@@ -59,7 +61,7 @@ class Printer(Value):
     )
     plastic_strain: float = Bounds(1e-4, 0.2).field(
         0.0055,
-        "largest strain of a leaf spring that stays bent: a quarter of the yield strain (PLA: 50 MPa over 2300 MPa, "
+        "largest strain of a leaf spring that stays bent: a quarter of the yield strain (PLA: 50 MPa / 2300 MPa = "
         "2.2 %; PETG: 0.01)",
     )
 
@@ -81,7 +83,7 @@ class Fastening(Value):
     insert_wall_mm: float = _positive(2.0, "material around an insert or a nut")
     nut_flats_mm: float = _positive(5.5, "width of a nut across flats (ISO 4032)")
     nut_height_mm: float = _positive(2.4, "height of the nut")
-    engaged_mm: float = _positive(4.0, "least thread engagement in an insert")
+    engaged_mm: float = _positive(4.0, "minimum thread engagement in an insert")
     lengths_mm: tuple[_Size, ...] = Field(
         default=(5, 6, 8, 10, 12, 16, 20, 25, 30), min_length=1, description="lengths of screws on sale (ISO 4762)"
     )
@@ -128,13 +130,15 @@ class HolderDimensions(Value):
     floor_mm: float = _positive(3.0, "thinnest material behind a mirror: stiff enough to stay flat")
     rim_mm: float = _positive(1.8, "width of the rim outside a pocket")
     rim_length_mm: float = _positive(3.0, "shortest piece of rim worth printing")
-    rim_height_of_sheet: float = Field(default=0.6, gt=0, lt=1, description="height of the rim over sheet thickness")
+    rim_height_of_sheet: float = Field(
+        default=0.6, gt=0, lt=1, description="height of the rim per thickness of the sheet"
+    )
     mount_step_mm: float = _positive(2.0, "step of the search for the rectangle of mount holes")
     mount_of_width: float = Field(
         default=0.36,
         gt=0,
         lt=1,
-        description="largest width of this rectangle over the holder's width: narrow mounts are light",
+        description="largest width of this rectangle per width of the holder: narrow mounts are light",
     )
     cell_mm: float = _positive(
         36.0,
@@ -159,7 +163,7 @@ class HolderDimensions(Value):
         "the sides; 0: only as high as the camera sees past the mirrors",
     )
     shade_out_mm: float = PART_GAP_MM.field(
-        1.4, "how far the baffle stands outside the rims: less than its thickness leaves no slit"
+        1.4, "how far the baffle stands outside the rims: if less than its thickness, no slit remains"
     )
     shade_step_mm: float = _positive(5.0, "length of the baffle's straight pieces")
     dust_cover: bool = Field(default=True, description="print a cap for the mirrors, where it fits the bed")
@@ -193,19 +197,19 @@ class ClipDimensions(Value):
 
     wall_mm: float = _positive(4.0, "thickness of walls, lips and the floor under a bare board")
     travel_mm: float = _positive(4.0, "travel of the clip from the nominal depth of the pupil, plus or minus")
-    behind_mm: float = _positive(1.0, "gap between the body's back and the leaf of the screw behind it")
+    behind_mm: float = _positive(1.0, "gap between the body's back and the leaf behind it")
     shaken_g: float = Bounds(0.1, 100.0).field(
         3.0, "largest acceleration, as a multiple of gravity, at which the camera stays in contact with its six points"
     )
     rib_mm: float = _positive(2.0, "height of the V rib that guides the clip")
-    screws_apart_mm: float = _positive(40.0, "distance of the clip's screws across the slide")
+    screws_apart_mm: float = _positive(40.0, "distance between the clip's screws across the slide")
     screws_above_mm: float = _positive(
-        18.0, "distance of their two rows along the slide; a clip too low for two rows has one"
+        18.0, "distance between their two rows along the slide; a clip too low for two rows has one"
     )
 
 
 class Cutting(Value):
-    """The stock sheet of the mirrors and how it is cut: by laser, or glass by a wheel or a water jet."""
+    """The stock sheet of the mirrors and how it is cut: acrylic by laser, glass by a wheel or a water jet."""
 
     material: Literal["acrylic", "glass"] = Field(
         default="acrylic", description="material of the mirrors; glass is cut along the lines, without a kerf"
@@ -220,12 +224,12 @@ class Cutting(Value):
 
     @property
     def allowance_mm(self) -> float:
-        """Distance of the lines of the cut files outside the finished edge."""
+        """Distance of the cut files' lines outside the finished edge."""
         return self.kerf_mm / 2.0 if self.material == "acrylic" else 0.0
 
     @property
-    def least_width(self) -> float:
-        """Smallest ratio of a mirror's width to its thickness: scored glass breaks off the line below it."""
+    def min_width_to_thickness(self) -> float:
+        """Smallest ratio of a mirror's width to its thickness: narrower scored glass does not break along the line."""
         return 1.0 if self.material == "acrylic" else 4.0
 
 
@@ -240,15 +244,15 @@ def _half_view_tangents(camera: Camera) -> tuple[float, float]:
 
 
 def require_same_camera(camera: Camera, body: CameraBody) -> None:
-    """Raise InputError if a layout's camera has another field of view than the camera of a body."""
+    """Raise InputError if a layout's camera has a different field of view from the camera of a body."""
     if body.field_of_view_deg is None:
         return
     stated = [math.tan(math.radians(angle) / 2.0) for angle in body.field_of_view_deg]
     tangents = _half_view_tangents(camera)
-    if any(abs(of / as_stated - 1.0) > OTHER_VIEW for of, as_stated in zip(tangents, stated, strict=True)):
+    if any(abs(tangent / other - 1.0) > SAME_CAMERA_TOLERANCE for tangent, other in zip(tangents, stated, strict=True)):
         expected = " x ".join(f"{angle:.1f}" for angle in body.field_of_view_deg)
         raise InputError(
-            f"camera body {body.name}: {expected} deg field of view, the layout's camera {camera.name} has "
+            f"camera body {body.name} has a field of view of {expected} deg, but the layout's camera {camera.name} has "
             f"{field_of_view(camera)}: give the body of that camera (--body), or design for this one"
         )
 

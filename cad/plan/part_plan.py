@@ -28,10 +28,10 @@ _RECIPES: dict[Callable[..., Any], str] = {}
 
 
 def recipe(name: str) -> Callable[[Make], Make]:
-    """Give the function that makes a part a fixed name, which enters the part's identity.
+    """Decorator that gives the function that makes a part a fixed name, which enters the part's identity.
 
     The identity is printed on drawings and stored in 3MF files. The fixed name preserves it when the function moves to
-    another module. A function without a recipe enters by its own name.
+    another module. A function without a fixed name enters the identity under its own name.
     """
 
     def named(make: Make) -> Make:
@@ -47,9 +47,9 @@ def _recipe_of(make: Callable[..., Any]) -> str:
 
 @dataclass(frozen=True)
 class NamedFace:
-    """A named flat face of a part, in the plane through a point (3,) with an outward normal (3,), in rig, mm.
+    """A named flat face of a part: the plane through a point (3,) with an outward normal (3,), in the rig frame, mm.
 
-    It is the face nearest to the point or, with a polygon `within` (n, 3) in that plane, every face whose middle lies
+    It is the face nearest to the point or, with a polygon `within` (n, 3) in that plane, every face whose centre lies
     in the polygon.
     """
 
@@ -68,17 +68,17 @@ class PartPlan:
     Parameters
     ----------
     name : str
-        File name of the part without its ending, unique in a device.
+        File name of the part without extension, unique in a device.
     title, number : str
         Title and part number of the part in documents.
     plan : Any
         The dimensions: a frozen dataclass of numbers, text, arrays, tuples and further dataclasses.
     make : Callable
-        Function at module level; `make(plan)` returns one solid in rig, mm, in its place in the assembled device.
+        Function at module level; `make(plan)` returns one solid in the rig frame, mm, positioned as in the device.
     print_from_rig : (4, 4)
         Pose on the bed: z up, the lowest point at z = 0, mm.
     explode_mm : (3,)
-        Displacement in rig in an exploded view.
+        Displacement in an exploded view, in the rig frame.
     rgb : (float, float, float)
         Colour in pictures, from 0 to 1.
     faces : tuple of NamedFace
@@ -97,7 +97,7 @@ class PartPlan:
 
     @cached_property
     def identity(self) -> str:
-        """Digest of the part's dimensions, twelve hexadecimal digits: parts with the same identity are the same."""
+        """Digest of the part's dimensions, twelve hexadecimal digits: parts with the same digest are identical."""
         numbers = {"make": _recipe_of(self.make), "plan": plain(self.plan)}
         return value_digest(numbers)[:12]
 
@@ -107,7 +107,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, Value):
         return value.model_dump(mode="json")
     if is_dataclass(value) and not isinstance(value, type):
-        return {each.name: plain(getattr(value, each.name)) for each in fields(value)}
+        return {item.name: plain(getattr(value, item.name)) for item in fields(value)}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     if isinstance(value, tuple | list):
@@ -118,7 +118,7 @@ def plain(value: Any) -> Any:
         return _recipe_of(value)
     if value is None or isinstance(value, str | int | float | bool):
         return value
-    raise TypeError(f"a plan holds a {type(value).__name__}, expected numbers, text, arrays, tuples and dataclasses")
+    raise TypeError(f"a plan contains a {type(value).__name__}, expected numbers, text, arrays, tuples and dataclasses")
 
 
 LICENCE = "CERN-OHL-W-2.0"
@@ -129,13 +129,13 @@ BoughtKind = Literal["screw", "washer", "spring", "insert", "nut", "pin"]
 
 @dataclass(frozen=True)
 class BoughtItem:
-    """A bought item in its place.
+    """A bought item with its pose in the device.
 
     `rig_from_item` (4, 4) has its origin under a screw's head or a washer, or at the mouth of an insert's hole, and z
-    along the axis, out of the material. `explode_mm` (3,) is the displacement in rig in an exploded view; `joins` names
-    the parts that the item joins. `exit_moves_mm` (n, 3) are the successive moves in rig by which an insert or a nut
-    leaves its seat, the reverse of its assembly; other items have none. The length of a spring is its length in the
-    device; its `size` has wire diameter, mean diameter and free length.
+    along the axis, out of the material. `explode_mm` (3,) is the displacement in an exploded view, in the rig frame;
+    `joins` names the parts that the item joins. `exit_moves_mm` (n, 3) are the successive moves in the rig frame by
+    which an insert or a nut leaves its seat, the reverse of its assembly; other items have none. The length of a spring
+    is its length in the device; its `size` gives wire diameter, mean diameter and free length.
     """
 
     kind: BoughtKind
@@ -148,7 +148,7 @@ class BoughtItem:
 
 
 class MassProperties(Value):
-    """Mass of a solid of uniform density, its centre (3,) in rig, and its inertia (3, 3) about that centre in rig."""
+    """Mass of a solid of uniform density, its centre (3,), and its inertia (3, 3) about that centre, along rig axes."""
 
     volume_mm3: float
     mass_g: float
@@ -157,7 +157,7 @@ class MassProperties(Value):
 
 
 class BuiltPart(Value):
-    """A part with its files in `folder`: NAME.step and NAME.stl (both in rig, mm) and NAME.3mf (as printed)."""
+    """A part with its files in `folder`: NAME.step, NAME.stl (both in the rig frame, mm) and NAME.3mf (as printed)."""
 
     name: str
     title: str
@@ -195,9 +195,9 @@ class BuiltPart(Value):
 
 @dataclass(frozen=True)
 class Connection:
-    """A joint of two parts: its frame (4, 4) in rig according to the plan of either part.
+    """A joint of two parts: its frame (4, 4) in the rig frame, once as each part's plan defines it.
 
-    z points out of the parent. The child may move by `slides_mm` in both directions along the frame's x.
+    z points out of the parent. The child may move by up to `slides_mm` in either direction along the frame's x.
     """
 
     name: str

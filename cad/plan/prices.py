@@ -27,8 +27,9 @@ MIRRORS = {
     "first-surface glass mirror": 20.0,
     "second-surface glass mirror": 3.0,
 }
-# EUR each, by the start or end of a title in a parts list without its length; small items as their share of a bag.
-EACH = {
+# EUR per item, by the start or end of its title in a parts list, without its length; for small items, the price of a
+# bag divided by their number.
+ITEM_PRICES = {
     "M3 screw": 0.12,
     "M3 countersunk screw": 0.12,
     "M3 thread-forming screw": 0.12,
@@ -64,8 +65,8 @@ EACH = {
 PRICE = Bounds(0.0, 1e6)
 
 
-def _pairs(listed: object) -> object:
-    return tuple(sorted(listed.items())) if isinstance(listed, dict) else listed
+def _pairs(prices: object) -> object:
+    return tuple(sorted(prices.items())) if isinstance(prices, dict) else prices
 
 
 _Price = Annotated[float, PRICE.limits]
@@ -76,37 +77,37 @@ _PriceList = Annotated[
 ]
 
 
-def _listed(description: str) -> Any:
+def _price_list(description: str) -> Any:
     return Field(default=(), description=description)
 
 
 class Prices(Value):
-    """Replacements in the table of prices; `currency` and `date` apply to all prices."""
+    """Overrides of the default prices; `currency` and `date` apply to all prices."""
 
     currency: Name = Field(
         default="EUR", description="currency of all prices; with another one, give every price that a device needs"
     )
     date: Name = Field(default="2026-11", description="month of the prices")
-    plastic_per_kg: _PriceList = _listed("filament by the name of its plastic")
-    mirror_per_100_cm2: _PriceList = _listed('stock by name, such as "first-surface acrylic mirror"')
-    each: _PriceList = _listed('bought items by title without their length, such as "M3 screw"; cameras by name')
+    plastic_per_kg: _PriceList = _price_list("filament by the name of its plastic")
+    mirror_per_100_cm2: _PriceList = _price_list('stock by name, such as "first-surface acrylic mirror"')
+    each: _PriceList = _price_list('bought items by title without their length, such as "M3 screw"; cameras by name')
 
     def of_plastic(self, plastic: str, grams: float) -> float:
         """Price of a mass of filament, by the longest known name with which the plastic's name starts."""
-        known = _by_name(plastic, PLASTICS | dict(self.plastic_per_kg))
-        return (OTHER_PLASTIC if known is None else known) * grams / 1000.0
+        price = _by_name(plastic, PLASTICS | dict(self.plastic_per_kg))
+        return (OTHER_PLASTIC if price is None else price) * grams / 1000.0
 
     def of_mirrors(self, stock: str, area_cm2: float) -> float:
         """Price of an area of stock, given by its name, such as "first-surface acrylic mirror, 1 mm"."""
-        known = _by_name(stock, MIRRORS | dict(self.mirror_per_100_cm2))
-        if known is None:
+        price = _by_name(stock, MIRRORS | dict(self.mirror_per_100_cm2))
+        if price is None:
             raise ValueError(f"stock {stock}: expected one of {', '.join(MIRRORS)}")
-        return known * area_cm2 / 100.0
+        return price * area_cm2 / 100.0
 
     def of_item(self, title: str) -> float | None:
         """Price of one bought item by its title; None if unknown."""
         plain = re.sub(r" x [\d.]+(?= )", "", title)
-        return _by_name(plain, EACH | dict(self.each))
+        return _by_name(plain, ITEM_PRICES | dict(self.each))
 
 
 def hours_text(minutes: float | None) -> str:
@@ -126,7 +127,7 @@ def summary_of(checks: Mapping[str, Metric]) -> str:
     return ", ".join(texts)
 
 
-def _by_name(title: str, known: dict[str, float]) -> float | None:
+def _by_name(title: str, prices: dict[str, float]) -> float | None:
     """The price of the longest known name with which a title starts or ends; None if there is none."""
-    matches = [name for name in known if title.startswith(name) or title.endswith(name)]
-    return known[max(matches, key=len)] if matches else None
+    matches = [name for name in prices if title.startswith(name) or title.endswith(name)]
+    return prices[max(matches, key=len)] if matches else None

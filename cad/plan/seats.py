@@ -1,4 +1,4 @@
-"""Seats, pockets and light of a layout, in the rig frame: where material must be, and where light must pass.
+"""Seats, pockets and light beams of a layout, in the rig frame: where material must be, and where light must pass.
 
 Pure geometry without a CAD kernel: every volume is a `Frustum`, a convex solid between two polygons.
 """
@@ -21,15 +21,15 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.geometry.transforms import transform
 
-# Height over the reflecting plane at which light starts, so that its end is in the plane of no seat.
-LIGHT_STARTS_MM = 0.05
+# Height over the reflecting plane at which light volumes start, so that they end in no seat's plane.
+LIGHT_START_MM = 0.05
 
 
 @dataclass(frozen=True)
 class Frustum:
     """Convex solid between two polygons with corresponding corners and parallel edges, or a polygon and an apex.
 
-    `base` (n, 3) and `top`, (n, 3) or (1, 3), are in rig, mm.
+    `base` (n, 3) and `top`, (n, 3) or (1, 3), are in the rig frame, mm.
     """
 
     base: FloatArray
@@ -52,9 +52,9 @@ class Frustum:
         """Outward unit normals (m, 3) and offsets (m,): a point x is inside if normals @ x <= offsets."""
         return planes_of(self.faces)
 
-    def stretched(self, below_mm: FloatArray, above_mm: FloatArray) -> Frustum:
-        """The solid with its base and its top each moved by a vector (3,) along its sides."""
-        return Frustum(self.base + below_mm, self.top + above_mm)
+    def stretched(self, base_shift_mm: FloatArray, top_shift_mm: FloatArray) -> Frustum:
+        """The solid with its base and its top each shifted by a vector (3,) along its sides."""
+        return Frustum(self.base + base_shift_mm, self.top + top_shift_mm)
 
     def contains(self, points: FloatArray) -> NDArray[np.bool_]:
         """Mask (...) of the points (..., 3) that lie inside."""
@@ -62,8 +62,8 @@ class Frustum:
         inside: NDArray[np.bool_] = np.all(points @ normals.T < offsets, axis=-1)
         return inside
 
-    def comes_near(self, point: FloatArray, radius_mm: float) -> bool:
-        """Return False if a ball about a point (3,) certainly misses the solid; conservative."""
+    def may_touch_ball(self, point: FloatArray, radius_mm: float) -> bool:
+        """Return False only if a ball about a point (3,) certainly misses the solid."""
         normals, offsets = self.half_spaces
         return bool((normals @ point - offsets).max() < radius_mm)
 
@@ -82,11 +82,11 @@ def newell_normal(loop: FloatArray) -> FloatArray:
 
 
 def seat_height_mm(mirror: Mirror, hardware: Hardware) -> float:
-    """Height of a seat over the reflecting plane: behind the mirror's back by the thickness of the glue.
+    """Height of a seat over the reflecting plane, which is below the mirror's back by the thickness of the glue.
 
-    The mirror's back rests on three pads of that height on the seat. A second-surface mirror is coated on its back, so
-    that the tops of its pads are in the layout's (reflecting) plane. A first-surface mirror is coated on its front, so
-    that they are one thickness of the mirror behind that plane.
+    The mirror's back rests on three pads on the seat, as high as the glue is thick. A second-surface mirror is coated
+    on its back, so that the tops of its pads are in the layout's (reflecting) plane. A first-surface mirror is coated
+    on its front, so that they are one mirror thickness behind that plane.
     """
     return mirror.back_mm - hardware.holder.bond_mm
 
@@ -97,7 +97,7 @@ def seat_distance_mm(mirror: Mirror, hardware: Hardware) -> float:
 
 
 def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, bevelled: bool = False) -> FloatArray:
-    """A mirror's outline, enlarged by a margin, at a height over the reflecting plane: (m, 3) in rig, mm.
+    """A mirror's outline, enlarged by a margin, at a height over the reflecting plane: (m, 3) in the rig frame, mm.
 
     The sides of a mirror are normal to its faces. The outline is counter-clockwise seen from the pupil. The margin cuts
     off corners sharper than 60 deg, or all corners if `bevelled`, so that m may exceed the number of corners.
@@ -131,36 +131,36 @@ def working_distance_mm(layout: Layout, hardware: Hardware) -> float:
     return max(layout.spec.depths_mm) if layout.spec else hardware.holder.depth_without_spec_mm
 
 
-def light_starts_mm(mirror: Mirror) -> float:
+def light_start_mm(mirror: Mirror) -> float:
     """Height over the reflecting plane up to which light stays within the mirror's outline.
 
     Light enters and leaves a second-surface mirror through its front, which has the same outline as its back.
     """
-    return mirror.front_mm if mirror.is_second_surface else LIGHT_STARTS_MM
+    return mirror.front_mm if mirror.is_second_surface else LIGHT_START_MM
 
 
 def camera_cone(mirror: Mirror, pupil: Pupil, hardware: Hardware) -> Frustum:
     """Light between the mirror and the full pupil, enlarged by the gap for light; a pyramid for a pinhole."""
     outline = outline_at(mirror, 0.0, hardware.fit.light_mm)
     at_pupil = _polygon_around_pupil(mirror, pupil, outline)
-    share = light_starts_mm(mirror) / mirror.distance_mm
-    return Frustum(outline + (at_pupil - outline) * share, at_pupil)
+    fraction = light_start_mm(mirror) / mirror.distance_mm
+    return Frustum(outline + (at_pupil - outline) * fraction, at_pupil)
 
 
 def _polygon_around_pupil(mirror: Mirror, pupil: Pupil, outline: FloatArray) -> FloatArray:
     """Polygon (n, 3) about the pupil with edges parallel to those of a mirror's outline (n, 3); (1, 3) for a pinhole.
 
-    It circumscribes a circle so large that planes through corresponding edges touch or miss the pupil's ball.
+    It circumscribes a circle large enough for planes through corresponding edges to touch or miss the pupil's ball.
     """
     if pupil.radius_mm == 0.0:
         return np.zeros((1, 3))
     flat = outline @ mirror.rig_from_plane[:3, :2]
-    along = np.roll(flat, -1, axis=0) - flat
-    outwards = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    edges = np.roll(flat, -1, axis=0) - flat
+    outwards = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     lateral = (outwards * flat).sum(axis=1)
     tilt = np.arctan2(mirror.distance_mm, lateral) - np.arccos(pupil.radius_mm / np.hypot(mirror.distance_mm, lateral))
     radius = float((pupil.radius_mm / np.cos(tilt)).max())
-    # Adjacent edges with normals a and b, both at distance r from the middle, meet at r (a + b) / (1 + a.b).
+    # Adjacent edges with normals a and b, both at distance r from the centre, meet at r (a + b) / (1 + a.b).
     previous = np.roll(outwards, 1, axis=0)
     corners = radius * (previous + outwards) / (1.0 + (previous * outwards).sum(axis=1))[:, None]
     return np.asarray(corners @ mirror.rig_from_plane[:3, :2].T)
@@ -183,15 +183,15 @@ def reflected_beam(layout: Layout, index: int, hardware: Hardware) -> Frustum:
     )
     if (factors <= 1.0).any():
         raise InputError(
-            f"mirror {layout.mirror_names[index]} does not reflect to the plane {depth:g} mm ahead, expected every ray "
-            "to reach it"
+            f"mirror {layout.mirror_names[index]} does not reflect every ray to the plane {depth:g} mm ahead, expected "
+            "a mirror that faces the scene"
         )
-    near = centre + rays * (1.0 + light_starts_mm(mirror) / mirror.distance_mm)
+    near = centre + rays * (1.0 + light_start_mm(mirror) / mirror.distance_mm)
     return Frustum(near, centre + rays * factors[:, None])
 
 
 def keep_outs(layout: Layout, hardware: Hardware) -> list[list[Frustum]]:
-    """Volumes that no part may enter, for each mirror: pocket, camera cone and reflected beam, in rig, mm."""
+    """Volumes that no part may enter, for each mirror: pocket, camera cone and reflected beam, in the rig frame, mm."""
     return [
         [
             pocket(mirror, hardware),

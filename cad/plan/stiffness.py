@@ -1,4 +1,4 @@
-"""Stiffness of the mount's structure: a sandwich beam with bends in closed form, and folded plates by finite strips.
+"""Stiffness of the mount's structure: an angled sandwich beam in closed form, and folded plates by finite strips.
 
 `FoldedPlates` are flat strips of one width, joined along straight edges parallel to x: the finite strip method with
 polynomials across the width (Cheung 1976, Finite Strip Method in Structural Analysis). A strip is a thin plate
@@ -40,18 +40,18 @@ class Section:
 
     @property
     def bending_nmm2(self) -> float:
-        """E I about x: both skins about the middle (parallel axis theorem)."""
+        """E I about x: both skins about the mid-plane (parallel axis theorem)."""
         inside = self.depth_mm - 2.0 * self.skin_mm
         return self.plastic_mpa * self.width_mm * (self.depth_mm**3 - inside**3) / 12.0
 
     @property
-    def sideways_nmm2(self) -> float:
+    def lateral_bending_nmm2(self) -> float:
         """E I about the skins' normal, both skins bent on edge."""
         return self.plastic_mpa * 2.0 * self.skin_mm * self.width_mm**3 / 12.0
 
     @property
     def shear_n(self) -> float:
-        """Shear force per angle: E A sin^2 a cos a for webs of area A at angle a (Timoshenko's laced columns)."""
+        """Shear force per shear angle: E A sin^2 a cos a for webs of area A at angle a (Timoshenko's laced columns)."""
         angle = np.deg2rad(self.web_deg)
         return float(self.plastic_mpa * self.web_mm * self.width_mm * np.sin(angle) ** 2 * np.cos(angle))
 
@@ -69,11 +69,11 @@ class Section:
         return float(2.0 * modulus * self.skin_mm * spacing**2 * self.width_mm * (1.0 - np.tanh(k_half) / k_half))
 
 
-def bends_per_newton(path: FloatArray, load: FloatArray, section: Section) -> tuple[FloatArray, FloatArray]:
-    """Rotation in rad and shift in mm, both (3, 3), of a load at a point (3,) in rig, per N of its weight.
+def beam_compliance(path: FloatArray, load: FloatArray, section: Section) -> tuple[FloatArray, FloatArray]:
+    """Rotation in rad and shift in mm, both (3, 3), of a load at a point (3,) in the rig frame, per N of its weight.
 
     Column j is for a force along axis j. The beam follows a path (n, 2; y and z); its first point is clamped, and its
-    last is rigidly connected to the load. By Castigliano's theorem, with the moment (load - p) x F linear along each
+    last is rigidly connected to the load. By Castigliano's theorem: the moment (load - p) x F is linear along each
     straight piece, so that Simpson's rule is exact for the quadratic energy. Shear of the truss shifts the load without
     rotation.
     """
@@ -81,11 +81,11 @@ def bends_per_newton(path: FloatArray, load: FloatArray, section: Section) -> tu
     for start, end in pairwise(path):
         length = float(np.linalg.norm(end - start))
         tangent = np.array([0.0, *(end - start) / length])
-        across = np.array([1.0, 0.0, 0.0])
-        normal = np.cross(across, tangent)
+        x_axis = np.array([1.0, 0.0, 0.0])
+        normal = np.cross(x_axis, tangent)
         compliance = (
-            np.outer(across, across) / section.bending_nmm2
-            + np.outer(normal, normal) / section.sideways_nmm2
+            np.outer(x_axis, x_axis) / section.bending_nmm2
+            + np.outer(normal, normal) / section.lateral_bending_nmm2
             + np.outer(tangent, tangent) / section.torsion_nmm2
         )
         for point, weight in ((start, 1.0 / 6.0), ((start + end) / 2.0, 4.0 / 6.0), (end, 1.0 / 6.0)):
@@ -96,20 +96,20 @@ def bends_per_newton(path: FloatArray, load: FloatArray, section: Section) -> tu
     return rotation, shift
 
 
-# Polynomials of degree 0 to 4 across the width: bending on edge is linear, the warping of a twisted strip cubic.
+# Polynomials of degree 0 to 4 across the width: in-plane bending is linear, the warping of a twisted strip cubic.
 MODES = 5
 # Displacements of an edge, for each mode: along x, y and z, and the rotation about x.
 EDGE = 4
 # Stiffness of a rigid support, relative to the stiffest displacement of an edge.
 RIGID_SUPPORT = 1e4
-# Fields of a strip: displacement along x, along the strip, and normal to it. A term of the strain energy is a stiffness
-# and two derivatives of fields: (field, order along the strip, order along x).
-_X, _ALONG, _ACROSS = 0, 1, 2
+# Fields of a strip: displacement along x, along the strip (s), and normal to it. A term of the strain energy is a
+# stiffness and two derivatives of fields: (field, order with respect to s, order with respect to x).
+_X, _S, _NORMAL = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class FoldedPlates:
-    """Strips in rig, mm: lines in the y-z plane between two edges, extruded by `half_width_mm` to both sides of x = 0.
+    """Strips in the rig frame, mm: lines between two edges in the y-z plane, extruded by `half_width_mm` either way.
 
     `edges` (n, 2) are y and z of the edges, `strips` (m, 2) the edges of each strip, `thickness_mm` (m,) its thickness
     and `modulus_mpa` (m,) its modulus of elasticity.
@@ -135,17 +135,17 @@ class FoldedPlates:
         Parameters
         ----------
         supports, attachments : (k,) and (k,) arrays
-            Edges and x in mm of the points that are supported and of those fixed to the body, including the edges'
-            rotation.
+            Edges, and x in mm, of the points that are supported and of those fixed to the body; the edges' rotation is
+            fixed there too.
         load : (3,) array
-            Point in rig, mm, where forces act on the body and its shift is measured.
+            Point in the rig frame, mm, where forces act on the body and its shift is measured.
         support_stiffness : (4,) array or None
             Stiffness of each support: along x, y and z in N/mm, about x in N mm/rad. None: rigid.
 
         Returns
         -------
         (6, 6) array
-            Column j: shift in mm and rotation in rad for a unit force (j < 3, N) or moment (N mm) along an axis of rig.
+            Column j: shift in mm and rotation in rad for a unit force (j < 3, N) or moment (N mm) along a rig axis.
         """
         stiffness = self._stiffness()
         supported, attached = self._displacements(*supports), self._displacements(*attachments)
@@ -215,20 +215,20 @@ def _strip_stiffness(plates: FoldedPlates, lengths: FloatArray) -> FloatArray:
     membrane = plates.modulus_mpa * plates.thickness_mm / (1.0 - plates.poisson**2)
     plate = membrane * plates.thickness_mm**2 / 12.0
     shear = (1.0 - plates.poisson) / 2.0
-    terms = [(membrane, (_X, 0, 1), (_X, 0, 1)), (membrane, (_ALONG, 1, 0), (_ALONG, 1, 0))]
-    terms += _both(membrane * plates.poisson, (_X, 0, 1), (_ALONG, 1, 0))
-    terms += [(membrane * shear, (_X, 1, 0), (_X, 1, 0)), (membrane * shear, (_ALONG, 0, 1), (_ALONG, 0, 1))]
-    terms += _both(membrane * shear, (_X, 1, 0), (_ALONG, 0, 1))
-    terms += [(plate, (_ACROSS, 0, 2), (_ACROSS, 0, 2)), (plate, (_ACROSS, 2, 0), (_ACROSS, 2, 0))]
-    terms += _both(plate * plates.poisson, (_ACROSS, 0, 2), (_ACROSS, 2, 0))
-    terms.append((plate * 4.0 * shear, (_ACROSS, 1, 1), (_ACROSS, 1, 1)))
-    fields, weights = _fields_along(lengths)
-    modes, mode_weights = _modes_across(plates.half_width_mm)
+    terms = [(membrane, (_X, 0, 1), (_X, 0, 1)), (membrane, (_S, 1, 0), (_S, 1, 0))]
+    terms += _both(membrane * plates.poisson, (_X, 0, 1), (_S, 1, 0))
+    terms += [(membrane * shear, (_X, 1, 0), (_X, 1, 0)), (membrane * shear, (_S, 0, 1), (_S, 0, 1))]
+    terms += _both(membrane * shear, (_X, 1, 0), (_S, 0, 1))
+    terms += [(plate, (_NORMAL, 0, 2), (_NORMAL, 0, 2)), (plate, (_NORMAL, 2, 0), (_NORMAL, 2, 0))]
+    terms += _both(plate * plates.poisson, (_NORMAL, 0, 2), (_NORMAL, 2, 0))
+    terms.append((plate * 4.0 * shear, (_NORMAL, 1, 1), (_NORMAL, 1, 1)))
+    fields, weights = _strip_fields(lengths)
+    modes, mode_weights = _width_modes(plates.half_width_mm)
     stiffness = np.zeros((len(lengths), 10, MODES, 10, MODES))
-    for factor, (a, along_a, across_a), (b, along_b, across_b) in terms:
-        along = np.einsum("sp,spi,spj->sij", factor[:, None] * weights, fields[a, along_a], fields[b, along_b])
-        across = np.einsum("p,pk,pl->kl", mode_weights, modes[across_a], modes[across_b])
-        stiffness += along[:, :, None, :, None] * across[:, None, :]
+    for factor, (a, s_order_a, x_order_a), (b, s_order_b, x_order_b) in terms:
+        over_s = np.einsum("sp,spi,spj->sij", factor[:, None] * weights, fields[a, s_order_a], fields[b, s_order_b])
+        over_x = np.einsum("p,pk,pl->kl", mode_weights, modes[x_order_a], modes[x_order_b])
+        stiffness += over_s[:, :, None, :, None] * over_x[:, None, :]
     return stiffness.reshape(len(lengths), 10 * MODES, 10 * MODES)
 
 
@@ -239,7 +239,7 @@ def _both(factor: FloatArray, a: tuple[int, int, int], b: tuple[int, int, int]) 
     return [(factor, a, b), (factor, b, a)]
 
 
-def _modes_across(half_width: float) -> tuple[FloatArray, FloatArray]:
+def _width_modes(half_width: float) -> tuple[FloatArray, FloatArray]:
     """Modes (3, points, MODES) across the width with first and second derivatives, and quadrature weights (points,)."""
     points, weights = legendre.leggauss(MODES)
     orders = [legendre.legder(np.eye(MODES), order) if order else np.eye(MODES) for order in range(3)]
@@ -249,7 +249,7 @@ def _modes_across(half_width: float) -> tuple[FloatArray, FloatArray]:
     )
 
 
-def _fields_along(lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _strip_fields(lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fields (3, 3, m, points, 10) along strips of lengths (m,), and quadrature weights (m, points).
 
     The first axis is the displacement (along x, along the strip, normal to it), the second the order of the derivative.
@@ -266,11 +266,11 @@ def _fields_along(lengths: FloatArray) -> tuple[FloatArray, FloatArray]:
     )
     fields = np.zeros((3, 3, len(lengths), 4, 10))
     for order in range(3):
-        by_length = lengths[:, None, None] ** -float(order)
-        fields[_X, order][..., [0, 4, 8]] = linear[order].T * by_length
-        fields[_ALONG, order][..., [1, 5, 9]] = linear[order].T * by_length
-        deflections = hermite[order].T * by_length
-        # The slope modes of a cubic scale with the strip's length.
+        scale = lengths[:, None, None] ** -float(order)
+        fields[_X, order][..., [0, 4, 8]] = linear[order].T * scale
+        fields[_S, order][..., [1, 5, 9]] = linear[order].T * scale
+        deflections = hermite[order].T * scale
+        # The rotation modes of a cubic scale with the strip's length.
         deflections[..., [1, 3]] *= lengths[:, None, None]
-        fields[_ACROSS, order][..., [2, 3, 6, 7]] = deflections
+        fields[_NORMAL, order][..., [2, 3, 6, 7]] = deflections
     return fields, lengths[:, None] * weights / 2.0

@@ -24,14 +24,14 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
 
 FRICTION = 0.12
-# Share of its strength that a plastic bears for years.
-PERMANENT_SHARE = 0.25
-# Share of the cylinder round an insert or a thread that is plastic: the rest is its ridges.
-PLASTIC_SHARE = 0.5
-# Largest force of a screw whose tip presses on the camera's body; it joins the clip alone.
+# Fraction of its strength that a plastic bears for years.
+PERMANENT_FRACTION = 0.25
+# Fraction of the cylinder round an insert or a thread that is plastic: the rest is its ridges.
+PLASTIC_FRACTION = 0.5
+# Largest force of a screw whose tip presses on the camera's body; such a screw joins only the clip.
 CAMERA_SCREW_N = 50.0
 CAMERA_SCREW_JOINS = (CLIP,)
-ON_AXIS_MM = 1e-3
+COAXIAL_MM = 1e-3
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tighte
 
 def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardware) -> Tightening | None:
     table, thread = hardware.screw, thread_of(screw.size)
-    on_axis = {item.kind for item in items if item is not screw and _shares_axis(item, screw)}
-    pressure = PERMANENT_SHARE * hardware.printer.plastic_strength_mpa
+    on_axis = {item.kind for item in items if item is not screw and _is_coaxial(item, screw)}
+    pressure = PERMANENT_FRACTION * hardware.printer.plastic_strength_mpa
     # Screws against springs adjust a mirror and are not tightened.
     if screw.joins[-1].startswith(CARRIER):
         return None
@@ -88,7 +88,7 @@ def _torque_nm(thread: Thread, force_n: float, bearing_mm: float) -> float:
 
 
 def _shear_n(diameter_mm: float, length_mm: float, pressure_mpa: float) -> float:
-    return float(PLASTIC_SHARE * pressure_mpa / np.sqrt(3.0) * np.pi * diameter_mm * length_mm)
+    return float(PLASTIC_FRACTION * pressure_mpa / np.sqrt(3.0) * np.pi * diameter_mm * length_mm)
 
 
 def _ring_mm2(outer_mm: float, inner_mm: float) -> float:
@@ -100,10 +100,10 @@ def _engaged_mm(screw: BoughtItem, hardware: Hardware) -> float:
     return max(screw.length_mm - hardware.camera.depth_mm, 0.0)
 
 
-def _shares_axis(item: BoughtItem, screw: BoughtItem) -> bool:
+def _is_coaxial(item: BoughtItem, screw: BoughtItem) -> bool:
     """Return whether an item is on a screw's axis, between one screw length above the head and the tip."""
     frame = screw.rig_from_item
     offset = item.rig_from_item[:3, 3] - frame[:3, 3]
     depth = -float(offset @ frame[:3, 2])
     distance = float(np.linalg.norm(offset + depth * frame[:3, 2]))
-    return distance < ON_AXIS_MM and -screw.length_mm < depth <= screw.length_mm
+    return distance < COAXIAL_MM and -screw.length_mm < depth <= screw.length_mm

@@ -51,7 +51,7 @@ from mirrorcam.cad.assembly.pieces import (
     item_names,
     item_solid,
 )
-from mirrorcam.cad.plan.device_names import APART, CLIP
+from mirrorcam.cad.plan.device_names import CLIP, UNMOUNTED
 from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart, Connection, Rgb
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.cad.write.threemf import DESIGNER
@@ -132,7 +132,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
 
     Parts are made in their positions, so that joints move them only by the differences between their plans.
     """
-    mounted = [part for part in parts if part.name not in APART]
+    mounted = [part for part in parts if part.name not in UNMOUNTED]
     printed = {part.name: _printed(part) for part in mounted}
     for connection in connections(device):
         parent, child = _printed_part((connection.parent,), printed), _printed_part((connection.child,), printed)

@@ -27,7 +27,7 @@ from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 
 ASSEMBLY = "assembly.glb"
 ROOT = "device"
-APART = ("fit_coupon", "dust_cover")  # among the printed parts, but not in the assembled device
+UNMOUNTED = ("fit_coupon", "dust_cover")  # among the printed parts, but not in the assembled device
 SAME_MM = 0.05  # tolerance between mirror corners in a file and in a layout
 # Dark, diffuse plastic if a file has no colour.
 PLASTIC_RGB = (0.03, 0.03, 0.03)
@@ -106,7 +106,7 @@ def parts_files(folder: Path) -> tuple[Path, ...]:
     """
     if (folder / ASSEMBLY).is_file():
         return (folder / ASSEMBLY,)
-    found = tuple(path for path in sorted(folder.glob("*.stl")) if path.stem not in APART)
+    found = tuple(path for path in sorted(folder.glob("*.stl")) if path.stem not in UNMOUNTED)
     if not found:
         raise InputError(f"{folder}: no {ASSEMBLY} and no .stl files, expected a folder that `mirrorcam cad` wrote")
     return found

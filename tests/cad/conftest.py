@@ -101,7 +101,7 @@ def device(default_layout: Layout) -> Device:
 
 @dataclass(frozen=True)
 class Block:
-    """The plan of a box between two corners (3,) in rig, mm."""
+    """The plan of a box between two corners (3,) in the rig frame, mm."""
 
     low: FloatArray
     high: FloatArray

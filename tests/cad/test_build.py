@@ -60,7 +60,7 @@ def test_the_same_layout_gives_the_same_bytes_in_other_processes(built_second_su
     assert [name for name in sorted(names(again)) if (again / name).read_bytes() != (folder / name).read_bytes()] == []
 
 
-def test_every_file_is_stated_beforehand(built_default: Built) -> None:
+def test_every_file_is_listed_in_advance(built_default: Built) -> None:
     written = names(built_default[1])
     found = {pattern: {name for name in written if fnmatchcase(name, pattern)} for pattern in files_of(HARDWARE)}
     assert written == set().union(*found.values())
@@ -96,7 +96,7 @@ def copy_picture(folder: Path, out: Path, picture: DevicePicture) -> None:
 
 
 @pytest.mark.slow
-def test_unchanged_parts_are_taken_over(
+def test_unchanged_parts_are_reused(
     built_second_surface: Built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     layout, folder, _ = built_second_surface
@@ -114,7 +114,7 @@ def test_unchanged_parts_are_taken_over(
 
 
 @pytest.mark.slow
-def test_what_has_changed_is_made_again(
+def test_changed_parts_are_made_again(
     built_second_surface: Built, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from mirrorcam.cad.assembly.catalogue import parts_of
@@ -147,7 +147,9 @@ def test_what_has_changed_is_made_again(
     assert "camera_clip" not in changed
 
 
-def test_what_cannot_be_built_is_refused_before_any_file(make_parabola: Callable[..., Layout], tmp_path: Path) -> None:
+def test_a_device_that_cannot_be_built_is_refused_before_any_file(
+    make_parabola: Callable[..., Layout], tmp_path: Path
+) -> None:
     with pytest.raises(InputError, match="mm apart as cut from sheet"):
         build_parts(make_parabola(2, 2, gap_mm=0.1), tmp_path / "parts")
     assert list(tmp_path.iterdir()) == []

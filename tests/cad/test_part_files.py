@@ -21,7 +21,7 @@ def make_wedge(plan: object) -> Part:
 PART = PartPlan("wedge", "Wedge", "7", (1.0, 2.0), make_wedge, np.eye(4), np.zeros(3), (0.5, 0.5, 0.5))
 
 
-def test_other_numbers_dates_and_programs_are_another_part(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_different_numbers_dates_and_programs_make_a_different_part(monkeypatch: pytest.MonkeyPatch) -> None:
     screw = HARDWARE.screw
     made_of = part_files._inputs(PART, Printer(), screw)
     assert {"code", "build123d", "cadquery-ocp-novtk", "ezdxf"} <= made_of.keys()

@@ -15,7 +15,7 @@ import pytest
 from build123d import Align, Box, BuildPart, GeomType, Locations, Mode, Part
 from manifold3d import Manifold
 
-from mirrorcam.cad.plan.cuts import PiecePlan, clearance_round_pin_mm, hole_frame, reach_of_pin_mm
+from mirrorcam.cad.plan.cuts import PiecePlan, clearance_around_pin_mm, depth_for_pin_mm, hole_frame
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.splitting import (
@@ -34,7 +34,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
 
 
-def test_a_crumb_that_a_cut_leaves_is_left_out_and_a_fragment_refused() -> None:
+def test_a_crumb_left_by_a_cut_is_omitted_and_a_fragment_refused() -> None:
     bar = Manifold.cube((300.0, 30.0, 20.0))
     for width, apart in ((1.0, False), (3.0, True)):
         # A corner connected only by a strip behind the cut.
@@ -45,7 +45,7 @@ def test_a_crumb_that_a_cut_leaves_is_left_out_and_a_fragment_refused() -> None:
         assert len(fragments(body.trim_by_plane((-1.0, 0.0, 0.0), -150.9), 1.2)) == (2 if apart else 1)
 
 
-def test_a_hole_keeps_a_wall_before_what_is_hollow_beyond_its_end() -> None:
+def test_a_hole_leaves_a_wall_before_a_hollow_beyond_its_end() -> None:
     """Pins have no space if a hollow is nearer to the cut than the depth of their holes and a wall."""
     needed = HARDWARE.holder.pin_mm[1] / 2.0 + HARDWARE.fit.slide_mm + HARDWARE.printer.wall_mm
     bar, axes = Manifold.cube((300.0, 30.0, 20.0)), (-1e4, 1e4)
@@ -56,23 +56,23 @@ def test_a_hole_keeps_a_wall_before_what_is_hollow_beyond_its_end() -> None:
 
 
 def test_area_for_pins_in_a_bar_is_its_section_less_a_wall_round_the_hole() -> None:
-    bar, around = Manifold.cube((300.0, 30.0, 20.0)), clearance_round_pin_mm(HARDWARE)
+    bar, around = Manifold.cube((300.0, 30.0, 20.0)), clearance_around_pin_mm(HARDWARE)
     room = area_for_pins(bar, 0, 150.0, (-1e4, 1e4), HARDWARE)
     np.testing.assert_allclose(room.bounds, (around, around, 30.0 - around, 20.0 - around), atol=1e-9)
     # For a cut normal to y the other axis is x; the clearance from the ends of the span is as from the outside.
     assert area_for_pins(bar, 1, 15.0, (50.0, 80.0), HARDWARE).bounds[0] == pytest.approx(50.0 + around)
 
 
-def test_the_place_with_most_area_for_pins_is_taken_and_of_equals_the_middle() -> None:
+def test_the_cut_with_most_area_for_pins_is_chosen_and_of_equals_the_central_one() -> None:
     bar = Manifold.cube((300.0, 30.0, 20.0))
     assert best_cuts_mm(bar, 0, (0.0, 300.0), 220.0, HARDWARE) == (150.0,)
     assert best_cuts_mm(bar, 0, (0.0, 200.0), 220.0, HARDWARE) == ()
     notch = Manifold.cube((20.0, 30.0, 12.0)).translate((140.0, 0.0, 8.0))
     (place,) = best_cuts_mm(bar - notch, 0, (0.0, 300.0), 220.0, HARDWARE)
-    assert abs(place - 150.0) > 10.0 + reach_of_pin_mm(HARDWARE)
+    assert abs(place - 150.0) > 10.0 + depth_for_pin_mm(HARDWARE)
 
 
-def test_what_lies_inside_spans_has_their_volume() -> None:
+def test_the_part_of_a_body_inside_spans_has_their_volume() -> None:
     box = inside(Manifold.cube((300.0, 30.0, 20.0)), ((-5.0, 120.0), (10.0, 25.0)))
     assert box.volume() == pytest.approx(120.0 * 15.0 * 20.0)
     assert triangles_of(box).shape == (12, 3, 3)
@@ -114,7 +114,7 @@ def test_a_piece_is_its_box_of_the_part_less_its_holes() -> None:
     assert drilled.solids()[0].is_inside((10.0, 6.0, 10.0 - 1.55))
 
 
-def test_a_box_on_a_turned_bed_is_turned_with_it() -> None:
+def test_a_box_on_a_rotated_bed_is_rotated_with_it() -> None:
     turned = np.array([[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
     piece = make_piece(replace(PIECE, rig_from_bed=turned, low_mm=(-1.0, -60.0, -1.0), high_mm=(21.0, -40.0, 21.0)))
     box = piece.bounding_box()
@@ -122,11 +122,11 @@ def test_a_box_on_a_turned_bed_is_turned_with_it() -> None:
 
 
 def test_a_piece_of_two_solids_is_refused() -> None:
-    with pytest.raises(InputError, match="falls apart into 2, expected one"):
+    with pytest.raises(InputError, match="falls apart into 2 pieces, expected one"):
         make_piece(replace(PIECE, low_mm=(10.0, -1.0, 5.0), high_mm=(40.0, 21.0, 21.0)))
 
 
-def test_booleans_on_a_piece_leave_the_kept_part_as_it_was() -> None:
+def test_booleans_on_a_piece_do_not_change_the_cached_part() -> None:
     before = uncut_part(10.0, make_posts).volume
     make_piece(PIECE)
     assert uncut_part(10.0, make_posts).volume == before
@@ -159,7 +159,7 @@ def bar_part(plan: BarPlan) -> tuple[PartPlan, FloatArray]:
     return part, corners
 
 
-def test_what_fits_the_bed_is_left_alone_and_not_even_made() -> None:
+def test_a_part_that_fits_the_bed_is_unchanged_and_not_even_made() -> None:
     part, corners = bar_part(BarPlan(219.0, 30.0, 20.0))
 
     def never(plan: object) -> Part:
@@ -229,7 +229,7 @@ def test_a_pin_lies_half_in_either_piece() -> None:
             assert any(solid.solids()[0].is_inside(around) for solid in solids.values())
 
 
-def test_cuts_keep_to_the_places_asked_for_and_else_to_solid_ones() -> None:
+def test_cuts_are_where_requested_or_else_where_the_part_is_solid() -> None:
     part, corners = bar_part(BarPlan(300.0, 30.0, 20.0))
     asked = split(part, corners, HARDWARE, ((120.0,), ()))
     assert isinstance(asked.parts[0].plan, PiecePlan)
@@ -239,7 +239,7 @@ def test_cuts_keep_to_the_places_asked_for_and_else_to_solid_ones() -> None:
     assert not 120.0 - 9.2 < cut < 180.0 + 9.2
 
 
-def test_what_cannot_be_cut_is_refused_with_the_measure() -> None:
+def test_a_part_that_cannot_be_cut_is_refused_with_the_dimension() -> None:
     part, corners = bar_part(BarPlan(300.0, 30.0, 6.0))
     with pytest.raises(
         InputError, match=r"a cut at x = 150\.0 mm has space for two pins 0\.0 mm apart, expected 12 mm"
@@ -251,7 +251,7 @@ def test_what_cannot_be_cut_is_refused_with_the_measure() -> None:
     part, corners = bar_part(BarPlan(300.0, 30.0, 20.0, slot_mm=12.0))
     # Both cuts are solid, but so near the slot's ends that only two legs are between them.
     part, corners = bar_part(BarPlan(300.0, 60.0, 20.0, slot_mm=20.0))
-    with pytest.raises(InputError, match=r"piece 2 of the bar falls apart into 2, expected one"):
+    with pytest.raises(InputError, match=r"piece 2 of the bar falls apart into 2 pieces, expected one"):
         split(part, corners, HARDWARE, ((135.0, 165.0), ()))
     part, corners = bar_part(BarPlan(300.0, 30.0, 20.0))
     with pytest.raises(InputError, match=r"piece 1 of the bar is 230\.0 mm along the bed, expected at most 220 mm"):
@@ -259,7 +259,7 @@ def test_what_cannot_be_cut_is_refused_with_the_measure() -> None:
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_cut_keeps_off_corners_that_it_all_but_touches(side: float) -> None:
+def test_a_cut_is_shifted_off_corners_that_it_almost_touches(side: float) -> None:
     """A groove across the bar ends in the middle, at the requested cut up to rounding.
 
     A cut moved towards the groove leaves its end intact; moved away, it leaves a fin as thin as the move.

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.carriers import centre_after, rotation_about
+from mirrorcam.cad.holder.carriers import rotation_about, virtual_centre_after
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.licence import write_source
 from mirrorcam.core.errors import InputError
@@ -51,7 +51,7 @@ def test_the_computed_turns_bring_every_mirror_to_its_design() -> None:
     ):
         assert each.tilt_deg > 0.2
         assert np.abs(each.turns).max() > 0.05
-        moved = centre_after(was.virtual_centre_in_rig_mm, carrier, each.turns)
+        moved = virtual_centre_after(was.virtual_centre_in_rig_mm, carrier, each.turns)
         assert np.abs(moved - wanted.virtual_centre_in_rig_mm).max() < 1e-9
         assert each.reached
         assert np.isnan(each.sigma_turns).all()

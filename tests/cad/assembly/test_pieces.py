@@ -191,7 +191,7 @@ def test_a_body_with_round_ends_lacks_four_corners(width: float, height: float, 
 
 
 def test_a_size_without_a_diameter_is_refused() -> None:
-    with pytest.raises(ValueError, match="size='steel' names no thread, expected one of M1"):
+    with pytest.raises(ValueError, match="size='steel' does not name a thread, expected one of M1"):
         item_solid(item("pin", "steel", 16.0))
 
 

@@ -120,7 +120,7 @@ def test_a_head_deep_below_the_face_lies_in_a_round_hole() -> None:
     assert max(radii) > 3.36
 
 
-def test_discs_and_rings_keep_within_their_radii() -> None:
+def test_discs_and_rings_stay_within_their_radii() -> None:
     at = np.array([1.0, 2.0, 3.0])
     corners = faceted(Disc(at, 10.0, 4.0)).base - at
     np.testing.assert_allclose(np.hypot(corners[:, 0], corners[:, 2]), 10.0)

@@ -80,7 +80,7 @@ def test_the_saddle_reaches_up_to_the_mounts_foot_and_clears_the_clip(device: De
     assert top < clip.bottom_mm - clip.travel_mm
 
 
-def test_another_wrist_gives_another_clamp(device: Device) -> None:
+def test_a_different_wrist_gives_a_different_clamp(device: Device) -> None:
     plan = plan_clamp(WRIST.replaced(diameter_mm=75.0, band_mm=11.0), device.mount, HARDWARE)
     part = make_ring(plan.saddle)
     assert part.is_valid
@@ -134,7 +134,7 @@ def meshes() -> dict[str, trimesh.Trimesh]:
 
 
 def radii_mm(mesh: trimesh.Trimesh, along_mm: float) -> tuple[float, float]:
-    """Least and largest outer radius of a mesh about z, over 36 sectors of its section at z = -along."""
+    """Smallest and largest outer radius of a mesh about z, over 36 sectors of its section at z = -along."""
     section = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, -along_mm))
     points = (section[:, :1] + np.linspace(0.0, 1.0, 5)[None, :, None] * (section[:, 1:] - section[:, :1])).reshape(
         -1, 3

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.back import carried
+from mirrorcam.cad.backs.back import carried_load
 from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
 from mirrorcam.cad.plan.back_table import MonitorBack
 from mirrorcam.cad.plan.fasteners import Bore
@@ -28,8 +28,8 @@ def test_the_jaw_meets_the_back_of_the_monitor_and_enters_nothing(device: Device
     for first, second in ((0, 1), (0, 2), (1, 2)):
         assert max(overlap_mm(a, b) for a in solids[first] for b in solids[second]) < 1e-6
     # The centre of mass is over the monitor, or behind its screen by 12 mm.
-    load = carried(device.mount, device.clip, device.hardware)
-    assert corners[:, 1].max() - load.at[1] == pytest.approx(12.0)
+    load = carried_load(device.mount, device.clip, device.hardware)
+    assert corners[:, 1].max() - load.centre[1] == pytest.approx(12.0)
     # The jaw's screws are in the slots, at both ends of their range.
     slots = [cut for cut in hook.cuts if isinstance(cut, Bore) and cut.travel_mm]
     assert len(slots) == 2

@@ -37,7 +37,7 @@ WEB = Path(__file__).parents[3] / "cad" / "web" / "backs"
 
 @pytest.mark.parametrize("screws", ["insert", "nut"])
 @pytest.mark.parametrize("kind", list(BACKS))
-def test_every_kind_hangs_on_the_four_screws_of_the_foot(kind: str, screws: str, device: Device) -> None:
+def test_every_kind_is_fastened_by_the_four_screws_of_the_foot(kind: str, screws: str, device: Device) -> None:
     hardware = device.hardware.replaced(
         back=back_of(kind),
         screw=device.hardware.screw.replaced(kind=screws),
@@ -68,7 +68,7 @@ def test_every_kind_has_its_step_in_the_guide_and_no_other_has() -> None:
         assert "stages.adapter_screws|counted" in text
 
 
-def test_only_arms_hang_on_a_link(device: Device) -> None:
+def test_only_backs_for_arms_have_a_robot_link(device: Device) -> None:
     arms = set()
     for kind in BACKS:
         back = plan_back(device.clip, device.mount, device.hardware.replaced(back=back_of(kind)))

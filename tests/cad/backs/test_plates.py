@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.back import Load, carried
+from mirrorcam.cad.backs.back import Load, carried_load
 from mirrorcam.cad.backs.blocks import tripod_depth_mm
 from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
 from mirrorcam.cad.backs.plates import FRONT_MM, back_of_plate, foot_plate, plan_arca, plan_desk
@@ -35,7 +35,7 @@ def test_a_plate_holds_the_nut_and_the_heads(device: Device, table: DeskBack | T
     # Heads do not protrude below.
     assert plate.heads[:, 2] == pytest.approx(foot_z - table.grip_mm)
     assert plate.heads[0, 2] > plate.low_z_mm
-    assert plate.nut_at[1] == plate.heads[:, 1].min()
+    assert plate.nut_mouth[1] == plate.heads[:, 1].min()
 
 
 @pytest.mark.parametrize("table", [DeskBack(), TripodBack()])
@@ -54,7 +54,7 @@ def test_countersinks_keep_a_wall_to_each_other_and_to_the_edges(device: Device,
         assert min(others) >= 2.0 * sink.radius_mm + wall
 
 
-def test_the_outline_is_the_callers(device: Device) -> None:
+def test_the_plate_has_the_given_outline(device: Device) -> None:
     table = TripodBack()
     plate = foot_plate(table, device.mount, device.hardware)
     outline = np.array([(-60.0, -60.0), (60.0, -60.0), (0.0, 70.0)])
@@ -65,14 +65,14 @@ def test_the_outline_is_the_callers(device: Device) -> None:
 
 
 @pytest.mark.parametrize("at", [None, (-1.0, 60.0, 80.0), (40.0, -80.0, 150.0)])
-def test_the_plate_reaches_as_far_as_the_device_may_be_tipped(
+def test_the_plate_extends_far_enough_for_the_required_tilt(
     device: Device, at: tuple[float, float, float] | None
 ) -> None:
-    load = carried(device.mount, device.clip, device.hardware) if at is None else Load(500.0, np.array(at))
+    load = carried_load(device.mount, device.clip, device.hardware) if at is None else Load(500.0, np.array(at))
     table = DeskBack(tip_deg=12.0, spare_deg=4.0)
     back = plan_desk(table, device.mount, load, device.hardware)
     assert back.stand is not None
-    assert tipping_angle_deg(back.stand, load.at) >= 16.0 - 1e-9
+    assert tipping_angle_deg(back.stand, load.centre) >= 16.0 - 1e-9
     # It supports the full foot of the mount.
     low, high = back.stand.corners.min(axis=0), back.stand.corners.max(axis=0)
     assert high[1] >= device.mount.slide[1]
@@ -129,8 +129,8 @@ def test_the_section_is_that_of_a_dovetail(device: Device, fit_mm: float) -> Non
 
 
 def test_a_slope_higher_than_the_dovetail_is_refused(device: Device) -> None:
-    load = carried(device.mount, device.clip, device.hardware)
-    with pytest.raises(InputError, match=r"dovetail's slope ends 10\.4 mm over its lower face, expected less than"):
+    load = carried_load(device.mount, device.clip, device.hardware)
+    with pytest.raises(InputError, match=r"dovetail's slope ends 10\.4 mm above its lower face, expected less than"):
         plan_arca(ArcaBack(neck_mm=20.0, height_mm=10.0), device.mount, load, device.hardware)
 
 

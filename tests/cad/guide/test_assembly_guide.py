@@ -62,7 +62,7 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
 def test_every_screw_inside_the_mount_has_an_opening_behind_it_that_its_head_passes(made: Made) -> None:
     screw = made.device.hardware.screw
     wide = [cut for cut in made.device.mount.cuts if isinstance(cut, Bore) and 2.0 * cut.radius_mm > screw.head_mm]
-    assert len(wide) >= len(made.device.holder.holes_in_mount_mm) + len(made.device.clip.slide_at)
+    assert len(wide) >= len(made.device.holder.holes_in_mount_mm) + len(made.device.clip.slide_points)
 
 
 def test_the_guide_and_the_parts_list_state_the_glue_that_fills_the_gap(made: Made) -> None:
@@ -239,7 +239,7 @@ def test_the_clips_upper_edge_stands_at_the_longest_mark(made: Made) -> None:
 def test_the_guide_states_the_figures_of_the_nest(made: Made) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     repeats = repeatability(made.device.clip, made.device.layout, made.device.hardware)
-    assert f"within {1000.0 * repeats.shift_mm:.0f} µm and {repeats.turn_deg:.2f}°" in text
+    assert f"within {1000.0 * repeats.shift_mm:.0f} µm and {repeats.rotation_deg:.2f}°" in text
 
 
 def test_the_focus_is_set_at_the_distance_of_the_design_before_the_first_picture(made: Made, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.adjuster import SUNK_MM, boss_mm, head_diameter_mm, least_plate_mm, plan_adjuster, travel_mm
+from mirrorcam.cad.holder.adjuster import SUNK_MM, boss_mm, head_diameter_mm, min_plate_mm, plan_adjuster, travel_mm
 from mirrorcam.cad.plan.hardware import HARDWARE, CompressionSpring
 from mirrorcam.core.errors import InputError
 from tests.cad.holder.screwed import with_screws
@@ -13,7 +13,7 @@ from tests.cad.holder.screwed import with_screws
 
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 @pytest.mark.parametrize("reach_mm", [8.0, 16.0, 24.0])
-def test_at_both_ends_of_its_travel_a_screw_holds_and_its_spring_is_neither_loose_nor_closed(
+def test_at_both_ends_of_its_travel_a_screw_engages_and_its_spring_is_neither_loose_nor_solid(
     kind: str, reach_mm: float
 ) -> None:
     hardware = with_screws(kind)
@@ -37,7 +37,7 @@ def test_the_rate_of_a_spring_is_that_of_its_standard() -> None:
     assert CompressionSpring(wire_mm=1.0, mean_mm=10.0, coils=5.0).n_per_mm == pytest.approx(2.0375)
 
 
-def test_what_cannot_be_adjusted_so_far_is_refused_with_what_would_do() -> None:
+def test_an_adjustment_range_that_is_too_large_is_refused_with_a_remedy() -> None:
     hardware = with_screws()
     for measure, changes in (
         ("longer than any on the list", {"adjust_mm": 15.0}),
@@ -48,10 +48,10 @@ def test_what_cannot_be_adjusted_so_far_is_refused_with_what_would_do() -> None:
             plan_adjuster(10.0, 12.0, 10.0, hardware.replaced(holder=hardware.holder.replaced(**changes)))
 
 
-def test_space_is_stated_from_the_parts_it_is_for() -> None:
+def test_spaces_follow_from_the_parts_in_them() -> None:
     assert head_diameter_mm() > 6.72
     assert boss_mm(with_screws()) == HARDWARE.screw.insert_hole_mm / 2.0 + HARDWARE.screw.insert_wall_mm
     assert boss_mm(with_screws("nut")) > HARDWARE.screw.nut_flats_mm / np.sqrt(3.0) + HARDWARE.printer.wall_mm
     assert travel_mm(10.0, HARDWARE) == pytest.approx(0.3 + 10.0 * np.tan(np.radians(1.0)))
     screw = plan_adjuster(10.0, 12.0, 10.0, with_screws())
-    assert least_plate_mm(screw.travel_mm, with_screws()) >= screw.recess_mm + screw.cone_mm + HARDWARE.printer.wall_mm
+    assert min_plate_mm(screw.travel_mm, with_screws()) >= screw.recess_mm + screw.cone_mm + HARDWARE.printer.wall_mm

@@ -79,7 +79,7 @@ def test_the_mount_frame_is_right_handed_on_the_back_and_faces_away(default_layo
         assert (solid.top @ turn[:, 2] < origin @ turn[:, 2]).all()
 
 
-def test_fillers_stay_behind_the_seats_beside_them(default_layout: Layout) -> None:
+def test_fillers_stay_behind_adjacent_seats(default_layout: Layout) -> None:
     axes = mount_axes(default_layout)
     front = FrontSurface(default_layout, axes, HARDWARE.fit.free_mm + HARDWARE.holder.rim_mm, HARDWARE)
     seats = [Polygon(mirror_prism(mirror).base @ axes[:2].T) for mirror in default_layout.mirrors]
@@ -94,19 +94,19 @@ def test_fillers_stay_behind_the_seats_beside_them(default_layout: Layout) -> No
                 assert (points @ mirror.normal_in_rig + seat_distance_mm(mirror, HARDWARE) < 1e-9).all()
 
 
-def test_a_back_without_room_for_the_inserts_is_refused(make_parabola: Callable[..., Layout]) -> None:
+def test_a_back_without_space_for_the_inserts_is_refused(make_parabola: Callable[..., Layout]) -> None:
     with pytest.raises(InputError, match="expected space for four M3 inserts with 4 mm of material"):
         plan_holder(make_parabola(1, 2, scale_mm=8.0, gap_mm=1.0), HARDWARE)
 
 
-def test_mirrors_that_face_apart_are_refused(make_flat_pair: Callable[..., Layout]) -> None:
+def test_mirrors_with_diverging_normals_are_refused(make_flat_pair: Callable[..., Layout]) -> None:
     mirrors = []
     for side in (-1.0, 1.0):
         point, normal = np.array([60.0 * side, 0.0, 60.0]), np.array([-0.95 * side, 0.0, -0.3])
         across = np.cross(normal, [0.0, 1.0, 0.0])
         outline = [point + 10.0 * across * a + np.array([0.0, 10.0 * b, 0.0]) for a, b in ((0, 0), (1, 0), (1, 1))]
         mirrors.append(Mirror.from_plane(point, normal, outline_in_rig_mm=outline))
-    with pytest.raises(InputError, match="the mirrors face apart, expected normals within 60 deg of their mean"):
+    with pytest.raises(InputError, match="the mirrors' normals must be within 60 deg of their mean"):
         plan_holder(make_flat_pair(gap_mm=5.0).replaced(mirrors=tuple(mirrors)), HARDWARE)
 
 

@@ -17,14 +17,14 @@ from mirrorcam.cad.holder.adjuster import boss_mm
 from mirrorcam.cad.holder.back import mount_axes
 from mirrorcam.cad.holder.carriers import (
     PITCH_MM,
-    centre_after,
     plan_areas,
     rig_from_carrier,
     rotation_about,
     tilt_and_shift,
+    tilt_per_turn_deg,
     travel_turns,
-    turn_deg,
     turns_to,
+    virtual_centre_after,
 )
 from mirrorcam.cad.plan.prisms import overlap_mm
 from mirrorcam.cad.plan.seats import mirror_prism
@@ -48,7 +48,7 @@ def test_a_carrier_ends_within_its_mirror_and_bears_three_screws(default_layout:
         assert Polygon(first.corners).distance(Polygon(second.corners)) > 1.0
 
 
-def test_the_first_place_of_the_mount_that_leaves_space_is_taken(default_layout: Layout) -> None:
+def test_the_first_mount_position_that_leaves_space_is_chosen(default_layout: Layout) -> None:
     axes, hardware = mount_axes(default_layout), with_screws()
     everywhere = Point(0.0, 0.0).buffer(1e3)
     place, areas = plan_areas(default_layout, axes, [everywhere, Polygon()], hardware)
@@ -103,32 +103,32 @@ def test_the_notch_is_at_the_edge_that_is_uppermost_in_the_device() -> None:
 CARRIERS = list(zip(pair().mirrors, planned().carriers, strict=True))
 
 
-def test_turning_all_screws_alike_draws_a_mirror_straight_to_the_holder() -> None:
+def test_equal_turns_of_all_screws_shift_a_mirror_straight_towards_the_holder() -> None:
     for mirror, carrier in CARRIERS:
         motion = rig_from_carrier(carrier, np.array([0.4, 0.4, 0.4]))
         assert np.allclose(motion[:3, :3], np.eye(3))
         assert np.allclose(motion[:3, 3], 0.4 * PITCH_MM * carrier.rig_from_back[:3, 2])
-        moved = centre_after(mirror.virtual_centre_in_rig_mm, carrier, np.array([0.4, 0.4, 0.4]))
+        moved = virtual_centre_after(mirror.virtual_centre_in_rig_mm, carrier, np.array([0.4, 0.4, 0.4]))
         along = -mirror.normal_in_rig @ carrier.rig_from_back[:3, 2]
         assert tilt_and_shift(moved, mirror.virtual_centre_in_rig_mm) == pytest.approx((0.0, 0.4 * PITCH_MM * along))
 
 
-def test_one_screw_tilts_by_the_pitch_over_its_height() -> None:
+def test_one_screw_tilts_by_the_pitch_over_the_triangles_altitude() -> None:
     for mirror, carrier in CARRIERS:
         tilts = []
         for turns in np.eye(3):
-            moved = centre_after(mirror.virtual_centre_in_rig_mm, carrier, turns)
+            moved = virtual_centre_after(mirror.virtual_centre_in_rig_mm, carrier, turns)
             tilts.append(tilt_and_shift(moved, mirror.virtual_centre_in_rig_mm)[0])
         # The mirror is not parallel to the back, so that its normal rotates by slightly less.
-        assert 0.9 * turn_deg(carrier) < max(tilts) <= 1.001 * turn_deg(carrier)
+        assert 0.9 * tilt_per_turn_deg(carrier) < max(tilts) <= 1.001 * tilt_per_turn_deg(carrier)
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_known_turns_are_found_from_the_planes_alone(seed: int) -> None:
+def test_turns_are_recovered_from_the_planes_alone(seed: int) -> None:
     rng = np.random.default_rng(seed)
     for mirror, carrier in CARRIERS:
         turns = rng.uniform(-1.0, 1.0, 3)
-        moved = centre_after(mirror.virtual_centre_in_rig_mm, carrier, turns)
+        moved = virtual_centre_after(mirror.virtual_centre_in_rig_mm, carrier, turns)
         assert turns_to(mirror.virtual_centre_in_rig_mm, moved, carrier) == pytest.approx(turns, abs=1e-9)
 
 
@@ -141,7 +141,7 @@ def test_a_mirror_tilted_by_a_degree_comes_back_to_its_design() -> None:
         turned = rotation_about(axis / np.linalg.norm(axis), np.radians(1.0))
         measured = 1.004 * turned @ wanted
         turns = turns_to(measured, wanted, carrier)
-        assert np.abs(centre_after(measured, carrier, turns) - wanted).max() < 1e-9
+        assert np.abs(virtual_centre_after(measured, carrier, turns) - wanted).max() < 1e-9
         assert np.abs(turns).max() < 3.0
         assert turns_to(wanted, wanted, carrier) == pytest.approx(np.zeros(3), abs=1e-9)
 

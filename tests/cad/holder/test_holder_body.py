@@ -14,7 +14,7 @@ from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.core.errors import InputError
 
 
-def test_of_all_material_only_pads_stand_in_pockets(device: Device) -> None:
+def test_only_pads_extend_into_pockets(device: Device) -> None:
     plan = device.holder
     room = Manifold.batch_hull(
         [Manifold.hull_points(np.vstack([group[0].base, group[0].top])) for group in plan.keep_outs[:1]]

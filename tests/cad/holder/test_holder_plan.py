@@ -36,7 +36,7 @@ def test_every_hole_ends_a_wall_below_the_seats(default_layout: Layout, device: 
 
 
 def thin_floor(body: HolderPlan) -> float:
-    """Least material behind any corner of a seat, along the mount's z."""
+    """Minimum thickness of material behind any corner of a seat, along the mount's z."""
     back = body.rig_from_mount[:3, 3] @ body.rig_from_mount[:3, 2]
     return min(float((back - core.top @ body.rig_from_mount[:3, 2]).min()) for core in body.cores)
 

@@ -1,4 +1,4 @@
-"""Three pads under every mirror: far apart, off grooves, cuts and light, with the mirror's middle between them."""
+"""Three pads under every mirror: far apart, clear of grooves, cuts and light, with the mirror's centre between them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from shapely import LineString, Point, Polygon, box
 
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.glue import Groove
-from mirrorcam.cad.holder.pads import GAP_MM, least_height_mm, pad_shapes, pad_volume, plan_pads
+from mirrorcam.cad.holder.pads import GAP_MM, min_altitude_mm, pad_shapes, pad_solid, plan_pads
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import seat_height_mm
@@ -33,20 +33,20 @@ def pads_of(mirror: Mirror, grooves: tuple[Groove, ...] = (), cuts: Cuts = NO_CU
     return plan_pads("0-1", mirror, free, grooves, np.eye(3), cuts, HARDWARE)
 
 
-def test_pads_of_a_rectangle_stand_at_two_corners_and_the_middle_of_the_far_side() -> None:
-    """Of all triangles in a rectangle that contain its middle, none has a least height above its shorter side."""
+def test_pads_of_a_rectangle_are_at_two_corners_and_the_middle_of_the_far_side() -> None:
+    """No triangle about a rectangle's centre has a smallest altitude above the rectangle's shorter side."""
     mirror = rectangle(40.0, 20.0)
     pads = pads_of(mirror)
     inset = 20.0 - 2.0 * (RADIUS + HARDWARE.fit.free_mm)
-    assert least_height_mm(pads[None])[0] == pytest.approx(inset, abs=0.05)
+    assert min_altitude_mm(pads[None])[0] == pytest.approx(inset, abs=0.05)
     room = Polygon(mirror.outline_in_plane_mm).buffer(-HARDWARE.fit.free_mm + 1e-6)
     assert all(room.contains(Polygon(shape)) for shape in pad_shapes(pads, HARDWARE))
     assert Polygon(pads).contains(Point(0.0, 0.0))
 
 
-def test_the_least_height_is_that_over_the_longest_side() -> None:
+def test_the_smallest_altitude_is_on_the_longest_side() -> None:
     triangles = np.array([[(0.0, 0.0), (4.0, 0.0), (0.0, 3.0)], [(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)]])
-    np.testing.assert_allclose(least_height_mm(triangles), [12.0 / 5.0, 0.0])
+    np.testing.assert_allclose(min_altitude_mm(triangles), [12.0 / 5.0, 0.0])
 
 
 def test_pads_keep_away_from_grooves_and_cuts() -> None:
@@ -85,7 +85,7 @@ def test_pads_of_a_device_reach_from_inside_the_seat_to_the_mirrors_back(
 def test_a_pad_is_as_wide_as_the_table_says() -> None:
     (shape,) = pad_shapes(np.array([(3.0, 4.0)]), HARDWARE)
     np.testing.assert_allclose(np.linalg.norm(shape - (3.0, 4.0), axis=1), RADIUS)
-    assert pad_volume(rectangle(10.0, 10.0), shape, HARDWARE).base.shape == (8, 3)
+    assert pad_solid(rectangle(10.0, 10.0), shape, HARDWARE).base.shape == (8, 3)
 
 
 def test_a_mirror_without_space_for_three_pads_is_refused_by_its_name() -> None:

@@ -51,7 +51,7 @@ def test_a_hole_and_a_blind_hole_are_loops_of_their_faces() -> None:
     assert solid.is_valid
 
 
-def test_planes_are_those_that_were_asked_for() -> None:
+def test_planes_are_the_given_ones() -> None:
     """A cut at an odd angle: the face's normal is the cutter's up to rounding, not one fitted to corners."""
     csg = PlanarCsg()
     normal = np.array([0.1, 0.2, 1.0]) / np.linalg.norm([0.1, 0.2, 1.0])
@@ -77,7 +77,7 @@ def test_a_solid_inside_out_is_refused() -> None:
     class Wrong:
         faces = [face[::-1] for face in block((0, 0, 0), (1, 1, 1)).faces]  # noqa: RUF012
 
-    with pytest.raises(ValueError, match="8 corners form no solid"):
+    with pytest.raises(ValueError, match="8 corners do not form a solid"):
         PlanarCsg().solid(Wrong())
 
 
@@ -99,7 +99,7 @@ def test_faces_in_one_plane_become_one_and_a_hole_is_an_inner_loop() -> None:
     assert solid.volume == pytest.approx((60.0 * 20.0 - 40.0 * 10.0) * 10.0)
 
 
-def test_faces_lie_in_the_planes_asked_for_to_rounding() -> None:
+def test_faces_lie_in_the_given_planes_to_rounding() -> None:
     csg = PlanarCsg()
     turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     turn *= np.linalg.det(turn)

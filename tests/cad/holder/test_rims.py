@@ -71,7 +71,7 @@ def test_a_first_surface_rim_ends_below_the_reflecting_plane(default_layout: Lay
         np.testing.assert_allclose(heights, -0.4, atol=1e-9)
 
 
-def test_no_rim_stands_where_a_cut_would_leave_less_than_a_wall_of_it(default_layout: Layout) -> None:
+def test_no_rim_is_where_a_cut_would_leave_it_thinner_than_a_wall(default_layout: Layout) -> None:
     axes, wall = mount_axes(default_layout), HARDWARE.printer.wall_mm
     volumes = keep_outs(default_layout, HARDWARE)
 

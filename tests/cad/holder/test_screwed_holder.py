@@ -20,7 +20,7 @@ from tests.cad.holder.screwed import pair, planned, with_screws
 
 
 @pytest.mark.parametrize("kind", ["insert", "nut"])
-def test_carriers_stand_a_gap_over_a_level_plate(kind: str) -> None:
+def test_carriers_are_a_gap_above_a_level_plate(kind: str) -> None:
     plan = planned(kind)
     mount_from_rig = inverse(plan.rig_from_mount)
     fronts = transform(mount_from_rig, plan.slab.top)[:, 2]
@@ -71,7 +71,7 @@ def make_screwed_holder_without_holes(plan: ScrewedHolderPlan) -> float:
 def test_a_holder_that_is_larger_than_the_bed_is_refused() -> None:
     hardware = with_screws()
     small = hardware.replaced(printer=hardware.printer.replaced(bed_mm=(80.0, 80.0, 200.0)))
-    with pytest.raises(InputError, match=r"with screws is \d+ x \d+ mm, expected it to fit the printer's bed"):
+    with pytest.raises(InputError, match=r"with screws is \d+ x \d+ mm, but must fit the printer's bed"):
         plan_screwed_holder(pair(), small)
 
 

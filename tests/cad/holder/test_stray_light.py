@@ -38,12 +38,12 @@ def mirror_solids(layout: Layout) -> list[Manifold]:
 
 
 @pytest.mark.slow
-def test_walls_keep_the_room_out_of_the_picture(default_layout: Layout, plan: HolderPlan) -> None:
+def test_walls_hide_the_surroundings_from_the_camera(default_layout: Layout, plan: HolderPlan) -> None:
     assert len(rays_past_mirrors(default_layout)) > 100
     assert (
         stray_light(default_layout, body_of(PlanarCsg(), plan), mirror_solids(default_layout)) < 0.1 * MAX_STRAY_LIGHT
     )
-    # With larger gaps between mirrors, too much of the picture shows the room without walls.
+    # With larger gaps between mirrors, too much of the picture would show the surroundings without walls.
     free = parabola(3, 3)
     walled = plan_holder(free, HARDWARE)
     assert stray_light(free, body_of(PlanarCsg(), walled), mirror_solids(free)) < 0.1 * MAX_STRAY_LIGHT
@@ -57,7 +57,7 @@ def test_without_a_holder_all_light_between_mirrors_is_stray(default_layout: Lay
     assert all_rays == (default_layout.camera.width_px // STEP_PX) * (default_layout.camera.height_px // STEP_PX)
 
 
-def test_walls_stand_in_no_light_and_where_no_mirror_passes(default_layout: Layout, plan: HolderPlan) -> None:
+def test_walls_are_in_no_light_and_on_no_mirrors_path(default_layout: Layout, plan: HolderPlan) -> None:
     wall = PlanarCsg().solid(plan.walls)
     for mirror, group in zip(default_layout.mirrors, keep_outs(default_layout, HARDWARE), strict=True):
         for volume in group:
@@ -87,7 +87,7 @@ def test_walls_leave_no_slit_beside_the_slab(default_layout: Layout, reach_mm: f
     assert closed > 40.0 if slit else closed < 5.0
 
 
-def test_a_hood_reaches_over_the_mirrors_wherever_light_lets_it(default_layout: Layout, plan: HolderPlan) -> None:
+def test_a_hood_rises_above_the_mirrors_wherever_light_permits(default_layout: Layout, plan: HolderPlan) -> None:
     hood_mm = 25.0
     hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(hood_mm=hood_mm))
     hooded = plan_holder(default_layout, hardware)
@@ -100,4 +100,4 @@ def test_a_hood_reaches_over_the_mirrors_wherever_light_lets_it(default_layout: 
     assert crest.max() == pytest.approx(highest + hood_mm)
     assert (crest >= heights(plan.walls.outer_crest) - 1e-9).all()
     assert 0.2 < np.mean(crest > highest + 0.5 * hood_mm) < 0.9
-    test_walls_stand_in_no_light_and_where_no_mirror_passes(default_layout, hooded)
+    test_walls_are_in_no_light_and_on_no_mirrors_path(default_layout, hooded)

@@ -23,7 +23,7 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 
 @settings(max_examples=12, deadline=None)
 @given(st.integers(0, 2**31 - 1))
-def test_hollows_of_a_block_leave_its_floor_and_walls_however_it_lies(seed: int) -> None:
+def test_hollows_of_a_block_leave_floor_and_walls_in_any_orientation(seed: int) -> None:
     """60 x 40 x 20 mm: as many hollows at most 12 mm wide as fit; rounding omits none along its sides."""
     length, width, height = 60.0, 40.0, 20.0
     floor, web, widest = HARDWARE.holder.floor_mm, HARDWARE.holder.web_mm, 12.0

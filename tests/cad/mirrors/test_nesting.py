@@ -30,7 +30,7 @@ def convex(draw: st.DrawFn) -> FloatArray:
 
 @settings(max_examples=40, deadline=None)
 @given(st.lists(convex().filter(lambda piece: MultiPoint(piece).convex_hull.area > 20.0), min_size=1, max_size=10))
-def test_pieces_lie_whole_on_their_sheets_and_apart(pieces: list[FloatArray]) -> None:
+def test_pieces_lie_entirely_on_their_sheets_with_gaps(pieces: list[FloatArray]) -> None:
     places = nest(pieces, (140.0, 130.0), GAP)
     assert len(places) == len(pieces)
     sheets: dict[int, list[Polygon]] = {}
@@ -63,7 +63,7 @@ def test_two_right_triangles_share_the_box_of_one() -> None:
     assert {place.sheet for place in places} == {0}
 
 
-def test_a_piece_is_turned_to_fit_and_refused_where_it_cannot() -> None:
+def test_a_piece_is_rotated_to_fit_and_refused_if_it_cannot() -> None:
     places = nest([rectangle(10.0, 90.0)], (96.0, 20.0), GAP)
     assert np.ptp(places[0].apply(rectangle(10.0, 90.0)), axis=0) == pytest.approx([90.0, 10.0])
     assert not fits(rectangle(10.0, 91.0), (96.0, 20.0), GAP)

@@ -53,20 +53,22 @@ def test_the_laser_meets_the_face_that_is_glued(default_layout: Layout, surface:
     else:
         assert "marker" in facing.marked
     np.testing.assert_array_equal(
-        facing.seen(mirror.outline_in_plane_mm), outline_from_back(mirror, Cutting(material=material))
+        facing.laser_view(mirror.outline_in_plane_mm), outline_from_back(mirror, Cutting(material=material))
     )
 
 
 def test_a_drawing_from_the_front_is_the_mirror_image() -> None:
     facing = FACINGS["acrylic", "first"]
     outline = np.array([(0.0, 0.0), (3.0, 0.0), (3.0, 1.0)])
-    np.testing.assert_array_equal(replace(facing, up="front").seen(outline), facing.seen(outline) * (1.0, -1.0))
+    np.testing.assert_array_equal(
+        replace(facing, up="front").laser_view(outline), facing.laser_view(outline) * (1.0, -1.0)
+    )
 
 
 WIDE = np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 40.0], [0.0, 40.0]])
 
 
-def test_a_mark_has_its_height_and_points_up_from_the_middle() -> None:
+def test_a_mark_has_its_height_and_points_up_from_the_centre() -> None:
     strokes = mark("0-1", WIDE, 5.0)
     np.testing.assert_allclose(strokes[0][1] - strokes[0][0], [0.0, 5.0])
     corners = np.vstack(strokes)
@@ -91,7 +93,7 @@ def test_a_narrow_mirror_is_marked_down_a_column() -> None:
     assert up > 3.0 * across
 
 
-def test_signs_of_a_small_mirror_stay_apart() -> None:
+def test_glyphs_of_a_small_mirror_stay_apart() -> None:
     # Space for 3.5 x 1 mm within the line gap: an arrow, two digits and a dash, 0.5 mm apart.
     small = np.array([[0.0, 0.0], [4.6, 0.0], [4.6, 2.2], [0.0, 2.2]])
     arrow, head, *signs = (LineString(stroke) for stroke in mark("5-0", small, 5.0))
@@ -125,7 +127,7 @@ def test_every_mirror_is_cut_once_in_its_own_shape(default_layout: Layout) -> No
         assert all(Polygon(finished).contains(LineString(stroke)) for stroke in cut.strokes)
 
 
-def test_the_arrow_turns_with_its_mirror(default_layout: Layout) -> None:
+def test_the_arrow_rotates_with_its_mirror(default_layout: Layout) -> None:
     (sheet,) = plan_sheets(default_layout, CUTTING)
     for cut, mirror in zip(sheet.cuts, default_layout.mirrors, strict=True):
         upright = outline_from_back(mirror, CUTTING)
@@ -178,7 +180,7 @@ def test_a_mirror_too_large_or_too_narrow_is_refused_with_its_measure(make_flat_
         plan_sheets(make_flat_pair(gap_mm=2.0, width_mm=0.9), CUTTING)
 
 
-def test_what_a_laser_needs_is_measured(make_parabola: Callable[..., Layout]) -> None:
+def test_the_limits_of_a_laser_are_measured(make_parabola: Callable[..., Layout]) -> None:
     sheets = plan_sheets(make_parabola(2, 2), CUTTING)
     metrics = sheet_metrics(sheets)
     assert all(metric.passed for metric in metrics.values())
@@ -200,7 +202,7 @@ def test_broken_sheets_fail_their_metrics(make_parabola: Callable[..., Layout]) 
     assert not sheet_metrics((replace(sheet, thickness_mm=50.0),))["feature_of_thickness"].passed
 
 
-def test_a_device_whose_mirrors_cannot_be_cut_is_not_begun(make_flat_pair: Callable[..., Layout]) -> None:
+def test_a_device_with_mirrors_that_cannot_be_cut_is_refused_first(make_flat_pair: Callable[..., Layout]) -> None:
     hardware = HARDWARE.replaced(cutting=CUTTING.replaced(sheet_mm=(30.0, 30.0)))
     with pytest.raises(InputError, match="mirror 0-0 is"):
         plan_device(make_flat_pair(gap_mm=2.0), hardware)
@@ -216,7 +218,7 @@ def test_a_device_whose_mirrors_cannot_be_cut_is_not_begun(make_flat_pair: Calla
     thickness_mm=st.floats(1.0, 3.0),
     sheet_mm=st.sampled_from([(300.0, 200.0), (150.0, 100.0)]),
 )
-def test_any_layout_is_cut_whole_or_refused(
+def test_any_layout_is_cut_completely_or_refused(
     make_parabola: Callable[..., Layout],
     rows: int,
     cols: int,
@@ -268,7 +270,9 @@ def test_glass_too_narrow_to_break_or_of_another_index_is_refused(make_flat_pair
     glass = CUTTING.replaced(material="glass")
     narrow = make_flat_pair(gap_mm=5.0, height_mm=7.0, thickness_mm=2.0)
     assert plan_sheets(narrow, CUTTING)
-    with pytest.raises(InputError, match=r"mirror 0-0 is 7\.00 mm across, expected at least 4 thicknesses, 8 mm"):
+    with pytest.raises(
+        InputError, match=r"mirror 0-0 is 7\.00 mm across, expected at least 4 times its thickness, 8 mm"
+    ):
         plan_sheets(narrow, glass)
     layout = make_flat_pair(gap_mm=5.0, thickness_mm=2.0)
     acrylic = layout.replaced(mirrors=tuple(m.replaced(surface="second") for m in layout.mirrors))

@@ -19,7 +19,7 @@ from mirrorcam.cad.checks.clashes import overlap_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.part_checks import check_overhangs, thinnest_wall_mm
 from mirrorcam.cad.parts.body_clip import PAD_MM, WEIGHT_RESERVE, Tray, far_leaf
-from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, Nest, body_box, least_contact_n, reactions
+from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, Nest, body_box, min_contact_n, reactions
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon
@@ -71,7 +71,7 @@ def test_a_slicer_puts_no_support_into_an_oblique_nut_s_pocket(turn_deg: float, 
     assert sliced is not None and sliced.support_mm == 0.0
 
 
-def test_nothing_of_a_nut_s_shoulder_is_over_the_hole_through_it() -> None:
+def test_no_part_of_a_nut_s_shoulder_is_over_the_hole_through_it() -> None:
     plan = plan_clip(hardware_of("c920", "nut"))
     assert plan.nest is not None
     for screw in plan.nest.screws:
@@ -103,7 +103,7 @@ def depth(solid: Frustum, point: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_nothing_of_the_far_leaf_stands_before_the_mouth_of_its_screw(name: str) -> None:
+def test_the_far_leaf_does_not_obstruct_the_mouth_of_its_screw(name: str) -> None:
     """The soldering iron comes from there; a heavy camera's leaf is thicker than its boss is long."""
     hardware = hardware_of(name)
     nest, camera = plan_clip(hardware).nest, hardware.camera
@@ -147,7 +147,7 @@ def test_both_screws_have_a_hole_right_through_their_bosses(kind: str) -> None:
 
 @pytest.mark.parametrize("kind", a_few(2, ["insert", "nut"]))
 @pytest.mark.parametrize("name", ["c920", "oak_d"])
-def test_the_sprung_screws_stand_in_nothing_but_their_threads(name: str, kind: str) -> None:
+def test_the_sprung_screws_touch_nothing_but_their_threads(name: str, kind: str) -> None:
     """Also at a square corner, where the tip is next to the leaf."""
     plan = plan_clip(hardware_of(name, kind))
     clip = solid_of(tessellated(make_clip(plan)))
@@ -172,7 +172,7 @@ def nest_of(hardware: Hardware) -> Nest:
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_six_points_and_both_tips_lie_on_the_drawn_body_and_look_into_it(name: str) -> None:
+def test_six_points_and_both_tips_are_on_the_body_and_point_into_it(name: str) -> None:
     """Also on round ends, where points on the bounding box would touch nothing."""
     hardware = connected_to_camera(name)
     nest, body = nest_of(hardware), solid_of(tessellated(camera_solid(hardware.camera)))
@@ -189,7 +189,7 @@ def test_the_screws_press_on_all_six_points_however_the_robot_shakes_the_camera(
     hardware = connected_to_camera(name)
     nest, camera = nest_of(hardware), hardware.camera
     weight = WEIGHT_RESERVE * camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g
-    assert least_contact_n(nest, body_box(camera).middle, weight, hardware.printer.plastic_mpa) >= 0.0
+    assert min_contact_n(nest, body_box(camera).centre, weight, hardware.printer.plastic_mpa) >= 0.0
     assert max(screw.leaf.strain for screw in nest.screws) <= hardware.printer.plastic_strain
     # Each screw alone presses on its points, and lifts the body off none.
     tips, axes = np.array([s.tip for s in nest.screws]), np.array([s.axis for s in nest.screws])
@@ -226,8 +226,8 @@ def test_the_body_goes_in_from_the_scene(name: str) -> None:
     body = body_box(camera)
     outline = rounded(camera)
     corner = nest.points[0]
-    side = 1.0 if corner[0] < body.middle[0] else -1.0
-    pivot = body.middle[:2] - [side * (camera.width_mm / 2.0 - camera.end_radius_mm), 0.0]
+    side = 1.0 if corner[0] < body.centre[0] else -1.0
+    pivot = body.centre[:2] - [side * (camera.width_mm / 2.0 - camera.end_radius_mm), 0.0]
     is_v = abs(nest.normals[4, 0]) > 0.1
     slices = [
         np.vstack([piece.base, piece.top])[:, :2]
@@ -252,7 +252,7 @@ def rounded(camera: CameraBody) -> np.ndarray:
     half = np.array([camera.width_mm, camera.height_mm]) / 2.0 - r
     angles = np.linspace(0.0, 2.0 * np.pi, 181)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
-    return np.asarray(body.middle[:2] + np.sign(circle.round(9)) * half + (r - 0.02) * circle)
+    return np.asarray(body.centre[:2] + np.sign(circle.round(9)) * half + (r - 0.02) * circle)
 
 
 def cross(first: np.ndarray, second: np.ndarray) -> bool:
@@ -291,7 +291,7 @@ PHONES = [name for name in BODIES if not read_body(name).has_cable]
 
 
 @pytest.mark.parametrize("name", PHONES)
-def test_the_lens_of_a_phone_looks_past_its_clip_at_the_edge_towards_the_scene(name: str) -> None:
+def test_the_clip_of_a_phone_does_not_block_its_lens(name: str) -> None:
     """From its lens to that edge, and 2 mm around, the clip does not cover the phone."""
     hardware = connected_to_camera(name)
     camera, body = hardware.camera, body_box(hardware.camera)
@@ -311,6 +311,6 @@ def test_the_clip_of_a_phone_covers_its_port_as_the_guide_says(name: str) -> Non
     end = float(body.low[0]) if -body.low[0] > body.high[0] else float(body.high[0])
     outwards = np.sign(end)
     ends = np.sort([end + 1.0 * outwards, end + 3.0 * outwards])
-    y, z = body.middle[1:]
+    y, z = body.centre[1:]
     plug = box((float(ends[0]), float(y) - 4.0, float(z) - 1.5), (float(ends[1]), float(y) + 4.0, float(z) + 1.5))
     assert max(overlap_mm(piece, plug) for piece in plan_clip(hardware).pieces) > 0.0

@@ -1,6 +1,6 @@
 """The nest: forces in equilibrium, a leaf against a beam in closed form, and motion by its definition.
 
-A camera's body in rig: the pupil at the origin.
+A camera's body in the rig frame: the pupil at the origin.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.parts.camera_box import (
+    CONTACT_TURNS,
     PITCH_MM,
-    TURNS,
     Leaf,
     Nest,
     body_box,
+    error_jacobian,
     leaf_thickness_mm,
-    least_contact_n,
-    least_forces_n,
-    motion_of_errors,
+    min_contact_n,
     reactions,
+    required_forces_n,
     wrenches,
 )
 from mirrorcam.cad.parts.clip import plan_clip
@@ -39,7 +39,7 @@ def nest() -> Nest:
     return found
 
 
-def test_a_leaf_bends_as_the_beam_equation_integrated_says() -> None:
+def test_a_leaf_bends_by_the_integrated_beam_equation() -> None:
     """Bent by a load at its end: curvature F (l - x) / (E I) up to its stiff part, integrated twice."""
     leaf = Leaf(30.0, 8.0, 20.0, 2.5, 1.0)
     force = leaf.force_n(MPA)
@@ -47,19 +47,19 @@ def test_a_leaf_bends_as_the_beam_equation_integrated_says() -> None:
     curvature = np.where(x < 22.0, force * (30.0 - x) / (MPA * 20.0 * 2.5**3 / 12.0), 0.0)
     step = x[1]
     slope = np.cumsum(curvature) * step
-    assert float(np.sum(slope) * step) == pytest.approx(TURNS * PITCH_MM, rel=1e-3)
+    assert float(np.sum(slope) * step) == pytest.approx(CONTACT_TURNS * PITCH_MM, rel=1e-3)
     assert curvature[0] * 2.5 / 2.0 == pytest.approx(leaf.strain, rel=1e-9)
 
 
-def test_an_oblique_screw_bends_its_leaf_more_and_presses_harder_than_across() -> None:
-    """By virtual work: the force's component across the leaf over its deflection is as for a straight screw."""
+def test_an_oblique_screw_bends_its_leaf_more_and_presses_harder_than_a_normal_one() -> None:
+    """By virtual work: the force's component normal to the leaf, per deflection, is as for a straight screw."""
     straight, oblique = Leaf(30.0, 8.0, 20.0, 2.5, 1.0), Leaf(30.0, 8.0, 20.0, 2.5, np.sqrt(0.5))
-    assert oblique.bent_mm == pytest.approx(straight.bent_mm * np.sqrt(2.0))
+    assert oblique.deflection_mm == pytest.approx(straight.deflection_mm * np.sqrt(2.0))
     across = oblique.force_n(MPA) * np.sqrt(0.5)
-    assert across / oblique.bent_mm == pytest.approx(straight.force_n(MPA) / straight.bent_mm)
+    assert across / oblique.deflection_mm == pytest.approx(straight.force_n(MPA) / straight.deflection_mm)
 
 
-def test_the_thickness_for_a_force_gives_it() -> None:
+def test_the_thickness_for_a_force_gives_that_force() -> None:
     leaf = Leaf(30.0, 8.0, 20.0, 2.5, np.sqrt(0.5))
     assert replace(leaf, thickness_mm=leaf_thickness_mm(7.0, leaf, MPA)).force_n(MPA) == pytest.approx(7.0)
 
@@ -72,10 +72,10 @@ def test_the_six_forces_hold_any_load_in_equilibrium(nest: Nest) -> None:
     np.testing.assert_allclose(wrenches(nest.points, nest.normals) @ held, -wrenches(places, loads), atol=1e-9)
 
 
-def test_with_the_least_forces_a_point_is_just_about_to_let_go(nest: Nest) -> None:
-    """At the least forces, each screw's points stay in contact, one of them without reserve."""
+def test_at_the_required_forces_a_point_is_about_to_lose_contact(nest: Nest) -> None:
+    """At the required forces, each screw's points stay in contact, one of them without reserve."""
     weight = 3.0
-    forces = least_forces_n(nest, MIDDLE, weight)
+    forces = required_forces_n(nest, MIDDLE, weight)
     tips, axes = np.array([s.tip for s in nest.screws]), np.array([s.axis for s in nest.screws])
     pressed = reactions(nest, tips, axes)
     strongest = pressed.argmax(axis=1)
@@ -86,11 +86,11 @@ def test_with_the_least_forces_a_point_is_just_about_to_let_go(nest: Nest) -> No
         assert -0.02 * force < left.min() < 0.05 * force
 
 
-def test_the_least_contact_is_that_of_the_worst_of_many_directions(nest: Nest) -> None:
+def test_the_minimum_contact_force_is_that_in_the_worst_of_many_directions(nest: Nest) -> None:
     tips, axes = np.array([s.tip for s in nest.screws]), np.array([s.axis for s in nest.screws])
     held = reactions(nest, tips, axes) @ [screw.leaf.force_n(MPA) for screw in nest.screws]
     worst = (held[:, None] + 3.0 * reactions(nest, np.tile(MIDDLE, (20_000, 1)), directions(20_000))).min()
-    assert least_contact_n(nest, MIDDLE, 3.0, MPA) == pytest.approx(worst, abs=0.05)
+    assert min_contact_n(nest, MIDDLE, 3.0, MPA) == pytest.approx(worst, abs=0.05)
 
 
 def directions(count: int) -> np.ndarray:
@@ -101,7 +101,7 @@ def directions(count: int) -> np.ndarray:
 def test_a_body_that_moves_as_the_jacobian_says_follows_the_errors(nest: Nest) -> None:
     """After a small shift and rotation, the body's points have moved by these errors along their normals."""
     errors = np.array([3.0, -1.0, 2.0, 1.0, -2.0, 0.5]) * 1e-3
-    motion = motion_of_errors(nest) @ errors
+    motion = error_jacobian(nest) @ errors
     gone = motion[:3] + np.cross(motion[3:], nest.points)
     np.testing.assert_allclose((gone * nest.normals).sum(axis=1), errors, atol=1e-12)
 
@@ -110,7 +110,7 @@ def test_a_nest_without_its_far_pad_does_not_fix_the_body(nest: Nest) -> None:
     points = nest.points.copy()
     points[0] = (points[1] + points[2]) / 2.0
     with pytest.raises(np.linalg.LinAlgError):
-        motion_of_errors(replace(nest, points=points))
+        error_jacobian(replace(nest, points=points))
 
 
 def test_the_body_of_the_c920_is_that_of_its_camera() -> None:
@@ -122,5 +122,5 @@ def test_the_body_of_the_c920_is_that_of_its_camera() -> None:
 def test_the_body_stands_with_the_pupil_in_the_origin(name: str) -> None:
     camera, body = read_body(name), body_box(read_body(name))
     lens_from_middle = np.array([camera.lens_x_mm, camera.lens_y_mm, camera.depth_mm / 2.0])
-    pupil = body.middle + lens_from_middle - np.array([0.0, 0.0, camera.pupil_behind_front_mm])
+    pupil = body.centre + lens_from_middle - np.array([0.0, 0.0, camera.pupil_behind_front_mm])
     np.testing.assert_allclose(pupil, 0.0, atol=1e-12)

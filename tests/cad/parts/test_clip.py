@@ -80,7 +80,7 @@ def without_rest() -> Hardware:
 
 def test_a_barrel_that_would_be_inside_the_wall_is_refused() -> None:
     wide = read_body("pi_hq_cs").replaced(lens_ring_mm=40.0)
-    with pytest.raises(InputError, match=r"rest for the lens would start \d+\.\d mm inside its wall"):
+    with pytest.raises(InputError, match=r"rest for the lens would start \d+\.\d mm inside the clip's wall"):
         plan_clip(HARDWARE.replaced(camera=wide))
 
 
@@ -94,7 +94,7 @@ def deepest(plan: ClipPlan, solid: Frustum) -> float:
 
 
 @pytest.mark.parametrize("name", camera_names())
-def test_no_clip_reaches_into_its_cameras_box_by_more_than_round_ends_leave(name: str) -> None:
+def test_no_clip_enters_its_cameras_box_further_than_round_ends_allow(name: str) -> None:
     camera = read_body(name)
     plan, body = plan_clip(HARDWARE.replaced(camera=camera)), body_box(camera)
     # Wedges of a V are in the corners next to round ends.
@@ -141,12 +141,12 @@ def test_the_cable_leaves_the_camera_past_the_clip(name: str) -> None:
     plan, camera = plan_clip(hardware), hardware.camera
     if plan.nest is None:
         pytest.skip("the cable of a board passes a hole, which its clip's test shows")
-    half, x, middle = camera.cable_mm / 2.0, camera.cable_x_mm, body_box(camera).middle[1]
+    half, x, middle = camera.cable_mm / 2.0, camera.cable_x_mm, body_box(camera).centre[1]
     back = float(body_box(camera).low[2])
     assert deepest(plan, box((x - half, middle - half, back - 20.0), (x + half, middle + 80.0, back))) < 1e-9
 
 
-def test_the_drawing_is_told_of_every_hole() -> None:
+def test_the_drawing_dimensions_every_hole() -> None:
     plan = plan_clip(HARDWARE)
     bores = [each for each in plan.dimensions if isinstance(each, Hole)]
     assert len(bores) == 4 + 2 * 2
@@ -165,8 +165,8 @@ def test_the_slides_screws_are_in_two_rows_wherever_the_wall_is_high_enough(name
     assert (np.diff(rows) >= apart - 1e-9).all()
     assert len(rows) == 2 or plan.top_mm - plan.bottom_mm - 2.0 * around < apart
     assert len(rows) == 2 or plan.nest is None
-    assert plan.slide_at.shape == (2 * len(rows), 3)
-    np.testing.assert_allclose(plan.slide_middle, [0.0, plan.slide_y_mm, rows.mean()], atol=1e-12)
+    assert plan.slide_points.shape == (2 * len(rows), 3)
+    np.testing.assert_allclose(plan.slide_centre, [0.0, plan.slide_y_mm, rows.mean()], atol=1e-12)
 
 
 def test_a_low_wall_has_one_row_of_screws_in_its_middle() -> None:

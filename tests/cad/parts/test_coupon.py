@@ -154,7 +154,7 @@ def test_the_slot_lets_the_stated_body_in_and_stops_it_at_the_step(default_layou
     assert widths == pytest.approx([height_mm + GO_MM, height_mm - GO_MM], abs=0.03)
 
 
-def test_a_bare_board_has_no_body_to_try(default_layout: Layout) -> None:
+def test_a_bare_board_has_no_slot_for_its_body(default_layout: Layout) -> None:
     hardware = HARDWARE.replaced(camera=read_body("board_38"))
     assert "slot with a step" not in {gauge.name for gauge in gauges_of(hardware)}
     plan = plan_coupon(default_layout, hardware)
@@ -187,6 +187,6 @@ def test_the_wrist_reaches_into_the_plate_and_clears_the_other_gauges(default_la
     assert max(bore.mouth[0] + bore.radius_mm for bore in gauges(coupon)) <= edge
 
 
-def test_a_device_that_is_clamped_to_nothing_has_no_segment_to_try(coupon: CouponPlan) -> None:
+def test_without_a_clamp_there_is_no_segment(coupon: CouponPlan) -> None:
     assert coupon.ring is None
     assert coupon.right_mm == corners_of(coupon.pieces)[:, 0].max()

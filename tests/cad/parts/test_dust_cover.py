@@ -71,7 +71,7 @@ def test_its_catches_reach_behind_the_flange_beside_the_mount(device: Device, co
         assert (points @ normals[sides].T - offsets[sides]).max(axis=1).min() < -0.2
 
 
-def test_it_lies_on_its_front_when_printed_and_leaves_along_the_light(device: Device, cover: CoverPlan) -> None:
+def test_it_prints_on_its_front_and_comes_off_along_the_light(device: Device, cover: CoverPlan) -> None:
     (part,) = (part for part in parts_of(device) if part.name == "dust_cover")
     corners = transform(part.print_from_rig, np.vstack([cover.outer.base, cover.outer.top]))
     assert corners[:, 2].min() == pytest.approx(0.0, abs=1e-9)
@@ -81,6 +81,6 @@ def test_it_lies_on_its_front_when_printed_and_leaves_along_the_light(device: De
     assert second @ device.layout.view_from_rig[2] > 0.0
 
 
-def test_a_cover_that_no_bed_holds_is_left_out(default_layout: Layout, device: Device) -> None:
+def test_a_cover_larger_than_the_bed_is_omitted(default_layout: Layout, device: Device) -> None:
     small = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(128.0, 128.0, 250.0)))
     assert plan_cover(default_layout, device.holder, device.mount, small) is None

@@ -35,7 +35,7 @@ from mirrorcam.cad.parts.part_solids import make_mount
 from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.prisms import moved, overlap_mm, volume_mm3
+from mirrorcam.cad.plan.prisms import overlap_mm, shifted, volume_mm3
 from mirrorcam.cad.plan.seats import keep_outs
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
@@ -57,34 +57,34 @@ def straight_laid(length_mm: float) -> Placement:
     return found
 
 
-def test_what_fits_lies_as_it_is() -> None:
-    assert straight_laid(200.0).turn_deg == 0.0
+def test_a_profile_that_fits_is_not_rotated() -> None:
+    assert straight_laid(200.0).rotation_deg == 0.0
 
 
-def test_what_is_longer_than_the_bed_lies_askew() -> None:
+def test_a_profile_longer_than_the_bed_is_rotated() -> None:
     inner, outer = straight(250.0)
     placement = straight_laid(250.0)
     assert placement.cut_mm is None
-    assert 0.0 < placement.turn_deg < 90.0
+    assert 0.0 < placement.rotation_deg < 90.0
     band = Polygon([*inner, *outer[::-1]])
-    assert fits(band, placement.turn_deg, BED)
+    assert fits(band, placement.rotation_deg, BED)
     assert not fits(band, 0.0, BED)
     # Longer than the bed's diagonal minus the depth, it never fits.
     assert straight_laid(300.0).cut_mm is not None
 
 
-def test_what_never_fits_is_cut_where_both_halves_do() -> None:
+def test_a_profile_that_never_fits_is_cut_where_both_halves_fit() -> None:
     inner, outer = straight(400.0)
     placement = straight_laid(400.0)
     assert placement.cut_mm is not None
     assert placement.cut_mm == pytest.approx(200.0)
     band = Polygon([*inner, *outer[::-1]])
-    parts = halves(band, placement.turn_deg, placement.cut_mm)
+    parts = halves(band, placement.rotation_deg, placement.cut_mm)
     assert [part.area for part in parts] == pytest.approx([200.0 * 30.0] * 2)
-    assert all(fits(part, placement.turn_deg, BED) for part in parts)
+    assert all(fits(part, placement.rotation_deg, BED) for part in parts)
 
 
-def test_what_two_halves_do_not_help_lies_no_way() -> None:
+def test_a_profile_too_large_for_two_pieces_has_no_placement() -> None:
     assert place_on_bed(*straight(600.0), HARDWARE) is None
 
 
@@ -144,7 +144,7 @@ def test_the_mount_lies_on_the_back_and_enters_nothing(planned: Planned) -> None
     rib = [piece for piece in mount.pieces if len(piece.base) == 3]
     assert len(rib) == 1
     for by in (-clip.travel_mm, 0.0, clip.travel_mm):
-        wall = moved(clip.pieces[0], np.array([0.0, 0.0, by]))
+        wall = shifted(clip.pieces[0], np.array([0.0, 0.0, by]))
         others = [overlap_mm(piece, wall) for piece in mount.pieces if piece is not rib[0]]
         assert max(others) == pytest.approx(0.0, abs=1e-9)
 
@@ -181,7 +181,7 @@ def test_the_skin_is_thick_round_the_slides_screws_wherever_the_clip_is(planned:
     *_, clip, mount = planned
     part, grip = make_mount(mount), clip.slide.grip_mm
     assert grip == HARDWARE.mount.slide_skin_mm > HARDWARE.mount.skin_mm
-    for x, y, z in clip.slide_at:
+    for x, y, z in clip.slide_points:
         for by in (-clip.travel_mm, clip.travel_mm):
             # Between the slot and the washer's edge, on the side away from the roof of the driver's hole.
             probe = Location((x - 3.0, y - grip / 2.0, z + by)) * Box(0.5, grip - 0.1, 0.5)
@@ -216,7 +216,7 @@ def test_a_stricter_limit_gives_a_stiffer_mount(planned: Planned) -> None:
 
 
 @pytest.mark.slow
-def test_of_stiff_mounts_the_lightest_is_taken(planned: Planned) -> None:
+def test_the_lightest_stiff_mount_is_chosen(planned: Planned) -> None:
     """It is at least as wide as its screws need; a heavy load leads to more depth before more width."""
     layout, holder, clip, mount = planned
     around = HARDWARE.screw.washer_mm / 2.0 + HARDWARE.fit.free_mm + HARDWARE.screw.insert_wall_mm
@@ -247,8 +247,8 @@ def test_a_mount_that_no_section_makes_stiff_is_refused_with_its_tilt(planned: P
 
 @pytest.mark.slow
 @pytest.mark.parametrize("off_mm", a_few(1, [-8.0, 0.0, 8.0]))
-def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned, off_mm: float) -> None:
-    """Also where the holder's screws are off the middle of the mount."""
+def test_the_mounts_top_is_cut_to_a_back_that_is_rotated_sideways(planned: Planned, off_mm: float) -> None:
+    """Also where the holder's screws are off the mount's centre."""
     layout, holder, clip, _ = planned
     angle = np.deg2rad(2.0)
     rotation_2d = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
@@ -289,7 +289,7 @@ def test_a_back_turned_to_the_side_gets_a_head_cut_to_it(planned: Planned, off_m
 @pytest.mark.slow
 @settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(1, 4), st.integers(2, 4), st.floats(45.0, 110.0), st.sampled_from([1.0, 2.0, 3.0]))
-def test_any_parabola_gets_a_mount_off_its_light(
+def test_any_parabola_gets_a_mount_clear_of_its_light(
     make_parabola: Callable[..., Layout], rows: int, cols: int, scale_mm: float, thickness_mm: float
 ) -> None:
     layout = make_parabola(rows, cols, scale_mm=scale_mm, thickness_mm=thickness_mm, gap_mm=2.0)
@@ -301,10 +301,10 @@ def test_any_parabola_gets_a_mount_off_its_light(
 
 
 @pytest.mark.slow
-def test_a_mount_that_no_cut_lets_lie_on_the_bed_is_refused_with_its_size(
-    default_layout: Layout, device: Device
-) -> None:
+def test_a_mount_that_no_cut_fits_to_the_bed_is_refused_with_its_size(default_layout: Layout, device: Device) -> None:
     holder, clip = device.holder, plan_clip(HARDWARE)
     small = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(90.0, 90.0, 250.0)))
-    with pytest.raises(InputError, match=r"mount is \d+ x \d+ mm in profile .* bed of 90 x 90 mm in two pieces"):
+    with pytest.raises(
+        InputError, match=r"mount is \d+ x \d+ mm in profile .* bed of 90 x 90 mm in at most two pieces"
+    ):
         plan_mount(default_layout, holder, clip, small)

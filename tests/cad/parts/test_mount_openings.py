@@ -38,7 +38,7 @@ def test_a_wider_cable_window_widens_the_mount(planned: Planned) -> None:
 
 
 @pytest.mark.slow
-def test_roofs_in_skins_that_stand_askew_are_steeper_than_those_that_slicers_bear(planned: Planned) -> None:
+def test_roofs_in_oblique_skins_are_steeper_than_slicers_need(planned: Planned) -> None:
     """PrusaSlicer 2.5 added support under roofs of 42 deg in the head's skin, and none under roofs of 36 deg."""
     *_, plan = planned
     away = -plan.rig_from_head[:3, 2]
@@ -72,7 +72,7 @@ def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
 
 
 @pytest.mark.parametrize(("along_deg", "off_mm", "blade"), [(30.2, 0.0, True), (30.2, 9.0, False), (42.0, 0.0, False)])
-def test_no_web_runs_along_a_hole_for_a_driver(
+def test_no_web_is_parallel_to_a_screwdriver_hole(
     planned: Planned, along_deg: float, off_mm: float, *, blade: bool
 ) -> None:
     """PrusaSlicer 2.5 added support under a web's end at 30.2 deg to such a hole, and none at 44 deg and more."""
@@ -87,7 +87,7 @@ def test_no_web_runs_along_a_hole_for_a_driver(
     assert leaves_unprintable_web_ends(holder, webs, mount.section, HARDWARE) == blade
 
 
-def test_the_head_ends_where_no_hole_for_a_driver_runs_along_its_last_web() -> None:
+def test_the_mount_ends_where_no_screwdriver_hole_is_parallel_to_its_last_web() -> None:
     """If a mount ended in the middle of such a hole, PrusaSlicer 2.5 added support under the rest of the web."""
     holder, hardware = planned_on_screws(), with_screws()
     web, half_width = 1.2, 25.8

@@ -29,7 +29,7 @@ def hole(z_mm: float, *, travel_mm: float = 0.0, flat: bool = True) -> Bore:
     return Bore(np.array([0.0, 0.0, z_mm]), ALONG_Y, 3.0, 10.0, UP, travel_mm, flat=flat)
 
 
-def test_a_round_hole_adds_three_times_its_part_of_the_area() -> None:
+def test_a_round_hole_adds_three_times_its_fraction_of_the_area() -> None:
     expected = 1.0 + 3.0 * np.pi * 9.0 / AREA
     assert softening(START, END, HALF, [hole(20.0)]) == pytest.approx(expected, rel=1e-3)
     two = softening(START, END, HALF, [hole(10.0), hole(30.0)])
@@ -46,12 +46,12 @@ def test_a_roof_makes_a_hole_wider() -> None:
     assert roofed > flat
 
 
-def test_a_window_across_the_stress() -> None:
+def test_a_window_normal_to_the_stress() -> None:
     window = box((-10.0, 0.0, 10.0), (10.0, 10.0, 15.0))
     assert softening(START, END, HALF, [window]) == pytest.approx(1.0 + 100.0 / AREA * (1.0 + 2.0 * 20.0 / 5.0))
 
 
-def test_of_a_hole_over_a_strips_end_each_strip_has_its_half() -> None:
+def test_a_hole_over_the_end_of_strips_is_shared_by_both() -> None:
     halves = [
         softening(start, end, HALF, [hole(20.0)]) - 1.0
         for start, end in ((START, np.array([5.0, 20.0])), (np.array([5.0, 20.0]), END))
@@ -69,7 +69,7 @@ def test_an_oblique_strip_is_cut_over_more_of_its_length() -> None:
     )
 
 
-def test_what_does_not_go_through_or_lies_beside_takes_nothing() -> None:
+def test_openings_that_are_blind_or_outside_do_not_soften() -> None:
     nut = Hexagon(np.array([0.0, 0.0, 20.0]), ALONG_Y, UP, 5.7, 10.0)
     short = Bore(np.array([0.0, 0.0, 20.0]), ALONG_Y, 3.0, 4.0, UP)
     touching = box((-10.0, 5.0, 10.0), (10.0, 10.0, 15.0))
@@ -118,11 +118,11 @@ def test_it_is_softer_than_the_beam_without_openings(device: Device) -> None:
 def test_a_disc_on_a_solid_is_as_stiff_as_in_closed_form() -> None:
     """Pressed, 2 a E / (1 - nu^2) (Boussinesq); rocked, 4 a^3 E / (3 (1 - nu^2)) (Borowicka)."""
     radius, modulus = 6.0, 2300.0
-    along_x, along_y, down, rocked = disc_on_solid(radius, modulus)
+    stiffness_x, stiffness_y, down, rocked = disc_on_solid(radius, modulus)
     plane = modulus / (1.0 - POISSON**2)
     assert down == pytest.approx(2.0 * radius * plane)
     assert rocked == pytest.approx(4.0 / 3.0 * radius**3 * plane)
-    assert along_x == along_y < down
+    assert stiffness_x == stiffness_y < down
 
 
 def test_openings_soften_and_thickness_stiffens(device: Device, taken: Profile) -> None:

@@ -42,7 +42,7 @@ def test_strokes_are_as_wide_and_ridges_between_them_as_wide_as_they_print(lette
     assert outlines.buffer(-0.7 * STROKE_MM).area == 0.0
 
 
-def test_a_mark_is_cut_as_deep_as_stated_and_no_wider_than_its_signs() -> None:
+def test_a_mark_is_cut_as_deep_as_stated_and_no_wider_than_its_glyphs() -> None:
     part = block(60.0, 40.0, 5.0)
     mark = plan_mark(part, LINES, UP)
     assert mark is not None
@@ -62,7 +62,7 @@ def test_a_mark_is_cut_as_deep_as_stated_and_no_wider_than_its_signs() -> None:
 
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0), (20.0, 35.0, 70.0)])
-def test_it_keeps_off_named_faces_and_the_bed(turned: tuple[float, float, float]) -> None:
+def test_it_avoids_named_faces_and_the_bed(turned: tuple[float, float, float]) -> None:
     place = Location((5.0, 6.0, 7.0), turned)
     part = Part() + place * Box(60.0, 40.0, 30.0)
     frame = Plane(place)
@@ -83,7 +83,7 @@ def test_it_leaves_out_lines_or_all_where_there_is_no_space() -> None:
     assert plan_mark(block(12.0, 6.0, 4.0), LINES, UP) is None
 
 
-def test_it_is_not_cut_through_a_thin_wall_nor_where_something_stands_before_it() -> None:
+def test_it_is_neither_cut_through_a_thin_wall_nor_hidden() -> None:
     assert plan_mark(block(60.0, 40.0, 1.5), LINES, UP) is None
     # A tray: its floor is open, its walls are too thin.
     tray = Part() + Box(60.0, 60.0, 5.0) + [Pos(side * 29.0, 0.0, 8.0) * Box(2.0, 60.0, 16.0) for side in (-1, 1)]

@@ -20,7 +20,7 @@ def test_a_bore_without_a_direction_is_a_cylinder() -> None:
     assert bore_solid(Bore(np.zeros(3), DOWN, 2.0, 5.0)).volume == pytest.approx(math.pi * 4.0 * 5.0)
 
 
-def test_a_lying_bore_is_a_teardrop_whose_ridge_is_up() -> None:
+def test_a_horizontal_bore_is_a_teardrop_with_its_ridge_up() -> None:
     bore = Bore(np.zeros(3), DOWN, 2.0, 5.0, UP)
     solid = bore_solid(bore)
     assert solid.volume == pytest.approx(TEARDROP * 4.0 * 5.0)
@@ -37,7 +37,7 @@ def test_a_flat_slot_is_two_half_circles_and_a_rectangle() -> None:
     assert pytest.approx(2.0) == slot.bounding_box().max.X
 
 
-def test_a_groove_is_the_room_of_a_countersunk_head_all_along_its_way() -> None:
+def test_a_groove_is_the_volume_swept_by_a_countersunk_head() -> None:
     mouth, end, deep, travel = 4.0, 2.0, 2.0, 6.0
     cone = cut_solid(Countersink(np.zeros(3), DOWN, mouth, end, deep))
     groove = cut_solid(Countersink(np.zeros(3), DOWN, mouth, end, deep, UP, travel))

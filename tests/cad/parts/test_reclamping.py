@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.cad.parts.camera_box import motion_of_errors
+from mirrorcam.cad.parts.camera_box import error_jacobian
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.reclamping import (
     CONTACT_MM,
     _image_jacobian,
     _motion_in_play,
-    _motion_of_post_errors,
+    _post_error_jacobian,
     repeatability,
 )
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -23,7 +23,7 @@ from mirrorcam.optics.geometry.layout import Layout
 DISTANCE_MM = 500.0
 
 
-def test_pixels_move_as_points_projected_again_do(default_layout: Layout) -> None:
+def test_the_image_jacobian_matches_projected_points(default_layout: Layout) -> None:
     camera = default_layout.camera
     shift, turn = np.array([2.0, -1.0, 3.0]) * 1e-4, np.array([1.0, 2.0, -1.5]) * 1e-5
     moved = _image_jacobian(default_layout, DISTANCE_MM) @ np.concatenate([shift, turn])
@@ -41,9 +41,9 @@ def test_the_figures_are_the_spread_of_many_clampings(default_layout: Layout) ->
     found = repeatability(clip, default_layout, HARDWARE)
     assert clip.nest is not None
     errors = np.random.default_rng(5).normal(scale=CONTACT_MM, size=(40_000, 6))
-    motions = errors @ motion_of_errors(clip.nest).T
+    motions = errors @ error_jacobian(clip.nest).T
     assert found.shift_mm == pytest.approx(np.sqrt((motions[:, :3] ** 2).sum(axis=1).mean()), rel=0.02)
-    assert found.turn_deg == pytest.approx(np.degrees(np.sqrt((motions[:, 3:] ** 2).sum(axis=1).mean())), rel=0.02)
+    assert found.rotation_deg == pytest.approx(np.degrees(np.sqrt((motions[:, 3:] ** 2).sum(axis=1).mean())), rel=0.02)
     assert found.between_views_px < found.image_px
 
 
@@ -57,14 +57,14 @@ def moved(points: np.ndarray, motion: np.ndarray) -> np.ndarray:
 
 def test_a_board_lies_on_the_plane_nearest_to_its_posts_and_stays_in_place_along_it() -> None:
     heights = np.array([0.02, -0.01, 0.03, 0.01])
-    gone = moved(POSTS, _motion_of_post_errors(POSTS) @ heights)
+    gone = moved(POSTS, _post_error_jacobian(POSTS) @ heights)
     np.testing.assert_allclose(gone[:, :2], 0.0, atol=1e-12)
     # The residual fits no plane: for a rectangle, alternately up and down.
     np.testing.assert_allclose(heights - gone[:, 2], np.mean(heights * [1, -1, 1, -1]) * np.array([1, -1, 1, -1]))
 
 
-def test_a_board_is_as_likely_anywhere_that_its_holes_let_it_be() -> None:
-    play, holes = 0.25, POSTS[:, :2] + [4.0, 0.0]  # their middle is off both axes
+def test_a_board_is_uniformly_distributed_within_the_play_of_its_holes() -> None:
+    play, holes = 0.25, POSTS[:, :2] + [4.0, 0.0]  # their centroid is off both axes
     drawn = np.random.default_rng(7).uniform(-1.0, 1.0, size=(400_000, 3)) * [1.3 * play, 1.3 * play, 0.0125]
     motions = np.zeros((len(drawn), 6))
     motions[:, [0, 1, 5]] = drawn
@@ -78,7 +78,7 @@ def test_a_board_is_as_likely_anywhere_that_its_holes_let_it_be() -> None:
     np.testing.assert_allclose(doubled @ doubled.T, 4.0 * root @ root.T)
 
 
-def test_a_board_with_wider_holes_repeats_worse(default_layout: Layout) -> None:
+def test_a_board_with_wider_holes_is_less_repeatable(default_layout: Layout) -> None:
     found = []
     for hole_mm in (2.0, 2.2, 2.5):
         body = read_body("pi_hq_cs")

@@ -49,7 +49,7 @@ def test_the_screws_of_a_back_hold_in_the_threads_of_the_plate(kind: str, grip_m
 
 
 def test_screws_that_no_length_holds_are_refused() -> None:
-    with pytest.raises(InputError, match=r"M3 screws through 40 mm hold by 0\.0 mm of thread"):
+    with pytest.raises(InputError, match=r"M3 screws through 40 mm engage 0\.0 mm of the thread"):
         foot_stack(40.0, HARDWARE)
 
 
@@ -81,7 +81,7 @@ def planned(default_layout: Layout, device: Device) -> Planned:
 
 
 @pytest.mark.slow
-def test_plastic_is_foreseen_as_the_pieces_have_it(planned: Planned) -> None:
+def test_the_predicted_volume_is_that_of_the_pieces(planned: Planned) -> None:
     """Skins and webs along the middle, and the foot's plate, apart from bends and short panels."""
     _, holder, clip, mount = planned
     for profile in profiles(holder, clip, HARDWARE):
@@ -93,7 +93,7 @@ def test_plastic_is_foreseen_as_the_pieces_have_it(planned: Planned) -> None:
 
 
 @pytest.mark.slow
-def test_no_web_over_the_slide_runs_into_the_holes_for_its_driver(planned: Planned) -> None:
+def test_no_web_above_the_slide_enters_its_screwdriver_holes(planned: Planned) -> None:
     """In a deep mount, which leans back, the web from corner to corner formerly ended thin at the upper holes."""
     _, holder, clip, _ = planned
     highest = driver_holes_top_mm(clip, HARDWARE)

@@ -17,11 +17,11 @@ def test_every_kind_is_read_from_a_file_by_its_name() -> None:
     assert HARDWARE.back.kind == "none"
 
 
-def test_a_kind_that_there_is_none_of_is_refused() -> None:
+def test_an_unknown_kind_is_refused() -> None:
     with pytest.raises(InputError, match=r"adapter shelf: expected one of none, .*gen2"):
         back_of("shelf")
 
 
-def test_only_a_clamp_has_a_ring_to_try() -> None:
+def test_only_a_clamp_has_a_ring_gauge() -> None:
     assert Gen2Back().ring_gauge == RingGauge(31.5, 4.0, 8.0)
     assert back_of("none").ring_gauge is None

@@ -1,4 +1,4 @@
-"""Dimensions in rig: the span of a length, in full and along a direction; which plans offer any.
+"""Dimensions in the rig frame: the span of a length, in full and along a direction; which plans offer any.
 
 Dimensions of holes among the cuts of a part.
 """
@@ -21,12 +21,12 @@ def test_a_length_along_a_direction_is_the_projection_of_its_span() -> None:
     np.testing.assert_allclose(across, np.zeros(3), atol=1e-12)
 
 
-def test_plans_with_dimensions_are_known_by_them() -> None:
+def test_plans_with_dimensions_satisfy_the_protocol() -> None:
     assert isinstance(plan_clip(HARDWARE), Dimensioned)
     assert not isinstance(HARDWARE, Dimensioned)
 
 
-def test_every_hole_is_read_from_the_cuts_with_what_its_tool_cuts() -> None:
+def test_every_hole_is_read_from_the_cuts_with_its_tools_length() -> None:
     down, at, up = np.array([0.0, 0.0, -1.0]), np.array([5.0, 0.0, 3.0]), np.array([1.0, 0.0, 0.0])
     screw, driver = Bore(at, down, 1.7, 4.0), Bore(at + 4.0 * down, -down, 3.2, 99.0)
     slot, nut = Bore(np.zeros(3), down, 1.7, 4.0, up, 8.0), Hexagon(at, down, up, 5.7, 2.6)

@@ -21,9 +21,9 @@ from mirrorcam.cad.plan.fasteners import (
     THREADS,
     Bore,
     Hexagon,
-    along,
-    beyond,
     diameter_mm,
+    exit_move,
+    frame_along,
     stack,
     stack_into,
     thread,
@@ -65,7 +65,7 @@ def test_a_size_begins_with_its_thread() -> None:
     assert diameter_mm("3") == 3.0
     assert diameter_mm("1/4-20 UNC") == 6.35
     assert SUNK_HEAD * thread_of("M3").diameter_mm == pytest.approx(6.72)  # ISO 10642
-    with pytest.raises(ValueError, match="size='M33' names no thread, expected one of M1"):
+    with pytest.raises(ValueError, match="size='M33' does not name a thread, expected one of M1"):
         thread_of("M33")
 
 
@@ -81,7 +81,7 @@ def test_screws_into_inserts_hold_and_never_bottom_out(grip_mm: float) -> None:
         found = stack(grip_mm, HARDWARE)
     except InputError as error:
         # In a gap between two lengths on the list, no length may fit.
-        assert "of thread" in str(error)
+        assert "of the thread" in str(error)
         assert not any(
             screw.engaged_mm <= length - grip_mm - washer <= screw.insert_depth_mm - 0.2 for length in screw.lengths_mm
         )
@@ -93,24 +93,24 @@ def test_screws_into_inserts_hold_and_never_bottom_out(grip_mm: float) -> None:
 
 
 @given(st.floats(1.0, 22.0))
-def test_screws_reach_through_nuts_and_no_further(grip_mm: float) -> None:
+def test_screws_end_flush_with_their_nuts(grip_mm: float) -> None:
     found = stack(grip_mm, NUTS)
     assert found.length_mm - grip_mm - found.washer_mm == pytest.approx(found.wall_mm)
     under = found.wall_mm - NUTS.screw.nut_height_mm - 0.2
     assert under >= 2.0 * NUTS.printer.wall_mm - 1e-9
 
 
-def test_what_no_screw_fits_is_refused_with_the_thread_that_is_left() -> None:
-    with pytest.raises(InputError, match=r"M3 screws through 40 mm hold by 0\.0 mm of thread"):
+def test_a_grip_that_no_screw_fits_is_refused_with_the_engaged_length() -> None:
+    with pytest.raises(InputError, match=r"M3 screws through 40 mm engage 0\.0 mm of the thread"):
         stack(40.0, HARDWARE)
-    with pytest.raises(InputError, match=r"hold by 3\.6 mm of thread 0 to 5\.7 mm deep, expected at least 4 mm"):
+    with pytest.raises(InputError, match=r"engage 3\.6 mm of the thread 0 to 5\.7 mm deep, expected at least 4 mm"):
         stack_into(2.4, (0.0, 5.7), 5.4, 7.0, HARDWARE.screw)
     with pytest.raises(InputError, match="longer than any on the list"):
         stack(30.0, NUTS)
 
 
 @pytest.mark.parametrize("roof_deg", [45.0, 42.0, 30.0])
-def test_a_lying_hole_is_a_circle_and_a_kite(roof_deg: float) -> None:
+def test_the_outline_of_a_horizontal_hole_is_a_circle_and_a_kite(roof_deg: float) -> None:
     """The kite of the two tangents, minus the sector that it shares with the circle."""
     r, depth, steep = 2.0, 3.0, np.deg2rad(roof_deg)
     bore = Bore(np.zeros(3), Y, r, depth, X, roof_deg=roof_deg)
@@ -164,8 +164,8 @@ def test_threads_are_cut_for_an_insert_or_a_nut() -> None:
 
 
 @pytest.mark.parametrize("axis", [(0.0, 0.0, -1.0), (0.0, 1.0, 0.0), (0.0, 0.6, 0.8)])
-def test_a_frame_has_its_z_along_the_axis_and_its_x_across(axis: tuple[float, float, float]) -> None:
-    frame = along(np.array([1.0, 2.0, 3.0]), np.array(axis))
+def test_a_frame_has_its_z_along_the_axis_and_its_x_normal_to_it(axis: tuple[float, float, float]) -> None:
+    frame = frame_along(np.array([1.0, 2.0, 3.0]), np.array(axis))
     np.testing.assert_allclose(frame[:3, 2], axis)
     np.testing.assert_allclose(frame[:3, 3], [1.0, 2.0, 3.0])
     np.testing.assert_allclose(frame[:3, :3] @ frame[:3, :3].T, np.eye(3), atol=1e-12)
@@ -173,7 +173,7 @@ def test_a_frame_has_its_z_along_the_axis_and_its_x_across(axis: tuple[float, fl
     assert frame[0, 0] == pytest.approx(1.0)
 
 
-def test_a_place_leaves_the_hull_with_room_to_spare() -> None:
+def test_an_exit_move_leaves_the_hull_with_a_gap() -> None:
     corners = np.array([(0.0, 0.0, 0.0), (10.0, 5.0, 2.0)])
-    move = beyond(corners, np.array([4.0, 1.0, 1.0]), np.array([-1.0, 0.0, 0.0]))
+    move = exit_move(corners, np.array([4.0, 1.0, 1.0]), np.array([-1.0, 0.0, 0.0]))
     np.testing.assert_allclose(move, [-(4.0 + EXIT_GAP_MM), 0.0, 0.0])

@@ -34,7 +34,7 @@ def test_fasteners_are_those_of_the_standards() -> None:
     assert (ours.insert_hole_mm, ours.insert_mm) == (insert.nut_data["dc"], insert.nut_data["m"])
 
 
-def test_a_file_replaces_any_of_the_table(tmp_path: Path) -> None:
+def test_a_file_replaces_any_entry_of_the_table(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text('camera = "board_38"\n[screw]\nkind = "nut"\n[cutting]\nkerf_mm = 0.18\n', encoding="utf-8")
     hardware = read_model(Hardware, path)
@@ -60,7 +60,7 @@ def test_a_file_replaces_any_of_the_table(tmp_path: Path) -> None:
         ('camera = "nowhere.toml"\n', r"nowhere\.toml: no such file"),
     ],
 )
-def test_what_is_wrong_in_a_file_is_said_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+def test_an_error_in_a_file_is_reported_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=message) as caught:
@@ -68,12 +68,12 @@ def test_what_is_wrong_in_a_file_is_said_in_one_line(tmp_path: Path, text: str, 
     assert "\n" not in str(caught.value)
 
 
-def test_a_body_of_another_camera_than_the_layouts_is_refused() -> None:
+def test_a_body_of_a_different_camera_from_the_layouts_is_refused() -> None:
     camera, body = Camera.c920(), read_body("c920")
     require_same_camera(camera, body)
     require_same_camera(camera.replaced(fx_px=1.05 * camera.fx_px, fy_px=1.05 * camera.fy_px), body)
     other = body.replaced(name="Pi HQ, 6 mm", field_of_view_deg=(55.3, 42.9))
-    with pytest.raises(InputError, match=r"Pi HQ, 6 mm: 55\.3 x 42\.9 deg .* Logitech C920 has 70\.4 x 43\.3 deg"):
+    with pytest.raises(InputError, match=r"Pi HQ, 6 mm has a .* of 55\.3 x 42\.9 deg, .* C920 has 70\.4 x 43\.3 deg"):
         require_same_camera(camera, other)
     require_same_camera(camera, other.replaced(field_of_view_deg=None))  # older files omit it
 

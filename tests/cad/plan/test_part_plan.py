@@ -51,7 +51,7 @@ def test_the_same_numbers_and_recipe_are_the_same_part_wherever_the_code_stands(
 def test_a_plan_becomes_plain_data() -> None:
     assert plain(Cube(np.float64(10.0), np.arange(3.0))) == {"side_mm": 10.0, "corner": [0.0, 1.0, 2.0]}
     assert plain((None, "a", True, {1: make_cube})) == [None, "a", True, {"1": "tests.cube"}]
-    with pytest.raises(TypeError, match="a plan holds a set, expected numbers"):
+    with pytest.raises(TypeError, match="a plan contains a set, expected numbers"):
         plain({1.0})
 
 

@@ -14,7 +14,7 @@ from mirrorcam.cad.assembly.pieces import item_title
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.prices import EACH, MIRRORS, OTHER_PLASTIC, PLASTICS, Prices, hours_text, summary_of
+from mirrorcam.cad.plan.prices import ITEM_PRICES, MIRRORS, OTHER_PLASTIC, PLASTICS, Prices, hours_text, summary_of
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric
@@ -27,9 +27,9 @@ def test_the_longest_name_at_an_end_of_a_title_counts() -> None:
     assert PRICES.of_plastic("PLA+ matt black", 1000.0) == PLASTICS["PLA"]
     assert PRICES.of_plastic("PETG", 500.0) == PLASTICS["PETG"] / 2.0
     assert PRICES.of_plastic("Unobtainium", 1000.0) == OTHER_PLASTIC
-    assert PRICES.of_item("M3 x 12 countersunk screw") == EACH["M3 countersunk screw"]
-    assert PRICES.of_item("M3 x 5.7 heat-set insert") == EACH["M3 heat-set insert"]
-    assert PRICES.of_item("0.4 x 5 x 12 compression spring") == EACH["compression spring"]
+    assert PRICES.of_item("M3 x 12 countersunk screw") == ITEM_PRICES["M3 countersunk screw"]
+    assert PRICES.of_item("M3 x 5.7 heat-set insert") == ITEM_PRICES["M3 heat-set insert"]
+    assert PRICES.of_item("0.4 x 5 x 12 compression spring") == ITEM_PRICES["compression spring"]
     assert PRICES.of_item("a tool of gold") is None
     assert PRICES.of_mirrors("second-surface glass mirror, 2 mm", 250.0) == 2.5 * MIRRORS["second-surface glass mirror"]
     with pytest.raises(ValueError, match="stock paper"):
@@ -41,7 +41,7 @@ def test_a_file_replaces_prices_and_comes_back_the_same(tmp_path: Path) -> None:
     path.write_text('date = "2027-01"\n[each]\n"M3 screw" = 0.02\n[plastic_per_kg]\n"PLA+" = 31\n')
     prices = read_model(Prices, path)
     assert prices.of_item("M3 x 8 screw") == 0.02
-    assert prices.of_item("M3 x 8 countersunk screw") == EACH["M3 countersunk screw"]
+    assert prices.of_item("M3 x 8 countersunk screw") == ITEM_PRICES["M3 countersunk screw"]
     assert (prices.of_plastic("PLA+", 1000.0), prices.of_plastic("PLA", 1000.0)) == (31.0, PLASTICS["PLA"])
     path.write_text(tomli_w.dumps(prices.model_dump(mode="json")))
     assert read_model(Prices, path) == prices
@@ -50,13 +50,13 @@ def test_a_file_replaces_prices_and_comes_back_the_same(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["[each]\nM3 = -1.0\n", '[each]\nM3 = "dear"\n', "each = 3\n", "shipping = 5\n"])
-def test_what_is_no_price_is_refused(text: str, tmp_path: Path) -> None:
+def test_an_invalid_price_is_refused(text: str, tmp_path: Path) -> None:
     (tmp_path / "prices.toml").write_text(text)
     with pytest.raises(InputError):
         read_model(Prices, tmp_path / "prices.toml")
 
 
-def test_all_that_is_bought_for_any_back_has_a_price(device: Device) -> None:
+def test_every_bought_item_of_any_back_has_a_price(device: Device) -> None:
     for kind in BACKS:
         hardware = device.hardware.replaced(back=back_of(kind))
         carried = replace(device, hardware=hardware, back=plan_back(device.clip, device.mount, hardware))
@@ -64,7 +64,7 @@ def test_all_that_is_bought_for_any_back_has_a_price(device: Device) -> None:
 
 
 @pytest.mark.slow
-def test_all_that_screws_of_mirrors_need_has_a_price(device: Device) -> None:
+def test_every_item_for_mirrors_on_screws_has_a_price(device: Device) -> None:
     hardware = device.hardware.replaced(holder=device.hardware.holder.replaced(mirrors="screws"))
     titles = {item_title(each) for each in bought_items(plan_device(device.layout, hardware))}
     assert any("spring" in title for title in titles)
@@ -81,7 +81,7 @@ def test_all_cameras_of_the_library_but_phones_have_a_price() -> None:
     assert HARDWARE.prices == PRICES
 
 
-def test_a_device_is_summed_up_in_a_line() -> None:
+def test_a_device_is_summarised_in_one_line() -> None:
     figures = {
         "device.mass_g": Metric(value=392.4, unit="g"),
         "device.price": Metric(value=117.6, unit="EUR"),

@@ -13,7 +13,7 @@ from mirrorcam.cad.plan.seats import (
     Frustum,
     camera_cone,
     keep_outs,
-    light_starts_mm,
+    light_start_mm,
     mirror_prism,
     outline_at,
     pocket,
@@ -56,11 +56,11 @@ def test_faces_of_a_frustum_point_outwards_whichever_way_its_corners_run() -> No
         False,
         False,
     ]
-    assert CUBE.comes_near(np.array([1.0, 1.0, 3.0]), 1.1)
-    assert not CUBE.comes_near(np.array([1.0, 1.0, 3.0]), 0.9)
+    assert CUBE.may_touch_ball(np.array([1.0, 1.0, 3.0]), 1.1)
+    assert not CUBE.may_touch_ball(np.array([1.0, 1.0, 3.0]), 0.9)
 
 
-def test_the_seat_is_the_glue_behind_the_reflecting_plane_or_one_thickness_more(default_layout: Layout) -> None:
+def test_the_seat_is_behind_the_reflecting_plane_by_the_glue_or_by_one_thickness_more(default_layout: Layout) -> None:
     bond = HARDWARE.holder.bond_mm
     for mirror in default_layout.mirrors:
         second = mirror.replaced(surface="second", thickness_mm=3.0)
@@ -99,16 +99,14 @@ def test_light_between_pupil_mirror_and_scene_lies_in_the_cones(default_layout: 
             assert camera_cone(mirror, layout.camera.pupil, HARDWARE).contains(points * share).all()
             assert reflected_beam(layout, index, HARDWARE).contains(points + share * (scene - points)).all()
         # Light of a second-surface mirror is inside the sheet up to its front, and can leave the outline after that.
-        beside = points * (
-            1.0 - (light_starts_mm(mirror) + np.array([-0.04, 0.04])[:, None, None]) / mirror.distance_mm
-        )
-        assert light_starts_mm(mirror) == (0.05 if surface == "first" else mirror.thickness_mm)
+        beside = points * (1.0 - (light_start_mm(mirror) + np.array([-0.04, 0.04])[:, None, None]) / mirror.distance_mm)
+        assert light_start_mm(mirror) == (0.05 if surface == "first" else mirror.thickness_mm)
         assert not camera_cone(mirror, layout.camera.pupil, HARDWARE).contains(beside[0]).any()
         assert camera_cone(mirror, layout.camera.pupil, HARDWARE).contains(beside[1]).all()
         assert not reflected_beam(layout, index, HARDWARE).contains(points * 0.5).any()
 
 
-def test_nothing_of_a_mirrors_room_is_behind_its_seat(default_layout: Layout) -> None:
+def test_no_keep_out_of_a_mirror_is_behind_its_seat(default_layout: Layout) -> None:
     for mirror, volumes in zip(default_layout.mirrors, keep_outs(default_layout, HARDWARE), strict=True):
         for solid in volumes:
             corners = np.vstack([solid.base, solid.top])
@@ -121,8 +119,8 @@ def test_without_a_spec_the_working_distance_is_the_tables(make_flat_pair: Calla
     assert working_distance_mm(layout, HARDWARE) == HARDWARE.holder.depth_without_spec_mm
 
 
-def test_a_mirror_that_does_not_look_at_the_scene_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
+def test_a_mirror_that_does_not_face_the_scene_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
     layout = make_flat_pair(gap_mm=5.0)
     turned = layout.replaced(view_from_rig=[[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]])
-    with pytest.raises(InputError, match="mirror 0-0 does not reflect to the plane 500 mm ahead"):
+    with pytest.raises(InputError, match="mirror 0-0 does not reflect every ray to the plane 500 mm ahead"):
         keep_outs(turned, HARDWARE)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.plan.stiffness import POISSON, FoldedPlates, Section, bends_per_newton
+from mirrorcam.cad.plan.stiffness import POISSON, FoldedPlates, Section, beam_compliance
 from mirrorcam.core.values import FloatArray
 
 SECTION = Section(depth_mm=24.0, width_mm=80.0, skin_mm=2.4, web_mm=1.4, web_deg=45.0, plastic_mpa=2300.0)
@@ -25,16 +25,16 @@ def test_the_section_by_parallel_axes() -> None:
 
 
 def test_a_post_bends_as_a_cantilever() -> None:
-    turn, shift = bends_per_newton(POST, TIP, SECTION)
+    turn, shift = beam_compliance(POST, TIP, SECTION)
     assert turn[0, 1] == pytest.approx(-(HEIGHT**2) / 2.0 / SECTION.bending_nmm2)
     assert shift[1, 1] == pytest.approx(HEIGHT**3 / 3.0 / SECTION.bending_nmm2 + HEIGHT / SECTION.shear_n)
-    assert shift[0, 0] == pytest.approx(HEIGHT**3 / 3.0 / SECTION.sideways_nmm2)
+    assert shift[0, 0] == pytest.approx(HEIGHT**3 / 3.0 / SECTION.lateral_bending_nmm2)
     np.testing.assert_allclose(shift[2], 0.0, atol=1e-12)
 
 
-def test_a_load_beside_a_post_bends_it_by_its_moment_and_twists_it() -> None:
+def test_an_eccentric_load_bends_a_post_by_its_moment_and_twists_it() -> None:
     arm = 50.0
-    turn, shift = bends_per_newton(POST, TIP + np.array([0.0, arm, 0.0]), SECTION)
+    turn, shift = beam_compliance(POST, TIP + np.array([0.0, arm, 0.0]), SECTION)
     assert abs(turn[0, 2]) == pytest.approx(arm * HEIGHT / SECTION.bending_nmm2)
     assert shift[2, 2] == pytest.approx(arm**2 * HEIGHT / SECTION.bending_nmm2)
     assert abs(turn[2, 0]) == pytest.approx(arm * HEIGHT / SECTION.torsion_nmm2)
@@ -42,14 +42,14 @@ def test_a_load_beside_a_post_bends_it_by_its_moment_and_twists_it() -> None:
 
 def test_work_is_the_same_whichever_force_comes_first() -> None:
     path = np.array([[0.0, 0.0], [-3.0, 60.0], [40.0, 100.0]])
-    _, shift = bends_per_newton(path, np.array([5.0, 20.0, 90.0]), SECTION)
+    _, shift = beam_compliance(path, np.array([5.0, 20.0, 90.0]), SECTION)
     np.testing.assert_allclose(shift, shift.T, atol=1e-15)
     assert np.linalg.eigvalsh(shift).min() > 0.0
 
 
 def test_pieces_of_a_path_add_up() -> None:
     halves = np.array([[0.0, 0.0], [0.0, 30.0], [0.0, HEIGHT]])
-    for whole, parted in zip(bends_per_newton(POST, TIP, SECTION), bends_per_newton(halves, TIP, SECTION), strict=True):
+    for whole, parted in zip(beam_compliance(POST, TIP, SECTION), beam_compliance(halves, TIP, SECTION), strict=True):
         np.testing.assert_allclose(parted, whole, rtol=1e-12, atol=1e-18)
 
 
@@ -106,7 +106,7 @@ def test_a_strip_is_a_cantilever_in_bending_tension_and_shear() -> None:
     assert end[4, 4] == pytest.approx(LENGTH / (MODULUS * ON_EDGE), rel=0.01)
 
 
-def test_a_narrow_strip_twists_as_saint_venant_has_it() -> None:
+def test_a_narrow_strip_twists_by_saint_venants_formula() -> None:
     end = cantilever(strip(pieces=8))
     thin = 1.0 - 0.63 * THICK / WIDTH
     # Its ends do not warp, which makes it slightly stiffer.
@@ -122,14 +122,14 @@ def test_a_wide_plate_bends_as_a_plate() -> None:
     assert end[3, 3] > LENGTH * (1.0 - 0.35**2) / (MODULUS * FLAT)
 
 
-def test_compliance_turns_with_the_structure() -> None:
+def test_compliance_rotates_with_the_structure() -> None:
     upright, lying = cantilever(strip(poisson=0.3)), cantilever(strip(poisson=0.3, along=(0.6, 0.8)))
     turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.8, 0.6], [0.0, -0.6, 0.8]])
     both = np.kron(np.eye(2), turn)
     np.testing.assert_allclose(lying, both @ upright @ both.T, atol=1e-6 * np.abs(upright).max())
 
 
-def test_two_strips_at_a_right_angle_bend_each_as_its_own_beam() -> None:
+def test_two_strips_at_a_right_angle_each_bend_as_a_beam() -> None:
     """A portal's leg and arm: the arm's end sinks by its own bending and by the rotation of the leg."""
     edges = np.array([[0.0, 0.0], [0.0, 100.0], [50.0, 100.0]])
     frame = FoldedPlates(edges, np.array([[0, 1], [1, 2]]), np.full(2, THICK), np.full(2, MODULUS), 0.0, WIDTH / 2.0)
@@ -138,7 +138,7 @@ def test_two_strips_at_a_right_angle_bend_each_as_its_own_beam() -> None:
     assert end[2, 2] == pytest.approx(expected, rel=2e-3)
 
 
-def test_a_strip_of_half_the_modulus_gives_twice_as_much() -> None:
+def test_a_strip_of_half_the_modulus_is_twice_as_compliant() -> None:
     whole = strip()
     soft = FoldedPlates(whole.edges, whole.strips, whole.thickness_mm, whole.modulus_mpa / 2.0, 0.0, WIDTH / 2.0)
     np.testing.assert_allclose(cantilever(soft), 2.0 * cantilever(whole), rtol=1e-6, atol=1e-12)

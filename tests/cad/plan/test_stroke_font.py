@@ -11,7 +11,7 @@ from mirrorcam.cad.plan.stroke_font import STROKES
 
 
 @pytest.mark.parametrize("sign", sorted(STROKES))
-def test_signs_stand_on_the_corners_of_a_grid(sign: str) -> None:
+def test_glyphs_have_their_corners_on_a_grid(sign: str) -> None:
     corners = np.vstack([np.array(stroke) for stroke in STROKES[sign]])
     assert set(corners[:, 1]) <= {0, 1, 2}
     assert np.ptp(corners[:, 0]) == {"1": 0, "M": 2}.get(sign, 1)
@@ -21,7 +21,7 @@ def test_signs_stand_on_the_corners_of_a_grid(sign: str) -> None:
         assert all((a == b) != (c == d) for (a, c), (b, d) in pairwise(stroke))
 
 
-def test_no_two_signs_are_alike() -> None:
+def test_no_two_glyphs_are_equal() -> None:
     drawn = {
         sign: frozenset(
             frozenset(edge)

@@ -35,7 +35,7 @@ def torque(*items: BoughtItem) -> Tightening:
     return found
 
 
-def test_a_bare_head_presses_on_its_ring_of_plastic() -> None:
+def test_a_head_without_a_washer_presses_on_a_ring_of_plastic() -> None:
     screw, insert = item("screw", "M3", 10.0, (0, 0, 4)), item("insert", "M3", 5.7, (0, 0, 0))
     found = torque(screw, insert)
     force = PRESSURE * np.pi / 4.0 * (5.5**2 - 3.4**2)
@@ -55,7 +55,7 @@ def test_a_washer_leaves_the_limit_to_the_insert_or_the_nut() -> None:
     assert in_nut.limit == "plastic under the nut"
 
 
-def test_what_is_on_another_axis_or_beyond_the_tip_does_not_count() -> None:
+def test_items_on_a_different_axis_or_beyond_the_tip_do_not_count() -> None:
     screw = item("screw", "M3", 8.0, (0, 0, 2))
     aside, beyond = item("washer", "M3", 0.5, (1, 0, 1.5)), item("washer", "M3", 0.5, (0, 0, -7))
     assert torque(screw, aside, beyond) == torque(screw)
@@ -87,11 +87,11 @@ def test_a_torque_is_stated_rounded_down() -> None:
 
 
 def test_an_unknown_thread_is_refused() -> None:
-    with pytest.raises(ValueError, match="names no thread"):
+    with pytest.raises(ValueError, match="does not name a thread"):
         tightenings([item("screw", "M7", 10.0, (0, 0, 0))], HARDWARE)
 
 
-def test_every_screw_of_a_device_has_a_torque_by_what_holds_it(device: Device) -> None:
+def test_every_screw_of_a_device_has_a_tightening_torque(device: Device) -> None:
     items = bought_items(device)
     limits = [(item, found) for item, found in zip(items, tightenings(items, HARDWARE), strict=True) if found]
     assert len(limits) == sum(item.kind == "screw" for item in items)
