@@ -206,15 +206,15 @@ def test_an_alarm_names_the_model_that_the_pictures_ask_for(calibration: Calibra
     assert diagnostics is not None
     for name, other, advice in (
         ("joint+bend", None, "--model joint+bend"),
-        ("joint+glass", OtherSurface(2.0, 0.01, second=True), "--model second_surface+auto"),
-        ("joint+glass", OtherSurface(0.0, 0.01, second=False), "--model first_surface+auto"),
+        ("joint+glass", OtherSurface(2.0, 0.01, is_second_surface=True), "--model second_surface+auto"),
+        ("joint+glass", OtherSurface(0.0, 0.01, is_second_surface=False), "--model first_surface+auto"),
     ):
         comparison = replace(
             diagnostics.comparisons[-1], name=name, against="joint", supported=True, information_gain=50.0
         )
         alarmed = replace(
             diagnostics,
-            level="joint",
+            model_name="joint",
             comparisons=(*diagnostics.comparisons, comparison),
             alarms=("something",),
             other_surface=other,
@@ -297,6 +297,6 @@ def test_two_mirrors_of_no_device_are_not_told_of_mounts_or_drift(calibration: C
     assert "mirrorcam drift" not in page
     assert page.count("Halves differ") == 1
     advice, uncertainty = page.split("What to do next")[1].split("Largest uncertainty")
-    assert calibration.diagnostics.weak[0].words not in advice.lower()
-    assert calibration.diagnostics.weak[0].words[1:] in uncertainty
+    assert calibration.diagnostics.weak[0].description not in advice.lower()
+    assert calibration.diagnostics.weak[0].description[1:] in uncertainty
     assert "Notes: what was not found, not used, or not determined" in page

@@ -33,7 +33,7 @@ def drift(
         Parameter(
             metavar="FILE",
             help="checks.json of the device by mirrorcam cad: the bending of its mount by gravity. [default: the "
-            "limit that parts are designed to]",
+            "limit that parts are designed for]",
         ),
     ] = None,
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/drift"),
@@ -79,12 +79,12 @@ def _print(layout: layouts.Layout, found: Drift) -> None:
         (f"mirror {layout.mirror_names[mirror.index]}", *_figures(mirror), str(mirror.points))
         for mirror in found.mirrors
     ]
-    print_table(["", "turn °", f"{SIGMA} °", "shift mm", "of threshold", "detectable °", "points"], rows)
-    say("drift", "of threshold: over 1, the mirror has moved; detectable: the smallest turn that would be detected")
+    print_table(["", "rotation °", f"{SIGMA} °", "shift mm", "of threshold", "detectable °", "points"], rows)
+    say("drift", "of threshold: over 1, the mirror has moved; detectable: the smallest rotation that would be detected")
 
 
 def _figures(mirror: MirrorMove) -> tuple[str, ...]:
-    """Turn and its sigma, shift, statistic and smallest detectable turn, as far as pictures determine them."""
+    """Rotation and its sigma, shift, statistic and smallest detectable rotation, as far as pictures determine them."""
     if not mirror.tested:
         return ("-",) * 5
     return (
