@@ -114,18 +114,19 @@ def calibrate(
         on_frame(len(detected))
         on_observations([frame.corners for frame in detected])
 
-    found = detect(reader.read(frames, mirrored=True), mirrored=True, on_frame=report)
+    mirrored_detected = detect(reader.read(frames, mirrored=True), mirrored=True, on_frame=report)
     pictures = reader.read(base_frames, mirrored=False)
-    base_detected = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
+    base_detected = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(mirrored_detected) + len(done)))
     if isinstance(target, Checkerboard):
-        found = number_jointly(found, base_detected, layout, target)
+        mirrored_detected = number_jointly(mirrored_detected, base_detected, layout, target)
     size = target.corners_in_board_mm, layout.camera.width_px
     chosen = [
-        _chosen(detected, number, *size) for detected, number in zip((found, base_detected), max_pictures, strict=True)
+        _chosen(detected, number, *size)
+        for detected, number in zip((mirrored_detected, base_detected), max_pictures, strict=True)
     ]
     mirrored, base = (
         [detected[number].corners for number in numbers]
-        for detected, numbers in zip((found, base_detected), chosen, strict=True)
+        for detected, numbers in zip((mirrored_detected, base_detected), chosen, strict=True)
     )
     # A board that is often partly out of view is found in few pictures only, so one detection confirms it.
     board_found = any(len(o) for o in mirrored), any(len(o) for o in base)
@@ -141,7 +142,7 @@ def calibrate(
             model=model,
             extremes=reader.extremes,
             pictures=BoardPictures([reader.mirrored[number] for number in chosen[0]], target, workers),
-            unknown=unknown_mirrors(layout, found),
+            unknown=unknown_mirrors(layout, mirrored_detected),
             names=None
             if names is None
             else [group[n] for group, used in zip(names, chosen, strict=True) for n in used],

@@ -150,7 +150,7 @@ def _possible_mirrors(
     board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Target
 ) -> list[_PossibleMirror]:
     """Return all mirrors that may show a board, in all of its numberings; the most likely mirror first."""
-    found = []
+    possible = []
     inside = np.array([_inside(region, board[0]) for region in regions])
     for mirror in np.argsort(-inside, kind="stable").tolist():
         if inside[mirror] < MIN_INSIDE:
@@ -159,5 +159,5 @@ def _possible_mirrors(
             centre = layout.mirrors[mirror].apparent.virtual_centre_in_rig_mm
             pose = initial_estimates.rig_from_board(layout.camera, corners, target.corners_in_board_mm, centre)
             if pose is not None:
-                found.append(_PossibleMirror(mirror, corners, float(inside[mirror]), pose))
-    return found
+                possible.append(_PossibleMirror(mirror, corners, float(inside[mirror]), pose))
+    return possible

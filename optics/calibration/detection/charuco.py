@@ -92,19 +92,19 @@ def _markers(target: Charuco | AprilGrid) -> Markers:
     )
 
 
-def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners], *, mirrored: bool) -> list[Corners]:
+def _from_markers(grey: Grey, target: Charuco | AprilGrid, boards: list[Corners], *, mirrored: bool) -> list[Corners]:
     """Return the known boards, and new ones grown from single markers that these do not contain."""
     ids, quads = find_markers(grey, target, mirrored=mirrored)
     print_quads = marker_corners(target)[ids]
     picture = np.asarray(grey, dtype=np.float32)
-    found = list(known)
-    taken = np.zeros(len(ids), dtype=bool)
-    for board in known:
-        taken |= _on_board(board, print_quads, quads, target)
+    found = list(boards)
+    used = np.zeros(len(ids), dtype=bool)
+    for board in boards:
+        used |= _on_board(board, print_quads, quads, target)
     queue = groups(print_quads, quads)
     while queue:
         members = queue.pop(0)
-        members = members[~taken[members]]
+        members = members[~used[members]]
         if len(members) < MIN_MARKERS:
             continue
         known_xy, known_pixels = print_quads[members].reshape(-1, 2), quads[members].reshape(-1, 2)
@@ -113,7 +113,7 @@ def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners],
             continue
         found.append(board)
         on_board = _on_board(board, print_quads, quads, target)
-        taken |= on_board
+        used |= on_board
         # A group may hold two boards that seem to continue each other; one of them is found now.
         remaining = members[~on_board[members]]
         if MIN_MARKERS <= len(remaining) < len(members):
@@ -157,13 +157,13 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
         detector = cv2.aruco.ArucoDetector(dictionary, parameters)
         quads, ids, _ = detector.detectMarkers(bright)
         numbers = (np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()) - first
-        known = (numbers >= 0) & (numbers < count)
-        if known.sum() >= MIN_MARKERS:
+        valid = (numbers >= 0) & (numbers < count)
+        if valid.sum() >= MIN_MARKERS:
             break
     corners = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)
     if mirrored:
         corners[..., 0] = grey.shape[1] - 1 - corners[..., 0]
-    return numbers[known], corners[known]
+    return numbers[valid], corners[valid]
 
 
 def count_by_family(grey: Grey, families: Sequence[str], first: int, *, mirrored: bool) -> IntArray:

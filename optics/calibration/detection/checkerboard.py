@@ -86,10 +86,10 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
     """
     picture = np.asarray(grey, dtype=np.float32)
     max_side = max(target.cols, target.rows)
-    found: list[DetectedGrid] = []
+    grids: list[DetectedGrid] = []
     for linked_xy, pixels in linked_grids(grey):
-        known = [grid.corners for grid in found]
-        if not has_new_corners(pixels, known):
+        detected = [grid.corners for grid in grids]
+        if not has_new_corners(pixels, detected):
             continue
         grid_xy, corners = grow_grid(picture, linked_xy, pixels, margin=max_side)
         if len(linked_xy) >= MIN_LINKED and len(corners) < MIN_KEPT * len(linked_xy):
@@ -97,16 +97,16 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
             softened = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENED_PX), dtype=np.float32)
             softened_grid = grow_grid(softened, linked_xy, pixels, margin=max_side)
             grid_xy, corners = max((grid_xy, corners), softened_grid, key=lambda grid: len(grid[1]))
-        if has_new_corners(corners.pixels, known):
-            found.append(DetectedGrid(grid_xy, corners, board_limits(picture, grid_xy, corners.pixels)))
-    if not found and (complete := complete_board(grey, target)):
+        if has_new_corners(corners.pixels, detected):
+            grids.append(DetectedGrid(grid_xy, corners, board_limits(picture, grid_xy, corners.pixels)))
+    if not grids and (complete := complete_board(grey, target)):
         grid_xy, pixels = complete
         cells = cell_px(pixels)
         refined = refine_saddles(grey, pixels, cells, COMPLETE_WINDOW)
         stable = np.linalg.norm(refined - pixels, axis=1) < MAX_REFINEMENT * cells
         pixels = np.where(stable[:, None], refined, pixels)
-        found.append(DetectedGrid(grid_xy, Corners(np.arange(len(grid_xy)), pixels), NO_LIMITS))
-    return sorted(found, key=lambda grid: -len(grid))
+        grids.append(DetectedGrid(grid_xy, Corners(np.arange(len(grid_xy)), pixels), NO_LIMITS))
+    return sorted(grids, key=lambda grid: -len(grid))
 
 
 def linked_grids(grey: Grey) -> list[tuple[IntArray, FloatArray]]:
@@ -119,11 +119,11 @@ def linked_grids(grey: Grey) -> list[tuple[IntArray, FloatArray]]:
     ]
 
 
-def has_new_corners(pixels: FloatArray, found: Sequence[Corners]) -> bool:
+def has_new_corners(pixels: FloatArray, detected: Sequence[Corners]) -> bool:
     """Return whether corners (n, 2) include enough new ones for another board besides those already found."""
-    if len(pixels) < MIN_CORNERS or not found:
+    if len(pixels) < MIN_CORNERS or not detected:
         return len(pixels) >= MIN_CORNERS
-    distances, _ = cKDTree(np.concatenate([corners.pixels for corners in found])).query(pixels)
+    distances, _ = cKDTree(np.concatenate([corners.pixels for corners in detected])).query(pixels)
     return bool((distances > SAME_CORNER * np.median(cell_px(pixels))).sum() >= MIN_CORNERS)
 
 

@@ -93,9 +93,9 @@ def _as_views(boards: Sequence[tuple[Corners, ...]]) -> DetectedFrame:
     return DetectedFrame(Observations.join(parts))
 
 
-def _checkerboards(found: Sequence[DetectedGrid], layout: Layout, target: Checkerboard) -> DetectedFrame:
+def _checkerboards(detected: Sequence[DetectedGrid], layout: Layout, target: Checkerboard) -> DetectedFrame:
     """Return the corners of checkerboards that can be numbered in a single view, and all checkerboards as grids."""
-    grids = [grid for grid in found if len(non_collinear(grid.corners))]
+    grids = [grid for grid in detected if len(non_collinear(grid.corners))]
     numbered = [(grid, tuple(grid.numberings(target, mirrored=True))) for grid in grids[: 2 * len(layout.mirrors)]]
     boards = [options for _, options in numbered if 0 < len(options) <= 1 + target.looks_same_upside_down]
     assigned = assign(boards, layout, target)

@@ -75,12 +75,12 @@ def _grids(
         np.isfinite(pixels).all() and (sigma_px > 0).all()
     ):
         raise ValueError(f"grids of {count} mirrors and {rows} corners have arrays of shapes {shapes}")
-    found = []
+    grids = []
     for number, mirror in enumerate(mirrors.tolist()):
         in_grid = grid_numbers == number
         corners = Corners(np.arange(in_grid.sum()), pixels[in_grid], sigma_px[in_grid])
-        found.append((int(mirror), DetectedGrid(grid_xy[in_grid].astype(np.int64), corners, limits[number])))
-    return tuple(found)
+        grids.append((int(mirror), DetectedGrid(grid_xy[in_grid].astype(np.int64), corners, limits[number])))
+    return tuple(grids)
 
 
 def save(results: Results, name: str, frame: DetectedFrame) -> None:

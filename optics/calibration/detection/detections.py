@@ -81,14 +81,14 @@ class DetectedGrid:
         if mirrored:
             return self.as_printed.numberings(target, mirrored=False)
         last = np.array([target.cols - 2, target.rows - 2])
-        found = []
+        candidates = []
         for turn in range(4):
             for shift in _shifts(self.transformed(turn, np.zeros(2, dtype=np.int64)), last):
                 # On the print, the square at the lower right of a corner with an even coordinate sum is black.
                 if (shift.sum() + turn) % 2 == 1:
                     col, row = self.transformed(turn, shift).grid_xy.T
-                    found.append(replace(self.corners, ids=(row * (last[0] + 1) + col).astype(np.int64)))
-        return found
+                    candidates.append(replace(self.corners, ids=(row * (last[0] + 1) + col).astype(np.int64)))
+        return candidates
 
     @classmethod
     def join(cls, grids: Sequence[DetectedGrid]) -> DetectedGrid:

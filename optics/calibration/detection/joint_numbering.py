@@ -227,10 +227,10 @@ def _same_motion(
 
 def _first_mirror_pose(in_frame: dict[int, _Part], motions: dict[int, FloatArray]) -> FloatArray | None:
     """Return the pose (4, 4) of the board's image in the first mirror, from the largest part with a known motion."""
-    known = [m for m in in_frame if m in motions and len(in_frame[m]) >= MIN_CORNERS]
-    if not known:
+    located = [m for m in in_frame if m in motions and len(in_frame[m]) >= MIN_CORNERS]
+    if not located:
         return None
-    mirror = max(known, key=lambda m: len(in_frame[m]))
+    mirror = max(located, key=lambda m: len(in_frame[m]))
     return inverse(motions[mirror]) @ in_frame[mirror].camera_from_image
 
 

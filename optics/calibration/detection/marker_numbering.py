@@ -169,8 +169,8 @@ def _squares(grid: DetectedGrid, parity: int) -> tuple[IntArray, FloatArray]:
     corners = np.stack([index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1)
     x, y = np.nonzero((corners >= 0).all(axis=-1))
     squares = np.stack([x, y], axis=1) + low
-    of_colour = (squares.sum(axis=1) - parity) % 2 == 0
-    return squares[of_colour], grid.corners.pixels[corners[x, y][of_colour]]
+    has_colour = (squares.sum(axis=1) - parity) % 2 == 0
+    return squares[has_colour], grid.corners.pixels[corners[x, y][has_colour]]
 
 
 def _modules(picture: Image, quads: FloatArray, markers: Markers) -> FloatArray:

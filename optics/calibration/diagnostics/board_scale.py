@@ -79,16 +79,16 @@ def size_ratio(pictures: Sequence[Grey], layout: Layout, target: Target) -> floa
 
 def _board_centres(picture: Grey, layout: Layout, target: Target) -> dict[int, FloatArray]:
     """Return the apparent centre (3,) of the largest board in each mirror, rig frame, mm, assuming the stated size."""
-    found: dict[int, FloatArray] = {}
+    centres: dict[int, FloatArray] = {}
     centre = target.corners_in_board_mm.mean(axis=0, keepdims=True)
     for board, *_ in find_boards(picture, target, mirrored=True, max_boards=2 * len(layout.mirrors)):
         mirror = likely_mirror(board, layout)
-        if mirror is None or mirror in found:
+        if mirror is None or mirror in centres:
             continue
         pose = camera_from_flat_board(layout.camera, board, target.corners_in_board_mm)
         if pose is not None:
-            found[mirror] = transform(pose, centre)[0]
-    return found
+            centres[mirror] = transform(pose, centre)[0]
+    return centres
 
 
 @dataclass(frozen=True)

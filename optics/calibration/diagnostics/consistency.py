@@ -78,15 +78,15 @@ def repeated_frames(frames: Sequence[Observations]) -> dict[int, int]:
     too narrow.
     """
     first: dict[bytes, int] = {}
-    found = {}
+    repeats = {}
     for number, o in enumerate(frames):
         if not len(o):
             continue
         key = o.view.tobytes() + o.corner.tobytes() + o.pixels.tobytes()
         if key in first:
-            found[number] = first[key]
+            repeats[number] = first[key]
         first.setdefault(key, number)
-    return found
+    return repeats
 
 
 def odd_corners(observations: Observations, camera: Camera, corners_in_board_mm: FloatArray) -> BoolArray:
@@ -149,7 +149,7 @@ def consistent_views(
 
     Returns
     -------
-    kept, notes
+    consistent, notes
         Mask (n,) of the rows to keep, and a note on each dropped view or frame.
 
     Raises
@@ -168,14 +168,14 @@ def consistent_views(
     shifted |= np.isin(frame, contradictory)
     _refuse_many_shifted(shifted, shift, view, mirrors)
     notes = [f"{names[number]}: its views disagree on the board's pose, not used" for number in contradictory]
-    kept = np.ones(len(observations), dtype=bool)
+    consistent = np.ones(len(observations), dtype=bool)
     for rows, is_shifted, cells in zip(groups, shifted, shift, strict=True):
         if is_shifted:
-            kept[rows] = False
+            consistent[rows] = False
             if observations.frame[rows[0]] not in contradictory:
                 where = _view_name(observations, rows, names, mirrors)
                 notes.append(f"{where}: shows the board elsewhere than other views ({cells:.1f} squares), not used")
-    return kept, tuple(notes)
+    return consistent, tuple(notes)
 
 
 def _refuse_many_shifted(shifted: BoolArray, shift: FloatArray, view: IntArray, mirrors: Sequence[str]) -> None:

@@ -171,13 +171,13 @@ def motions_of(layout: Layout) -> list[NamedMotion]:
     """Return the named motions that the layout's parameters allow, the simplest first."""
     parameters = _Parameters(uncertainty_of(layout).parameters)
     has_mirrors = "mirror 0 x_mm" in parameters.names
-    found = _common_motions(layout, parameters) if has_mirrors and len(layout.mirrors) > 1 else []
-    found += _camera_motions(layout.camera, parameters)
+    motions = _common_motions(layout, parameters) if has_mirrors and len(layout.mirrors) > 1 else []
+    motions += _camera_motions(layout.camera, parameters)
     if "sheet_mm" in parameters.names:
-        found.append(NamedMotion("thickness of the plates", "mm", parameters.change({"sheet_mm": 1.0})))
+        motions.append(NamedMotion("thickness of the plates", "mm", parameters.change({"sheet_mm": 1.0})))
     for m in range(len(layout.mirrors) if has_mirrors else 0):
-        found += _mirror_motions(layout, m, parameters)
-    return found
+        motions += _mirror_motions(layout, m, parameters)
+    return motions
 
 
 @dataclass(frozen=True)
@@ -232,7 +232,7 @@ def _camera_motions(camera: Camera, parameters: _Parameters) -> list[NamedMotion
 
 def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[NamedMotion]:
     """Rotations of one mirror about the centroid of its outline, its shift along the normal, and its bends."""
-    mirror, name, found = layout.mirrors[m], layout.mirror_names[m], []
+    mirror, name, motions = layout.mirrors[m], layout.mirror_names[m], []
     x, y, n = mirror.rig_from_plane[:3, :3].T
     for axis, description in ((x, "about its x"), (y, "about its y")):
         displacement = np.zeros(3 * len(layout.mirrors))
@@ -240,16 +240,16 @@ def _mirror_motions(layout: Layout, m: int, parameters: _Parameters) -> list[Nam
         o = mirror.outline_in_rig_mm.mean(axis=0)
         change = axis @ np.cross(o, n) * n + mirror.distance_mm * np.cross(axis, n)
         displacement[3 * m : 3 * m + 3] = -2.0 * np.radians(1.0) * change
-        found.append(NamedMotion(f"mirror {name} {description}", "deg", parameters.centres(displacement)))
+        motions.append(NamedMotion(f"mirror {name} {description}", "deg", parameters.centres(displacement)))
     displacement = np.zeros(3 * len(layout.mirrors))
     displacement[3 * m : 3 * m + 3] = -2.0 * n
-    found.append(NamedMotion(f"mirror {name} along its normal", "mm", parameters.centres(displacement)))
+    motions.append(NamedMotion(f"mirror {name} along its normal", "mm", parameters.centres(displacement)))
     for axes, description in (("xx", "along its x"), ("yy", "along its y"), ("xy", "as a twist")):
         if (parameter := f"mirror {m} curvature_{axes}_per_m") in parameters.names:
-            found.append(
+            motions.append(
                 NamedMotion(f"bend of mirror {name} {description}", "1/m", parameters.change({parameter: 1.0}))
             )
-    return found
+    return motions
 
 
 def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple[WeakDirection, ...]:

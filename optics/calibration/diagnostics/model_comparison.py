@@ -224,28 +224,30 @@ def frames_of(observations: Observations, estimate: Estimate, frames: BoolArray)
     return replace(rows, frame=number[rows.frame]), estimate.of_frames(frames)
 
 
-def _frame_problem(fitted: Estimate, model: Model, rest: Estimate) -> tuple[Estimate, Model]:
+def _frame_problem(fitted: Estimate, model: Model, held_out: Estimate) -> tuple[Estimate, Model]:
     """Return the global parameters of one estimate with the frames of another, and the model with only these free."""
     shaped = Board.rigid(model.board.shaped(fitted.shape))
     frames = replace(
         fitted,
-        rig_from_board=rest.rig_from_board,
-        camera_rotation=rest.camera_rotation,
-        bow_mm=rest.bow_mm,
+        rig_from_board=held_out.rig_from_board,
+        camera_rotation=held_out.camera_rotation,
+        bow_mm=held_out.bow_mm,
         shape=np.zeros(0),
     )
-    alone = Model((), thickness=False, curvature=False, board=shaped, mirrors=False, frame_terms=model.frame_terms)
-    return frames, alone
+    frames_model = Model(
+        (), thickness=False, curvature=False, board=shaped, mirrors=False, frame_terms=model.frame_terms
+    )
+    return frames, frames_model
 
 
-def predict_held_out(start: Estimate, observations: Observations, model: Model, out: BoolArray) -> HeldOut:
-    """Predict the frames of the mask `out` (f,) by a robust fit without them."""
-    kept, kept_start = frames_of(observations, start, ~out)
-    fitted = fit(kept_start, kept, model).estimate
-    rest, rest_start = frames_of(observations, start, out)
-    start_of_frames, frames = _frame_problem(fitted, model, rest_start)
-    solution = fit(start_of_frames, rest, frames)
-    return HeldOut(solution.estimate, rest, solution.residuals, solution.inliers, frames.board)
+def predict_held_out(start: Estimate, observations: Observations, model: Model, is_held_out: BoolArray) -> HeldOut:
+    """Predict the frames of the mask `is_held_out` (f,) by a robust fit without them."""
+    training, training_start = frames_of(observations, start, ~is_held_out)
+    fitted = fit(training_start, training, model).estimate
+    held_out, held_out_start = frames_of(observations, start, is_held_out)
+    start_of_frames, frames = _frame_problem(fitted, model, held_out_start)
+    solution = fit(start_of_frames, held_out, frames)
+    return HeldOut(solution.estimate, held_out, solution.residuals, solution.inliers, frames.board)
 
 
 def held_out_residuals(start: Estimate, observations: Observations, model: Model, fold: IntArray) -> FloatArray:
@@ -254,9 +256,9 @@ def held_out_residuals(start: Estimate, observations: Observations, model: Model
     All rows are used, so that models are compared on equal terms.
     """
     errors = np.empty((len(observations), 2))
-    for out, start_of_frames, rest, frames in _held_out_folds(start, observations, model, fold):
-        fitted, _ = minimise(start_of_frames, rest, frames)
-        errors[out[observations.frame]] = residuals(fitted, rest, frames.board)
+    for is_held_out, start_of_frames, held_out, frames in _held_out_folds(start, observations, model, fold):
+        fitted, _ = minimise(start_of_frames, held_out, frames)
+        errors[is_held_out[observations.frame]] = residuals(fitted, held_out, frames.board)
     return errors
 
 
@@ -266,13 +268,13 @@ def held_out_corners(start: Estimate, observations: Observations, model: Model, 
     A frame's own parameters are fitted to every other corner of each view, and predict the corners between them.
     """
     errors = np.empty((len(observations), 2))
-    for out, start_of_frames, rest, frames in _held_out_folds(start, observations, model, fold):
-        in_fold = np.empty((len(rest), 2))
+    for is_held_out, start_of_frames, held_out, frames in _held_out_folds(start, observations, model, fold):
+        in_fold = np.empty((len(held_out), 2))
         for half in (0, 1):
-            hidden = rest.corner % 2 == half
-            fitted, _ = minimise(start_of_frames, rest.where(~hidden), frames)
-            in_fold[hidden] = residuals(fitted, rest.where(hidden), frames.board)
-        errors[out[observations.frame]] = in_fold
+            hidden = held_out.corner % 2 == half
+            fitted, _ = minimise(start_of_frames, held_out.where(~hidden), frames)
+            in_fold[hidden] = residuals(fitted, held_out.where(hidden), frames.board)
+        errors[is_held_out[observations.frame]] = in_fold
     return errors
 
 
@@ -281,12 +283,12 @@ def _held_out_folds(
 ) -> Iterator[tuple[BoolArray, Estimate, Observations, Model]]:
     """Yield for each fold the mask (f,) of its frames, a start fitted to the other folds, its rows, and its model."""
     for number in range(int(fold.max()) + 1):
-        out = fold == number
-        kept, kept_start = frames_of(observations, start, ~out)
-        fitted, _ = minimise(kept_start, kept, model)
-        rest, rest_start = frames_of(observations, start, out)
-        start_of_frames, frames = _frame_problem(fitted, model, rest_start)
-        yield out, start_of_frames, rest, frames
+        is_held_out = fold == number
+        training, training_start = frames_of(observations, start, ~is_held_out)
+        fitted, _ = minimise(training_start, training, model)
+        held_out, held_out_start = frames_of(observations, start, is_held_out)
+        start_of_frames, frames = _frame_problem(fitted, model, held_out_start)
+        yield is_held_out, start_of_frames, held_out, frames
 
 
 def is_mirrored(observations: Observations, frames: int) -> BoolArray:

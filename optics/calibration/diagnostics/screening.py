@@ -89,11 +89,11 @@ def screen(
 
     is_mirrored = rows.frame < len(mirrored)
     consistency.check_mirror_counts(rows.where(is_mirrored), len(mirrored), layout.mirror_names)
-    kept, direct, inflation, more_notes = _consistent_views(
+    consistent, direct, inflation, more_notes = _consistent_views(
         rows.where(is_mirrored), rows.where(~is_mirrored), names, layout, corners_in_board_mm
     )
     return ScreenedFrames(
-        mirrored=[kept.where(kept.frame == n).with_frame_offset(-n) for n in range(len(mirrored))],
+        mirrored=[consistent.where(consistent.frame == n).with_frame_offset(-n) for n in range(len(mirrored))],
         base=[direct.where(direct.frame == n).with_frame_offset(-n) for n in range(len(mirrored), len(frames))],
         notes=(*notes, *more_notes),
         inflation=inflation,
@@ -180,13 +180,13 @@ def _camera_disagreement(
     mirrored, mirrored_fit = _without_outliers(mirrored, mirrored_fit, model)
     start = initial_estimates.first_estimate(direct, mirrored_fit.camera, layout, model.board.corners_in_board_mm)
     direct, direct_fit = _without_outliers(direct, start, model)
-    both = Observations.join([mirrored, direct.with_frame_offset(len(mirrored_fit.rig_from_board))])
+    all_rows = Observations.join([mirrored, direct.with_frame_offset(len(mirrored_fit.rig_from_board))])
     poses = np.concatenate([mirrored_fit.rig_from_board, direct_fit.rig_from_board])
-    common, _ = minimise(mirrored_fit.with_poses(poses), both, model)
+    common, _ = minimise(mirrored_fit.with_poses(poses), all_rows, model)
     intrinsics = common.camera.intrinsics.size
     return consistency.camera_disagreement(
         [_standardised(mirrored_fit, mirrored, model), _standardised(direct_fit, direct, model)],
-        _standardised(common, both, model),
+        _standardised(common, all_rows, model),
         unknowns=len(model.parameters(common.camera, len(layout.mirrors))) + intrinsics + 6 * len(poses),
         common=intrinsics,
     )

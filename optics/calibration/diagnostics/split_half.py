@@ -151,7 +151,7 @@ def splits(
         return (), ("not split: the corners have no noise to compare halves by",)
     rows = observations.where(solution.inliers)
     derivatives = [_derivatives(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
-    found, notes = [], []
+    compared, notes = [], []
     for key, how, part in (
         ("halves", "into similar halves", balanced_folds(solution.estimate, rows, model.board, 2)),
         ("near", "into near and far boards", split_by_distance(solution.estimate, rows, model.board)),
@@ -165,8 +165,8 @@ def splits(
         except UndeterminedError as error:
             notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
             continue
-        found.append(_compare((key, how), halves, layout, derivatives))
-    return tuple(found), tuple(notes)
+        compared.append(_compare((key, how), halves, layout, derivatives))
+    return tuple(compared), tuple(notes)
 
 
 def _half(estimate: Estimate, observations: Observations, model: Model, frames: BoolArray) -> Solution:
@@ -195,19 +195,19 @@ def _compare(
     difference = (global_values(a.estimate) - global_values(b.estimate))[_columns(a, names)]
     covariance = (a.covariance + b.covariance)[np.ix_(columns, columns)]
     views = [[_quadratic(d, difference, covariance) for d in view_derivatives] for view_derivatives in derivatives]
-    in_rig, in_reference = np.array(views).transpose(1, 2, 0)
+    rig_figures, reference_figures = np.array(views).transpose(1, 2, 0)
     squared = float(difference @ np.linalg.solve(covariance, difference))
     return Split(
         key=split[0],
         how=split[1],
         mirrors=layout.mirror_names,
         frames=(len(a.estimate.rig_from_board), len(b.estimate.rig_from_board)),
-        difference_px=in_rig[0],
-        predicted_px=in_rig[1],
-        chance=in_rig[2],
-        relative_difference_px=in_reference[0],
-        relative_predicted_px=in_reference[1],
-        relative_chance=in_reference[2],
+        difference_px=rig_figures[0],
+        predicted_px=rig_figures[1],
+        chance=rig_figures[2],
+        relative_difference_px=reference_figures[0],
+        relative_predicted_px=reference_figures[1],
+        relative_chance=reference_figures[2],
         overall_ratio=float(np.sqrt(squared / len(names))),
         overall_chance=float(chi2.sf(squared, len(names))),
     )

@@ -105,7 +105,7 @@ def _advice_on_alarms(diagnostics: Diagnostics | None) -> list[str]:
 def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> list[Check]:
     outliers = float((~calibration.inliers).mean())
     large = np.abs(calibration.standardised) > 3.0
-    beyond = float(large[calibration.inliers].mean())
+    large_fraction = float(large[calibration.inliers].mean())
     means = [cell_means(calibration, view.view) for view in views]
     systematic = np.concatenate([cells.systematic for cells in means])
     limit = float(binom.isf(CHANCE, len(systematic), SYSTEMATIC_CHANCE)) / len(systematic)
@@ -118,8 +118,8 @@ def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> lis
         ),
         Check(
             f"Residuals beyond 3 {SIGMA}",
-            Metric(value=beyond, unit="of the corners", limit=MAX_BEYOND_3_SIGMA),
-            f"{beyond:.1%} of the residuals are beyond 3 {SIGMA}; noise alone gives 0.3 %",
+            Metric(value=large_fraction, unit="of the corners", limit=MAX_BEYOND_3_SIGMA),
+            f"{large_fraction:.1%} of the residuals are beyond 3 {SIGMA}; noise alone gives 0.3 %",
             advice_on_corners(calibration, views, large.any(axis=1) & calibration.inliers),
         ),
         Check(

@@ -61,20 +61,20 @@ def boards_in(
     pictures: Sequence[Grey], target: Target, *, max_boards: int, progress: Progress
 ) -> list[list[DetectedBoard]]:
     """Detect boards in each picture, up to `max_boards` of each handedness; raises InputError if there are none."""
-    found = []
+    all_boards = []
     for number, picture in enumerate(pictures):
         if isinstance(target, Checkerboard):
             boards = _checkerboards(picture, target)
         else:
             boards = _with_markers(picture, target, max_boards)
-        found.append([board for board in boards if board.any_numbering is not None])
+        all_boards.append([board for board in boards if board.any_numbering is not None])
         progress(number + 1, len(pictures))
-    if not any(found):
+    if not any(all_boards):
         raise InputError(
             other_board(pictures, target, mirrored=None, found=False)
             or f"no {target.cols} x {target.rows} {target.name} found in any of {len(pictures)} pictures"
         )
-    return found
+    return all_boards
 
 
 def more_mirrors(boards: Sequence[Sequence[DetectedBoard]], names: Sequence[str], mirrors: int) -> str:
@@ -95,8 +95,8 @@ def _with_markers(picture: Grey, target: Charuco | AprilGrid, max_boards: int) -
         ]
         for mirrored in (False, True)
     )
-    found = [*(NumberedBoard([board], []) for board in direct), *(NumberedBoard([], [board]) for board in image)]
-    return [DetectedBoard(board, NumberedBoard([], [])) for board in found]
+    numbered = [*(NumberedBoard([board], []) for board in direct), *(NumberedBoard([], [board]) for board in image)]
+    return [DetectedBoard(board, NumberedBoard([], [])) for board in numbered]
 
 
 def _checkerboards(picture: Grey, target: Checkerboard) -> list[DetectedBoard]:
@@ -130,7 +130,7 @@ def first_estimate_of(
     """
     starts, refusals = [], []
     for inverted in (False, True):
-        found = [
+        numbered = [
             [
                 board
                 for board in (detected.inverted if inverted else detected.stated for detected in in_picture)
@@ -138,11 +138,11 @@ def first_estimate_of(
             ]
             for in_picture in boards
         ]
-        if not any(found):
+        if not any(numbered):
             continue
         try:
             start = first_direct_estimate(
-                found, target.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
+                numbered, target.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
             )
             starts.append((start, inverted))
         except InputError as error:

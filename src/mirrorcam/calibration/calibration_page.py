@@ -140,14 +140,14 @@ def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, 
 
 def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> dict[str, object]:
     """Values of the diagnostics for the page."""
-    known = np.isfinite(diagnostics.depth.total_mm).sum() >= 2
+    has_depth = np.isfinite(diagnostics.depth.total_mm).sum() >= 2
     free = diagnostics.free_views
     return {
         "common": common_table(diagnostics),
         "tilt": figure_text(HARDWARE.mount.tilt_deg, 2),
         "weak": weak_table(diagnostics) if diagnostics.weak else None,
         "projection": _projection(calibration, diagnostics, views),
-        "depth": Card(depth_sigmas(diagnostics.depth, diagnostics.range_mm)) if known else None,
+        "depth": Card(depth_sigmas(diagnostics.depth, diagnostics.range_mm)) if has_depth else None,
         "models": model_table(diagnostics),
         "free": None
         if free is None
@@ -223,8 +223,13 @@ def mirror_table(calibration: Calibration) -> Table:
         ]
     else:
         heads += [f"{SIGMA} against the others mm", f"{SIGMA} against the others °"]
-        known = diagnostics.mirrors
-        columns = (known.distance_mm, known.normal_deg, known.relative_distance_mm, known.relative_normal_deg)
+        uncertainty = diagnostics.mirrors
+        columns = (
+            uncertainty.distance_mm,
+            uncertainty.normal_deg,
+            uncertainty.relative_distance_mm,
+            uncertainty.relative_normal_deg,
+        )
         sigmas = [tuple(float(column[number]) for column in columns) for number in range(len(mirrors))]
     decimals = max(sigma_decimals(distance) or 3 for distance, *_ in sigmas)
     rows = [
@@ -236,10 +241,10 @@ def mirror_table(calibration: Calibration) -> Table:
 
 def common_table(diagnostics: Diagnostics) -> Table:
     """Sigmas of the common rotation and translation of all mirrors."""
-    known = diagnostics.mirrors
+    uncertainty = diagnostics.mirrors
     rows = [
-        ("turn, °", *(sigma_text(float(value)) for value in known.common_rotation_deg)),
-        ("shift, mm", *(sigma_text(float(value)) for value in known.common_shift_mm)),
+        ("rotation, °", *(sigma_text(float(value)) for value in uncertainty.common_rotation_deg)),
+        ("shift, mm", *(sigma_text(float(value)) for value in uncertainty.common_shift_mm)),
     ]
     return Table(("", "x, image right", "y, image down", "z, optical axis"), rows, FIGURES)
 
@@ -263,10 +268,10 @@ def camera_table(calibration: Calibration) -> Table:
 
 
 def _camera_rows(calibration: Calibration) -> list[list[str]]:
-    known = calibration.layout.uncertainty
+    uncertainty = calibration.layout.uncertainty
     sigmas: dict[str, float] = {}
-    if known is not None:
-        sigmas = dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)).tolist(), strict=True))
+    if uncertainty is not None:
+        sigmas = dict(zip(uncertainty.parameters, np.sqrt(np.diag(uncertainty.covariance)).tolist(), strict=True))
     rows = []
     camera = calibration.layout.camera
     for name, value in zip(camera.intrinsic_names, camera.intrinsics, strict=True):

@@ -216,12 +216,12 @@ def board_tilts(calibration: Calibration) -> str:
 
 def board_distances(views: Sequence[ViewFigures]) -> str:
     """Draw distances of the board from the centre of each view's camera, a row for each view."""
-    far = max(float(view.distances_mm.max(initial=0.0)) for view in views)
-    near = min(float(view.distances_mm.min(initial=far)) for view in views)
-    margin = 0.08 * (far - near) + 1.0
+    max_mm = max(float(view.distances_mm.max(initial=0.0)) for view in views)
+    min_mm = min(float(view.distances_mm.min(initial=max_mm)) for view in views)
+    margin = 0.08 * (max_mm - min_mm) + 1.0
     row = min(34.0, 300.0 / len(views))
     bottom = 10 + row * len(views)
-    x = Scale(near - margin, far + margin, 84, HALF - 10)
+    x = Scale(min_mm - margin, max_mm + margin, 84, HALF - 10)
     parts = []
     for value in x.ticks(5):
         parts.append(line(x(value), 10, x(value), bottom, "grid"))

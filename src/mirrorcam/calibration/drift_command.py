@@ -62,22 +62,22 @@ def drift(
     tilt = mount_tilt(checks)
     with output_folder(out, "drift", force=force) as output:
         output.refuse_others(*FILES)
-        found = find_drift_files(frames, calibrated, layout, partial(say, "drift"))
+        result = find_drift_files(frames, calibrated, layout, partial(say, "drift"))
         with output.staged(result="drift.json") as folder:
-            write_drift_files(calibrated, found, tilt, [path.name for path in frames], folder)
-    _print(calibrated, found)
-    say("drift", drift_line(calibrated, found))
-    say("drift", bending_line(found, tilt))
-    resolved = f"; {out / 'layout.json'} has the mirrors' new positions" if found.moved else ""
+            write_drift_files(calibrated, result, tilt, [path.name for path in frames], folder)
+    _print(calibrated, result)
+    say("drift", drift_line(calibrated, result))
+    say("drift", bending_line(result, tilt))
+    resolved = f"; {out / 'layout.json'} has the mirrors' new positions" if result.moved else ""
     say("drift", f"{out / 'drift.json'} written{resolved}")
-    return 1 if found.moved or found.undetermined else 0
+    return 1 if result.moved or result.undetermined else 0
 
 
-def _print(layout: layouts.Layout, found: Drift) -> None:
+def _print(layout: layouts.Layout, result: Drift) -> None:
     """Print a row for each mirror."""
     rows = [
         (f"mirror {layout.mirror_names[mirror.index]}", *_figures(mirror), str(mirror.points))
-        for mirror in found.mirrors
+        for mirror in result.mirrors
     ]
     print_table(["", "rotation °", f"{SIGMA} °", "shift mm", "of threshold", "detectable °", "points"], rows)
     say("drift", "of threshold: over 1, the mirror has moved; detectable: the smallest rotation that would be detected")

@@ -188,9 +188,9 @@ def decoded_errors(light_field: LightField, truth: Layout, board: Target, rig_fr
     for t in range(light_field.rows):
         for s in range(light_field.cols):
             grey = light_field.samples[t, s].astype(np.float64).mean(axis=-1)
-            found = detect_direct_view(np.rint(grey).astype(np.uint8), board)
+            corners = detect_direct_view(np.rint(grey).astype(np.uint8), board)
             offset = points_in_view - true_positions[t, s]
             matrix = light_field.matrices[t, s]
             predicted = offset[:, :2] / offset[:, 2:] * matrix[0, 0] + matrix[:2, 2]
-            errors.append(found.pixels - predicted[found.corner])
+            errors.append(corners.pixels - predicted[corners.corner])
     return np.concatenate(errors)

@@ -74,7 +74,7 @@ def test_columns_are_read(board: Sheet | Charuco, columns: int, *, mirrored: boo
     highest = steps.highest
     assert likely == columns
     # The last row of squares lies beyond the inner corners.
-    rows = (2 * highest + 1) // columns + 1 + steps.follows
+    rows = (2 * highest + 1) // columns + 1 + steps.has_next_row
     assert rows.max() <= (8 if isinstance(board, Sheet) else board.rows)
     # Corners of markers hide some of a ChArUco board's corners.
     assert len(highest) >= (12 if isinstance(board, Sheet) else 1)
@@ -89,7 +89,7 @@ def test_a_layout_without_half_of_the_pairs_is_unlikely() -> None:
     more = VerticalPairs(*np.array([[4, 4, 7, 9, 4], [0, 1, 2, 3, 9], [0, 0, 0, 0, 1]]))
     assert more.majority[0] == 4
     assert more.majority[1].highest.tolist() == [0, 1, 9]
-    assert more.majority[1].follows.tolist() == [0, 0, 1]
+    assert more.majority[1].has_next_row.tolist() == [0, 0, 1]
     blank = np.full((200, 300), 80, dtype=np.uint8)
     assert steps_in(blank, ODD, mirrored=False).majority[0] == 0
 
