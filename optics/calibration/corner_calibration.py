@@ -27,11 +27,11 @@ from mirrorcam.optics.calibration.detection.segmentation import Extremes, detect
 from mirrorcam.optics.calibration.diagnostics.board_scale import scale_doubt
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
-    as_estimated,
     fit_metrics,
     held_out_metrics,
     spatial_rms_mm,
     uncertainty,
+    with_estimate,
 )
 from mirrorcam.optics.calibration.diagnostics.consistency import check_plausible, unobserved_rows
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
@@ -180,7 +180,7 @@ def _first_fit(
 ) -> tuple[Estimate, Layout]:
     """Fit the smallest model; return the estimate, and its layout with the outlines detected in the frames."""
     first = first_fit(start, observations, corners_in_board_mm, pair_prior(layout))
-    layout = as_estimated(layout, first)
+    layout = with_estimate(layout, first)
     return first, layout if extremes is None else with_detected_outlines(layout, detected_edges(layout, extremes))[0]
 
 
@@ -273,7 +273,7 @@ def _notes(mirrored: list[Observations], base: list[Observations], layout: Layou
 
 
 def _calibrated(selection: ModelSelection, layout: Layout) -> Layout:
-    return as_estimated(layout, selection.solution.estimate).replaced(
+    return with_estimate(layout, selection.solution.estimate).replaced(
         provenance={"nominal": layout.provenance.get("nominal", layout.identity), "level": selection.model_name},
         uncertainty=uncertainty(selection.solution),
     )

@@ -257,16 +257,16 @@ def smooth(print_xy: FloatArray, pixels: FloatArray, step: float = 1.0) -> BoolA
 
     Adjacent corners are at most `step` squares apart.
     """
-    none = np.zeros(len(print_xy), dtype=bool)
+    empty = np.zeros(len(print_xy), dtype=bool)
     warp = BoardWarp.fit(print_xy, pixels)
     if len(print_xy) < MIN_CORNERS or warp is None:
-        return none
+        return empty
     keep = _largest_part(warp, print_xy, pixels, step)
     for round_ in range(5):
         if round_ or not keep.all():
             warp = BoardWarp.fit(print_xy[keep], pixels[keep]) if keep.sum() >= MIN_CORNERS else None
         if warp is None:
-            return none
+            return empty
         deviation = np.linalg.norm(pixels - warp.map(print_xy), axis=1)
         sigma = float(np.median(deviation[keep])) / 1.1774
         inliers = keep & (deviation < np.clip(OUTLIER_SIGMAS * sigma, MIN_OUTLIER_PX, MAX_STEP_PX))

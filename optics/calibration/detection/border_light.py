@@ -178,8 +178,14 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
         grey = frame.grey
         board_from_rig = inverse(frame.rig_from_board)
         for rays, sums in measured:
-            own, other = (_print_values(target, *reflected, board_from_rig) for reflected in (rays.own, rays.other))
-            sums.add(sample(grey, sums.border.pixels).astype(np.float64), own, np.where(rays.alone, 0.0, other))
+            mirror_print, neighbour_print = (
+                _print_values(target, *reflected, board_from_rig) for reflected in (rays.mirror, rays.neighbour)
+            )
+            sums.add(
+                sample(grey, sums.border.pixels).astype(np.float64),
+                mirror_print,
+                np.where(rays.without_neighbour, 0.0, neighbour_print),
+            )
     return [sums.light() for _, sums in measured]
 
 
@@ -187,23 +193,23 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
 class _Rays:
     """Origins and directions (s, d, 3) of the rays of a border's points, reflected by its mirror and by the neighbour.
 
-    `alone` (s, d) marks where the neighbour adds no light.
+    `without_neighbour` (s, d) marks where the neighbour adds no light.
     """
 
-    own: tuple[FloatArray, FloatArray]
-    other: tuple[FloatArray, FloatArray]
-    alone: NDArray[np.bool_]
+    mirror: tuple[FloatArray, FloatArray]
+    neighbour: tuple[FloatArray, FloatArray]
+    without_neighbour: NDArray[np.bool_]
 
     @classmethod
     def of(cls, layout: Layout, border: Border) -> _Rays:
         normalized = border.normalized(layout)
-        own = _reflected_rays(layout, layout.mirrors[border.mirror], normalized)
+        mirror_rays = _reflected_rays(layout, layout.mirrors[border.mirror], normalized)
         if border.neighbour is None:
-            return cls(own, own, np.ones(normalized.shape[:2], dtype=bool))
+            return cls(mirror_rays, mirror_rays, np.ones(normalized.shape[:2], dtype=bool))
         neighbour = layout.mirrors[border.neighbour]
         inside_mm = _inside_mm(neighbour, normalized.reshape(-1, 2), layout.camera.focus_mm)
-        alone = ~(inside_mm > -MAX_RADIUS_MM).reshape(normalized.shape[:2])
-        return cls(own, _reflected_rays(layout, neighbour, normalized), alone)
+        without_neighbour = ~(inside_mm > -MAX_RADIUS_MM).reshape(normalized.shape[:2])
+        return cls(mirror_rays, _reflected_rays(layout, neighbour, normalized), without_neighbour)
 
 
 def _reflected_rays(layout: Layout, mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -240,7 +246,7 @@ class _Sums:
 
     border: Border
     normal: FloatArray
-    right: FloatArray
+    rhs: FloatArray
     squares: FloatArray
     count: FloatArray
 
@@ -249,19 +255,22 @@ class _Sums:
         shape = border.pixels.shape[:2]
         return cls(border, np.zeros((*shape, 3, 3)), np.zeros((*shape, 3)), np.zeros(shape), np.zeros(shape))
 
-    def add(self, grey: FloatArray, own: FloatArray, other: FloatArray) -> None:
-        valid = np.isfinite(own + other)
-        columns = np.nan_to_num(np.stack([np.ones_like(own), own, other], axis=-1)) * valid[..., None]
+    def add(self, grey: FloatArray, mirror_print: FloatArray, neighbour_print: FloatArray) -> None:
+        valid = np.isfinite(mirror_print + neighbour_print)
+        columns = (
+            np.nan_to_num(np.stack([np.ones_like(mirror_print), mirror_print, neighbour_print], axis=-1))
+            * valid[..., None]
+        )
         self.normal += columns[..., :, None] * columns[..., None, :]
-        self.right += columns * grey[..., None]
+        self.rhs += columns * grey[..., None]
         self.squares += grey**2 * valid
         self.count += valid
 
     def light(self) -> BorderLight:
         """Solve for half the grey-value difference between white and black that the mirror adds."""
         inverse = np.linalg.inv(self.normal + 1e-6 * np.eye(3))
-        coefficients = (inverse @ self.right[..., None])[..., 0]
-        residual_squares = np.maximum(self.squares - (coefficients * self.right).sum(axis=-1), 0.0)
+        coefficients = (inverse @ self.rhs[..., None])[..., 0]
+        residual_squares = np.maximum(self.squares - (coefficients * self.rhs).sum(axis=-1), 0.0)
         determined = (self.count >= MIN_FRAMES) & (1.0 / inverse[..., 1, 1] > MIN_VARIANCE * self.count)
         noise = np.sqrt(residual_squares[determined].sum() / max(float((self.count - 3.0)[determined].sum()), 1.0))
         sigma = np.where(determined, noise * np.sqrt(np.maximum(inverse[..., 1, 1], 0.0)), np.inf)

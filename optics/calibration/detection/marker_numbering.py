@@ -63,7 +63,7 @@ def numbered_by_markers(picture: Image, grid: DetectedGrid, markers: Markers) ->
 
     Returns
     -------
-    SeenGrid or None
+    DetectedGrid or None
         The grid in the coordinates of the print; None if its squares show none of the print's markers, or several
         numberings are about equally likely.
     """
@@ -129,8 +129,8 @@ def read_markers(picture: Image, grid: DetectedGrid, markers: Markers) -> ReadMa
         All possible markers, without coordinates.
     """
     codes = standardised(markers.codes.reshape(len(markers.codes), -1).astype(np.float64))
-    none = np.empty(0, dtype=np.int64)
-    best = ReadMarkers(np.empty((0, 2), dtype=np.int64), none, np.empty((0, 4, 2)), 0.0)
+    no_ids = np.empty(0, dtype=np.int64)
+    best = ReadMarkers(np.empty((0, 2), dtype=np.int64), no_ids, np.empty((0, 4, 2)), 0.0)
     for turn in range(4):
         low, quads = _candidate_squares(grid, turn, markers)
         if not len(low):

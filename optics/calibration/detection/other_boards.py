@@ -152,12 +152,12 @@ def _other_numbers(pairs: MarkerPairs, vertical: VerticalPairs, target: Charuco,
         pairs.count_consistent(target.cols, phase, white_first=white) for phase in range(first, first + target.cols)
     ]
     lowest, highest = int(vertical.highest.min()) - target.cols, int(vertical.highest.max())
-    beyond = int(((vertical.highest >= first + count) | (vertical.highest - target.cols < first)).sum())
+    pairs_beyond = int(((vertical.highest >= first + count) | (vertical.highest - target.cols < first)).sum())
     # With an odd number of columns, a wrong numbering fails only at the sides of the board.
     min_votes = max(votes) - max(MIN_VERTICAL * pictures, MAX_SHORTFALL * max(votes))
     if min_votes < 0:
         return None
-    as_stated, few_beyond = votes[0] > min_votes, beyond < MIN_BEYOND * pictures
+    as_stated, few_beyond = votes[0] > min_votes, pairs_beyond < MIN_BEYOND * pictures
     if as_stated and few_beyond:
         return None
     other_pattern = not as_stated and pairs.count_consistent(target.cols, first, white_first=not white) > min_votes

@@ -218,7 +218,7 @@ def held_out_metrics(
     }
 
 
-def as_estimated(layout: Layout, estimate: Estimate) -> Layout:
+def with_estimate(layout: Layout, estimate: Estimate) -> Layout:
     """Return a nominal layout with an estimate's camera, planes, plates and curvatures, and without metrics.
 
     A plate thickness at or below zero, which raises an alarm, is replaced by the smallest valid one.

@@ -22,7 +22,7 @@ MIN_CORNERS_PER_MIRROR = 20
 MAX_SHIFT_CELLS = 0.5  # a corner farther from its prediction is closer to another corner's prediction
 MAX_SHIFTED_VIEWS = 0.2  # fraction of all views above which all pictures are refused
 MAX_SHIFTED_IN_MIRROR = 0.5  # the same for the views of one mirror
-MAX_ODD_CORNERS = 0.1  # the same for corners
+MAX_OFF_PLANE = 0.1  # the same for corners
 MAX_CAMERA_SIGMAS = 5.0  # disagreement of frames with and without mirrors: rms over the intrinsics
 # Sigmas of disagreement above which error bounds are widened (by chance once in 1,000 sets), and a note is
 # added: errors of corners in one view are correlated, so good sets reach about 2.5.
@@ -89,7 +89,7 @@ def repeated_frames(frames: Sequence[Observations]) -> dict[int, int]:
     return repeats
 
 
-def odd_corners(observations: Observations, camera: Camera, corners_in_board_mm: FloatArray) -> BoolArray:
+def off_plane_corners(observations: Observations, camera: Camera, corners_in_board_mm: FloatArray) -> BoolArray:
     """Mask (n,) of corners that contradict the homography through the other corners of their view.
 
     An undistorted picture of a flat board is a homography of it, in any mirror. In a view where at most half of the
@@ -97,37 +97,39 @@ def odd_corners(observations: Observations, camera: Camera, corners_in_board_mm:
     """
     normalized = camera.normalized_from_pixels(observations.pixels)
     ideal = normalized * [camera.fx_px, camera.fy_px]
-    odd: BoolArray = np.isnan(ideal[:, 0])
+    off_plane: BoolArray = np.isnan(ideal[:, 0])
     for rows in _view_rows(observations):
-        rows = rows[~odd[rows]]
+        rows = rows[~off_plane[rows]]
         if len(rows) < MIN_CORNERS:
-            odd[rows] = True
+            off_plane[rows] = True
             continue
         board = corners_in_board_mm[observations.corner[rows], :2]
         max_distance = MAX_SHIFT_CELLS * float(np.median(cell_px(ideal[rows])))
         matrix, fitting = cv2.findHomography(board, ideal[rows], cv2.RANSAC, max_distance)
         fits = np.zeros(len(rows), dtype=bool) if matrix is None else fitting.ravel().astype(bool)
-        odd[rows] = ~fits if fits.mean() > 0.5 else True
-    return odd
+        off_plane[rows] = ~fits if fits.mean() > 0.5 else True
+    return off_plane
 
 
 def board_notes(
-    observations: Observations, odd: BoolArray, names: Sequence[str], mirrors: Sequence[str]
+    observations: Observations, off_plane: BoolArray, names: Sequence[str], mirrors: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return notes on the corners marked by `odd_corners`; `names` are the frames' names.
+    """Return notes on the corners marked by `off_plane_corners`; `names` are the frames' names.
 
     Raises InputError if there are so many that the pictures must show a different board.
     """
-    if len(odd) and odd.mean() > MAX_ODD_CORNERS:
+    if len(off_plane) and off_plane.mean() > MAX_OFF_PLANE:
         raise InputError(
-            f"{odd.mean():.0%} of the corners lie where a flat board of this drawing has none, expected under "
-            f"{MAX_ODD_CORNERS:.0%}: are rows, columns and markers as in board.toml, and is one board in view?"
+            f"{off_plane.mean():.0%} of the corners lie where a flat board of this drawing has none, expected under "
+            f"{MAX_OFF_PLANE:.0%}: are rows, columns and markers as in board.toml, and is one board in view?"
         )
     notes = []
     for rows in _view_rows(observations):
-        if odd[rows].any():
+        if off_plane[rows].any():
             where = _view_name(observations, rows, names, mirrors)
-            notes.append(f"{where}: {int(odd[rows].sum())} of {len(rows)} corners off the board's plane, not used")
+            notes.append(
+                f"{where}: {int(off_plane[rows].sum())} of {len(rows)} corners off the board's plane, not used"
+            )
     return tuple(notes)
 
 

@@ -55,14 +55,14 @@ class RequestedModel:
         additions = tuple(word for word in words if word in LAYOUT_ADDITIONS or word in DIRECT_ADDITIONS)
         accepted = {"joint", "paper", "auto", *lenses, *additions, *SURFACES}
         if unknown := [word for word in words if word not in accepted]:
-            words_known = (
+            choices = (
                 "auto",
                 "joint",
                 "paper",
                 *get_args(LensName),
                 *dict.fromkeys(LAYOUT_ADDITIONS + DIRECT_ADDITIONS),
             )
-            raise InputError(f"unknown word {unknown[0]!r} of a model, expected {', '.join((*words_known, *SURFACES))}")
+            raise InputError(f"unknown word {unknown[0]!r} of a model, expected {', '.join((*choices, *SURFACES))}")
         paper, auto = "paper" in words, "auto" in words
         fixed = paper and (auto or additions or "joint" in words)
         if len(set(words)) < len(words) or len(lenses) > 1 or len(surfaces) > 1 or fixed:

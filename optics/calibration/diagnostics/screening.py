@@ -83,9 +83,9 @@ def screen(
         notes.append(f"{names[repeat]}: the same picture as {names[first]}, not used")
 
     rows = Observations.join([o.with_frame_offset(number) for number, o in enumerate(frames)])
-    odd = consistency.odd_corners(rows, layout.camera, corners_in_board_mm)
-    notes += consistency.board_notes(rows, odd, names, layout.mirror_names)
-    rows = rows.where(~odd)
+    off_plane = consistency.off_plane_corners(rows, layout.camera, corners_in_board_mm)
+    notes += consistency.board_notes(rows, off_plane, names, layout.mirror_names)
+    rows = rows.where(~off_plane)
 
     is_mirrored = rows.frame < len(mirrored)
     consistency.check_mirror_counts(rows.where(is_mirrored), len(mirrored), layout.mirror_names)

@@ -43,7 +43,7 @@ class Split:
     ----------
     key
         Name of the split in metrics.
-    how
+    division
         How the frames are split, as text for messages.
     mirrors
         Names of the mirrors (m).
@@ -59,7 +59,7 @@ class Split:
     """
 
     key: str
-    how: str
+    division: str
     mirrors: tuple[str, ...]
     frames: tuple[int, int]
     difference_px: FloatArray
@@ -107,7 +107,7 @@ class Split:
         ratio, description = self._worst
         if not description:
             return None
-        return f"split {self.how}, {description}: {ratio:.1f} times what the halves' uncertainties predict"
+        return f"split {self.division}, {description}: {ratio:.1f} times what the halves' uncertainties predict"
 
     @property
     def inflation(self) -> float:
@@ -152,20 +152,20 @@ def splits(
     rows = observations.where(solution.inliers)
     derivatives = [_derivatives(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
     compared, notes = [], []
-    for key, how, part in (
+    for key, division, part in (
         ("halves", "into similar halves", balanced_folds(solution.estimate, rows, model.board, 2)),
         ("near", "into near and far boards", split_by_distance(solution.estimate, rows, model.board)),
     ):
         mirrored = is_mirrored(rows, len(part))
         if min(np.sum(mirrored & (part == half)) for half in (0, 1)) < MIN_HALF:
-            notes.append(f"not split {how}: a half would have under {MIN_HALF} mirrored frames")
+            notes.append(f"not split {division}: a half would have under {MIN_HALF} mirrored frames")
             continue
         try:
             halves = [_half(solution.estimate, rows, model, part == half) for half in (0, 1)]
         except UndeterminedError as error:
-            notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
+            notes.append(f"not split {division}: a half does not determine camera and mirrors ({error})")
             continue
-        compared.append(_compare((key, how), halves, layout, derivatives))
+        compared.append(_compare((key, division), halves, layout, derivatives))
     return tuple(compared), tuple(notes)
 
 
@@ -199,7 +199,7 @@ def _compare(
     squared = float(difference @ np.linalg.solve(covariance, difference))
     return Split(
         key=split[0],
-        how=split[1],
+        division=split[1],
         mirrors=layout.mirror_names,
         frames=(len(a.estimate.rig_from_board), len(b.estimate.rig_from_board)),
         difference_px=rig_figures[0],

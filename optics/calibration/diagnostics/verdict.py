@@ -169,10 +169,10 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
         return checks
     checks += [
         Check(
-            f"Frames split {split.how}: difference relative to the predicted one",
+            f"Frames split {split.division}: difference relative to the predicted one",
             Metric(value=split.overall_ratio, unit="1", limit=ALARM_RATIO),
             split.alarm
-            or f"split {split.how}, calibrations differ by {split.overall_ratio:.1f} times the predicted difference",
+            or f"split {split.division}, calibrations differ by {split.overall_ratio:.1f} times the prediction",
             "Do not rely on the stated uncertainty until the halves agree: see the model selection below.",
         )
         for split in diagnostics.splits

@@ -262,7 +262,7 @@ def _images_of(
 ) -> tuple[dict[int, list[_PosedCorners]], float]:
     """Return the views of a board assumed to be the direct view, and their score, at most 1 per mirror.
 
-    The views are the board itself and, for each mirror in front of which it is, the board nearest to its image there.
+    The views are the board itself and, for each mirror that it is in front of, the board nearest to its image.
     """
     views, score = {DIRECT: direct.direct}, 0.0
     images = [board for board in boards_in_picture if board.image and board is not direct]

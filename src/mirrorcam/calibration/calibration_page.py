@@ -349,7 +349,7 @@ def split_table(diagnostics: Diagnostics) -> Table:
     heads = ("Halves", "Frames", "Max. difference px", "Max. predicted px", "Overall ratio", "p")
     rows = [
         (
-            split.how,
+            split.division,
             f"{split.frames[0]} and {split.frames[1]}",
             f"{np.max(split.difference_px):.3g}",
             f"{np.max(split.predicted_px):.3g}",

@@ -32,27 +32,29 @@ def in_frame(scene: Scene, frame: int) -> Observations:
 
 def test_corners_of_a_flat_board_fit_a_homography_but_for_those_moved(scene: Scene, device: Layout) -> None:
     seen = scene.noisy(0)
-    assert not consistency.odd_corners(seen, device.camera, CORNERS).any()
+    assert not consistency.off_plane_corners(seen, device.camera, CORNERS).any()
     rows = np.array([3, 50, 200])
     pixels = seen.pixels.copy()
     pixels[rows] += 40.0
-    odd = consistency.odd_corners(Observations(seen.frame, seen.view, seen.corner, pixels), device.camera, CORNERS)
-    np.testing.assert_array_equal(np.flatnonzero(odd), rows)
+    off_plane = consistency.off_plane_corners(
+        Observations(seen.frame, seen.view, seen.corner, pixels), device.camera, CORNERS
+    )
+    np.testing.assert_array_equal(np.flatnonzero(off_plane), rows)
 
 
 def test_a_view_with_few_corners_is_rejected_completely(scene: Scene, device: Layout) -> None:
     view = in_frame(scene, 0)
     few = view.where(np.arange(len(view)) < 5)
-    assert consistency.odd_corners(few, device.camera, CORNERS).all()
-    assert consistency.odd_corners(Observations.empty(), device.camera, CORNERS).shape == (0,)
+    assert consistency.off_plane_corners(few, device.camera, CORNERS).all()
+    assert consistency.off_plane_corners(Observations.empty(), device.camera, CORNERS).shape == (0,)
 
 
 def test_some_odd_corners_are_noted_many_refused(scene: Scene, device: Layout) -> None:
     view = in_frame(scene, 0)
-    odd = np.zeros(len(view), dtype=bool)
-    assert consistency.board_notes(view, odd, ["a.png"], device.mirror_names) == ()
-    odd[0] = True
-    (note,) = consistency.board_notes(view, odd, ["a.png"], device.mirror_names)
+    off_plane = np.zeros(len(view), dtype=bool)
+    assert consistency.board_notes(view, off_plane, ["a.png"], device.mirror_names) == ()
+    off_plane[0] = True
+    (note,) = consistency.board_notes(view, off_plane, ["a.png"], device.mirror_names)
     assert note.startswith(f"a.png, mirror {device.mirror_names[view.view[0]]}: 1 of ")
     with pytest.raises(InputError, match="100% of the corners lie where no flat board"):
         consistency.board_notes(view, ~np.zeros(len(view), dtype=bool), ["a.png"], device.mirror_names)
