@@ -93,7 +93,7 @@ def calibrate(
     Returns
     -------
     Calibration
-        The calibrated layout in the camera's frame `rig`, in mm, with covariance and diagnostics.
+        The calibrated layout in the rig frame, which is the camera's, in mm, with covariance and diagnostics.
 
     Raises
     ------

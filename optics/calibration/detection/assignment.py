@@ -102,8 +102,8 @@ def unassigned_px(
 ) -> FloatArray:
     """Find stray boards, which match no mirror of the layout: the device differs, or there is a second board.
 
-    A small part of a board does not count, nor does a board that continues or repeats one in the same mirror, as when a
-    cable crosses a board.
+    A small part of a board does not count, nor does a board that continues or repeats one in the same mirror, such as
+    a board crossed by a cable.
 
     Parameters
     ----------

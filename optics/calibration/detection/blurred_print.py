@@ -27,7 +27,7 @@ MIN_BLUR, MAX_BLUR = 0.008, 0.35  # sigma in cells
 def sample(image: Image, pixels: Floats) -> Image:
     """Sample an image (h, w, ...) at pixels (n, m, 2), bilinearly; returns (n, m, ...). Border pixels are repeated.
 
-    OpenCV is exact for one, three and four channels, and to 1/32 of a pixel for others.
+    OpenCV is exact for one, three and four channels, and rounds positions to 1/32 of a pixel for others.
     """
     sampled = np.empty((*pixels.shape[:-1], *image.shape[2:]), dtype=np.float32)
     pixels = np.ascontiguousarray(pixels, dtype=np.float32)
@@ -76,7 +76,7 @@ def _ink(target: Target) -> FloatArray:
     """
     if isinstance(target, AprilGrid):
         tag, gap = (px_per_pitch(target) * side / target.pitch_mm for side in (target.tag_mm, target.gap_mm))
-        right, down = (covers(target.cell_edges(tags, tag=tag, gap=gap)) for tags in (target.cols, target.rows))
+        right, down = (coverage(target.cell_edges(tags, tag=tag, gap=gap)) for tags in (target.cols, target.rows))
         return np.asarray(down.T @ target.black @ right)
     black = target.black if isinstance(target, Charuco) else target.image(1) == 0
     ink = np.kron(black, np.ones((PX_PER_SQUARE, PX_PER_SQUARE)))
@@ -85,7 +85,7 @@ def _ink(target: Target) -> FloatArray:
     modules = target.markers.shape[1]
     side = PX_PER_SQUARE * target.marker_mm / target.square_mm
     edges = PX_PER_SQUARE / 2.0 + side * (np.arange(modules + 1) / modules - 0.5)
-    cover = covers(edges, PX_PER_SQUARE)
+    cover = coverage(edges, PX_PER_SQUARE)
     for white, (row, col) in zip(target.markers, target.marker_squares.tolist(), strict=True):
         square = np.s_[row * PX_PER_SQUARE : (row + 1) * PX_PER_SQUARE, col * PX_PER_SQUARE : (col + 1) * PX_PER_SQUARE]
         ink[square] = cover.T @ ~white @ cover
@@ -112,7 +112,7 @@ def image_px_of_print(target: Target, print_xy: Floats) -> Floats:
     return (print_xy + 1.0) * px_per_pitch(target) - 0.5
 
 
-def covers(edges: FloatArray, count: int | None = None) -> FloatArray:
+def coverage(edges: FloatArray, count: int | None = None) -> FloatArray:
     """Fractions (c, p) of pixels that cells between edges (c + 1,) cover; by default, pixels up to the last edge."""
     pixels = np.arange(np.ceil(edges[-1] - 1e-6) if count is None else count)
     begin, end = np.maximum(edges[:-1, None], pixels), np.minimum(edges[1:, None], pixels + 1)

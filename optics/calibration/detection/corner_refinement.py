@@ -69,8 +69,7 @@ class RefinedCorners:
 
 @dataclass(frozen=True)
 class _Fit:
-    """Weighted least-squares fit of grey values `greys` (n, m): coefficients (n, c), `residuals` (n, m), noise
-    (n,).
+    """Weighted least-squares fit of grey values (n, m): coefficients (n, c), residuals (n, m) and noise (n,).
 
     `variance` (n,) is the variance of the shift, averaged over both axes, for independent samples of unit variance.
     """

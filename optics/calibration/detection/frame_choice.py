@@ -73,8 +73,9 @@ def most_informative(
 ) -> list[int]:
     """Choose at most `max_frames` frames whose boards cover the picture and differ in pose; return their numbers.
 
-    A frame's value is the sum over its features, the picture cells that each board covers (together weighted as much as
-    its pose) and its poses, of 1 / (1 + n), n chosen frames having the feature. Frames are chosen greedily by value.
+    A frame's features are the picture cells that each board covers (together weighted as much as its pose) and its
+    poses. Its value is the sum of 1 / (1 + n) over its features, each of which n chosen frames have. Frames are chosen
+    greedily by value.
 
     Parameters
     ----------

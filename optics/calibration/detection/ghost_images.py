@@ -61,7 +61,7 @@ from mirrorcam.optics.geometry.transforms import transform
 
 REFLECTANCE = 0.92  # assumed for the coating; `refine_with_ghosts` corrects it
 PASSES = (0, 2, 3)  # of each ghost image's light, to the coating and back; the picture itself has one
-KINDS = (0, 1, 1)  # reflected at the front from outside; reflected back to the coating
+KINDS = (0, 1, 1)  # 0: reflected at the front from outside; 1: reflected back to the coating
 MAX_COMPLETE_PASSES = 2  # of ghost images that must be complete; those with more passes carry 1/500 of the light
 MARGIN_PX = 2.0
 EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, covers, sample
+from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, coverage, sample
 from mirrorcam.optics.calibration.detection.board_warp import BoardWarp
 from mirrorcam.optics.calibration.detection.charuco import (
     PREDICTION_ERROR,
@@ -167,7 +167,7 @@ def _correlations(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -
 
     def with_side(side: float, blur: float) -> float:
         edges = PX_PER_SQUARE * (0.5 + side * (np.arange(white.shape[1] + 1) / white.shape[1] - 0.5))
-        cover = covers(edges, PX_PER_SQUARE).astype(np.float32)
+        cover = coverage(edges, PX_PER_SQUARE).astype(np.float32)
         printed = 1.0 - cover.T @ (~white).astype(np.float32) @ cover
         padded = np.pad(printed, ((0, 0), (PADDING, PADDING), (PADDING, PADDING))).transpose(1, 2, 0)
         blurred = np.asarray(cv2.GaussianBlur(np.ascontiguousarray(padded), (0, 0), blur * PX_PER_SQUARE))

@@ -147,7 +147,7 @@ def read_markers(picture: Image, grid: DetectedGrid, markers: Markers) -> ReadMa
 def _candidate_squares(grid: DetectedGrid, turn: int, markers: Markers) -> tuple[IntArray, FloatArray]:
     """Return lowest coordinates (n, 2) and corner pixels (n, 4, 2) of the candidate squares, after quarter turns."""
     rotated = grid.transformed(turn, np.zeros(2, dtype=np.int64))
-    # An even corner has white at its lower right on a grid, black on a print; a quarter turn swaps them.
+    # A corner with an even sum has white at its lower right on a grid, black on a print; quarter turns swap them.
     low, quads = _squares(rotated, markers.parity + turn + 1)
     if markers.every_other:
         holds_marker = low[:, 0] % 2 == (turn < 2)

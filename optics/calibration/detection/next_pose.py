@@ -95,8 +95,8 @@ class Placement:
 class NextPosePlanner:
     """Plans the next pose of the board while pictures are taken one by one.
 
-    Among candidate poses, the planner picks the pose that most lowers the standard deviations of the mirrors' normals,
-    the largest first. They are predicted for a joint fit of intrinsics, mirrors and poses to corners with noise
+    Among candidate poses, the planner picks the one that most reduces the standard deviations of the mirrors' normals,
+    chiefly the largest. They are predicted for a joint fit of intrinsics, mirrors and poses to corners with noise
     `NOISE_PX`, starting from prior standard deviations of the device.
 
     Parameters

@@ -104,7 +104,7 @@ def _size(target: Target) -> str:
 def other_markers(
     pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool | None, found: bool
 ) -> str | None:
-    """Describe how pictures (h, w) show a board of other markers than the stated one; None if they seem right.
+    """Describe how pictures (h, w) show a marked board other than the stated one; None if they seem right.
 
     For `mirrored` and `found`, see `other_board`.
     """

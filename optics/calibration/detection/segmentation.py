@@ -86,8 +86,8 @@ def detected_edges(layout: Layout, extremes: Extremes) -> list[dict[int, Detecte
     """Detect the edges of each mirror in the frames; return them by their number in the outline.
 
     Edges are searched within `SEARCH_PX`. An edge is left out if it is not visible (off the sensor, or adjacent to
-    another sub-image without a gap), or if it differs between the halves of the frames, as when a board was held in
-    front of the mirror's edge.
+    another sub-image without a gap), or if it differs between the halves of the frames, for example because a board was
+    held in front of the mirror's edge.
 
     Parameters
     ----------

@@ -54,7 +54,9 @@ def other_size(pictures: Sequence[Grey], layout: Layout, target: Target) -> str 
     for factor, unit in UNITS:
         if max(ratio / factor, factor / ratio) < MAX_UNIT_RATIO:
             return f"{reported} {side * factor:.3g} mm: were they measured in {unit}?"
-    return f"{reported} {side * ratio:.2g} mm in this layout: does either of them belong to a different device?"
+    return (
+        f"{reported} {side * ratio:.2g} mm in this layout: does the board or the layout belong to a different device?"
+    )
 
 
 def size_ratio(pictures: Sequence[Grey], layout: Layout, target: Target) -> float | None:

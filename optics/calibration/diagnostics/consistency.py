@@ -271,7 +271,7 @@ def pose_notes(rig_from_board: FloatArray) -> tuple[str, ...]:
     cosines = normals @ np.linalg.svd(normals)[2][0]
     widest = float(np.degrees(np.arccos(np.clip(np.abs(cosines).min(), 0.0, 1.0))))
     if widest < MIN_TILT_DEG:
-        return (f"all boards are parallel to {widest:.1f} deg: tilt some by 20 deg or more for tighter bounds",)
+        return (f"all boards are parallel to within {widest:.1f} deg: tilt some by 20 deg or more for tighter bounds",)
     return ()
 
 

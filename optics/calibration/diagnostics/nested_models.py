@@ -209,7 +209,7 @@ def _bow_sigma_mm(fitted: Fitted, observations: Observations) -> float:
 
 
 def as_second_surface(estimate: Estimate, thickness_mm: float, index: float) -> Estimate:
-    """Return the estimate with second-surface mirrors that look the same along the chief ray of each."""
+    """Return the estimate with second-surface mirrors that look the same along each mirror's chief ray."""
     centres = estimate.virtual_centres_in_rig_mm
     distance = np.linalg.norm(centres, axis=1) / 2.0
     foot = centres / 2.0

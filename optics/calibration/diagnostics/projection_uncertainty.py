@@ -89,7 +89,7 @@ def worst_sigmas(covariances: FloatArray) -> FloatArray:
 def uncertainty_of(layout: Layout) -> Uncertainty:
     """Return the covariance of a calibrated layout; raises ValueError if it has none."""
     if layout.uncertainty is None:
-        raise ValueError("the layout has no uncertainty, expected a calibrated one")
+        raise ValueError("the layout has no uncertainty, expected a calibrated layout")
     return layout.uncertainty
 
 

@@ -52,7 +52,7 @@ class ScreenedFrames:
 def screen(
     mirrored: Sequence[Observations], base: Sequence[Observations], layout: Layout, corners_in_board_mm: FloatArray
 ) -> ScreenedFrames:
-    """Drop repeated pictures, corners off the board, and views that contradict the others on the board's pose.
+    """Drop repeated pictures, corners off the board's plane, and views that contradict the others on the board's pose.
 
     Parameters
     ----------

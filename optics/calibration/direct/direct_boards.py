@@ -123,7 +123,7 @@ def negative(picture: Grey) -> Grey:
 def first_estimate_of(
     boards: Sequence[Sequence[DetectedBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
 ) -> tuple[Start, bool]:
-    """Return the first estimate, and whether black and white are exchanged on the print, by the mirrors' geometry.
+    """Return the first estimate, and whether the print has black and white exchanged, as the mirrors' geometry shows.
 
     If a board's numbers of columns and rows are both even, exchanged colours look like its mirror image. Raises
     InputError if the boards do not determine the camera, or show too few mirrors.

@@ -113,7 +113,7 @@ def calibrate_with_direct_view(
     Returns
     -------
     Calibration
-        Its layout has one row of mirrors, numbered from left to right, in the camera's frame `rig`.
+        Its layout has one row of mirrors, numbered from left to right, in the rig frame, which is the camera's.
 
     Raises
     ------

@@ -75,7 +75,7 @@ def next_direct_pose(
     Returns
     -------
     NextPose or None
-        None if no candidate pose shows the board, as when the estimate fits none of its pictures.
+        None if no candidate pose shows the board, such as when the estimate fits none of its pictures.
     """
     camera, centres = start.camera, start.virtual_centres_in_rig_mm
     focal, centre, distortion = INTRINSIC_SIGMAS

@@ -140,7 +140,7 @@ def test_one_pose_and_parallel_poses_are_noted() -> None:
         return found
 
     assert pose_notes(poses([10.0]))[0].startswith("one picture through the mirrors")
-    assert pose_notes(poses([10.0, 12.0, 11.0]))[0].startswith("all boards are parallel to 1.0 deg")
+    assert pose_notes(poses([10.0, 12.0, 11.0]))[0].startswith("all boards are parallel to within 1.0 deg")
     assert pose_notes(poses([-20.0, 0.0, 20.0])) == ()
 
 
