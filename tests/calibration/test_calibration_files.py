@@ -142,7 +142,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "clip.avi"
 
 
-def test_sharp_frames_stand_for_a_video_beside_pictures(clip: Path) -> None:
+def test_sharp_frames_represent_a_video_among_pictures(clip: Path) -> None:
     said: list[str] = []
     picture = clip.with_name("007.jpg")
     taken = calibration_pictures([picture, clip], 30, on_note=said.append)

@@ -47,9 +47,9 @@ def test_a_sound_calibration_is_good_to_use(calibration: Calibration) -> None:
     assert "FAIL" not in page.text
 
 
-def test_how_far_the_mount_bends_stands_beside_the_motion_of_all_mirrors(calibration: Calibration) -> None:
+def test_bending_of_the_mount_is_reported_with_the_common_motion(calibration: Calibration) -> None:
     page = outline(report_html(calibration, command="mirrorcam calibrate"))
-    assert f"gravity turn all mirrors together by {HARDWARE.mount.tilt_deg:g}° at most" in " ".join(page.text.split())
+    assert f"gravity rotate all mirrors together by {HARDWARE.mount.tilt_deg:g}° at most" in " ".join(page.text.split())
 
 
 def many_outliers(calibration: Calibration) -> Calibration:
@@ -287,7 +287,7 @@ def test_notes_are_on_the_page_and_escaped(calibration: Calibration) -> None:
     assert "photo_6.jpg: mirror" in report_html(replace(calibration, notes=("photo_6.jpg: mirror 0-1",)), command="")
 
 
-def test_two_mirrors_of_no_device_are_not_told_of_mounts_or_drift(calibration: Calibration) -> None:
+def test_two_mirrors_without_a_device_omit_mount_and_drift(calibration: Calibration) -> None:
     """Nor are alarms said twice; what is least certain is no advice."""
     assert calibration.diagnostics is not None
     alarmed = replace(calibration.diagnostics, alarms=("halves differ",))

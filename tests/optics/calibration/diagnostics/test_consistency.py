@@ -30,7 +30,7 @@ def in_frame(scene: Scene, frame: int) -> Observations:
     return scene.clean.where(scene.clean.frame == frame).with_frame_offset(-frame)
 
 
-def test_corners_of_a_flat_board_fit_a_homography_but_for_those_moved(scene: Scene, device: Layout) -> None:
+def test_corners_of_a_flat_board_fit_a_homography_except_displaced_ones(scene: Scene, device: Layout) -> None:
     seen = scene.noisy(0)
     assert not consistency.off_plane_corners(seen, device.camera, CORNERS).any()
     rows = np.array([3, 50, 200])
@@ -49,14 +49,14 @@ def test_a_view_with_few_corners_is_rejected_completely(scene: Scene, device: La
     assert consistency.off_plane_corners(Observations.empty(), device.camera, CORNERS).shape == (0,)
 
 
-def test_some_odd_corners_are_noted_many_refused(scene: Scene, device: Layout) -> None:
+def test_few_off_plane_corners_are_noted_many_refused(scene: Scene, device: Layout) -> None:
     view = in_frame(scene, 0)
     off_plane = np.zeros(len(view), dtype=bool)
     assert consistency.board_notes(view, off_plane, ["a.png"], device.mirror_names) == ()
     off_plane[0] = True
     (note,) = consistency.board_notes(view, off_plane, ["a.png"], device.mirror_names)
     assert note.startswith(f"a.png, mirror {device.mirror_names[view.view[0]]}: 1 of ")
-    with pytest.raises(InputError, match="100% of the corners lie where no flat board"):
+    with pytest.raises(InputError, match="100% of the corners lie where a flat board"):
         consistency.board_notes(view, ~np.zeros(len(view), dtype=bool), ["a.png"], device.mirror_names)
 
 
