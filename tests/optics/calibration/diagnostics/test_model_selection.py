@@ -102,7 +102,7 @@ def test_second_surface_mirrors_that_the_layout_has_as_first_surface_raise_the_a
     assert abs(seen.thickness_mm - 2.0) < 3.0 * seen.sigma_mm < 0.3
     narrow, wide = (seen.sentence(factor).split("+-")[1].split()[0] for factor in (1.0, 3.0))
     assert float(wide) == pytest.approx(3.0 * float(narrow), rel=0.1)
-    assert found.alarms[0].startswith("the mirrors of joint leave 0.00")
+    assert found.alarms[0].startswith("the mirrors of the model joint leave residuals of 0.00")
     assert found.free_views is not None
     assert found.free_views.unexplained_px > 0.004
 
