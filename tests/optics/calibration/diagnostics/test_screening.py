@@ -247,7 +247,7 @@ def test_corners_of_two_boards_within_views_are_refused_or_left_out(
         return Observations(a.frame, a.view, a.corner, pixels)
 
     other = second_board(truth)
-    with pytest.raises(InputError, match="where no flat board of this drawing has them"):
+    with pytest.raises(InputError, match="where a flat board of this drawing has none"):
         screen(
             [mingled(a, b, 0.4) for a, b in zip(good.mirrored, other, strict=True)], good.base, fold_90_layout, CORNERS
         )
