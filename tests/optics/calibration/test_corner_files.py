@@ -139,10 +139,10 @@ def test_other_heads_are_refused(heads: str, tmp_path: Path) -> None:
 
 
 def test_files_that_are_not_tables_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no corners, expected lines of columns"):
+    with pytest.raises(InputError, match="no corners, expected lines with the columns"):
         read(table(tmp_path / "t.csv"))
     (tmp_path / "t.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="not a text in UTF-8"):
+    with pytest.raises(InputError, match="not text in UTF-8"):
         read(tmp_path / "t.csv")
     with pytest.raises(InputError, match="no such file"):
         read(tmp_path / "none.csv")
