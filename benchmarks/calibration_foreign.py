@@ -113,7 +113,7 @@ def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> Report:
     layout, true = calibration.layout, np.array(truth["C"])
     found = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
     distance_mm = np.abs(np.linalg.norm(found, axis=1) - np.linalg.norm(true, axis=1)).max() / 2.0
-    level = "" if calibration.diagnostics is None else calibration.diagnostics.level
+    level = "" if calibration.diagnostics is None else calibration.diagnostics.model_name
     everything, mirrors, lens = (
         nees(layout, truth, counts)
         for counts in (lambda name: True, lambda name: name.startswith("mirror "), lambda name: name in LENS)

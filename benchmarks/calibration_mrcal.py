@@ -69,7 +69,7 @@ def task_of(corners: Path, layout: Layout, target: Target) -> dict[str, Any]:
     rows: list[list[float]] = []
     frame = 0
     places: list[list[Any]] = [[] for _ in layout.mirrors]
-    for seen in (*table.seen.values(), *table.base.values()):
+    for seen in (*table.mirrored.values(), *table.base.values()):
         for direct in (False, True):
             part: Observations = seen.where((seen.view == DIRECT) == direct)
             columns = (part.view, part.corner, *part.pixels.T, part.sigma_px)

@@ -35,7 +35,7 @@ def rms(errors: FloatArray) -> str:
     return "{:.3f} / {:.3f}".format(*np.sqrt(np.mean(known**2, axis=0)))
 
 
-def start_of(found: Calibration, board: Board, *, plate: bool) -> Estimate:
+def first_estimate_of(found: Calibration, board: Board, *, plate: bool) -> Estimate:
     estimate = Estimate.of(found.layout.camera, found.layout.mirrors, found.rig_from_board)
     if not plate:
         estimate = replace(estimate, thickness_mm=np.zeros(len(found.layout.mirrors)))
@@ -64,7 +64,7 @@ def main(folder: Path, json: Path | None) -> None:
         ("board corners estimated", steady, free, True),
     ):
         model = Model(INTRINSICS, thickness=plate, curvature=False, board=board)
-        solution = fit(start_of(found, board, plate=plate), seen, model)
+        solution = fit(first_estimate_of(found, board, plate=plate), seen, model)
         errors, _ = predicted_mirrored(solution.estimate, seen, model, fold)
         rows.add(label, rms(solution.residuals), rms(errors))
     fitted = refitted(found, steady, drawn, ("board", "sheet"))

@@ -17,7 +17,7 @@ from benchmarks.direct_prediction import predicted_mirrored, prediction_floor, r
 from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.calibration.calibration_files import calibration_pictures
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.model_comparison import held_out
+from mirrorcam.optics.calibration.diagnostics.model_comparison import predict_held_out
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
 from mirrorcam.optics.calibration.solver.residuals import Board
 from mirrorcam.optics.geometry.targets import Checkerboard, load_board
@@ -46,11 +46,11 @@ def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
     pictures = taken.read()
     started = time.perf_counter()
     found = calibrate_with_direct_view(
-        pictures, target, mirrors=MIRRORS, names=taken.names, most=taken.most, adjacent=taken.adjacent
+        pictures, target, mirrors=MIRRORS, names=taken.names, max_pictures=taken.max_pictures, adjacent=taken.adjacent
     )
     assert found.diagnostics is not None
     print(f"calibrated in {time.perf_counter() - started:.1f} s: {found.notes[0]}")
-    print(f"model {found.diagnostics.level}")
+    print(f"model {found.diagnostics.model_name}")
     for name in FIGURES:
         print(f"{name:32}{found.metrics[name].value:10.4f} {found.metrics[name].unit}")
     for name, metric in found.metrics.items():
@@ -61,11 +61,11 @@ def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
 
     every = calibrate_with_direct_view(pictures, target, mirrors=MIRRORS, names=taken.names, adjacent=taken.adjacent)
     rows = every.observations.where(every.inliers)
-    fitted = refitted(every, rows, Board.rigid(target.corners_in_board_mm), found.diagnostics.level.split("+")[1:])
+    fitted = refitted(every, rows, Board.rigid(target.corners_in_board_mm), found.diagnostics.model_name.split("+")[1:])
     frames = len(fitted.solution.estimate.rig_from_board)
     late = np.arange(frames) >= 2 * frames // 3
     print(f"\nlast third, {late.sum()} of {frames} frames, by a fit to the others, px")
-    left = held_out(fitted.solution.estimate, rows, fitted.model, late)
+    left = predict_held_out(fitted.solution.estimate, rows, fitted.model, late)
     fold = np.where(late, 0, 1)
     shown = late[rows.frame]
     errors, _ = predicted_mirrored(fitted.solution.estimate, rows, fitted.model, fold)

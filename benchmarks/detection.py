@@ -25,9 +25,9 @@ from benchmarks.records import SIGMA, Rows, add_json_option, write_record
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.charuco import marker_places
+from mirrorcam.optics.calibration.detection.charuco import marker_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
+from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, detect_sub_images
 from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
 from mirrorcam.optics.calibration.pupil_estimate import unvignetted
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -170,7 +170,7 @@ def speed(layout: Layout, name: str, target: Target, folder: Path, rows: Rows) -
         spent = []
         for _ in range(RUNS):
             started = time.process_time()
-            frame = sub_images(picture, layout, target)
+            frame = detect_sub_images(picture, layout, target)
             spent.append(time.process_time() - started)
         found.append(frame)
         least.append(min(spent))
@@ -196,7 +196,7 @@ def tags_by_opencv(grey: Grey, layout: Layout, target: AprilGrid) -> Observation
     parameters.markerBorderBits = TAG_BORDER
     detector = cv2.aruco.ArucoDetector(TAG_FAMILY, parameters)
     corner_at = {tuple(at): number for number, at in enumerate(np.round(target.corners_in_board_mm[:, :2], 6).tolist())}
-    places = np.round(marker_places(target) * target.pitch_mm, 6)
+    places = np.round(marker_corners(target) * target.pitch_mm, 6)
     width = grey.shape[1]
     parts = []
     for index in range(len(layout.mirrors)):

@@ -51,7 +51,7 @@ def predicted_mirrored(
         held = Model((), thickness=False, curvature=False, board=board, mirrors=False, frame_terms=terms)
         for frame in np.flatnonzero(out):
             here = observations.frame == frame
-            shown = observations.where(here).shifted(-int(frame))
+            shown = observations.where(here).with_frame_offset(-int(frame))
             posed = replace(fitted.with_poses(start.rig_from_board[[frame]]), shape=np.zeros(0))
             direct = shown.where(shown.view == DIRECT)
             if not len(direct):

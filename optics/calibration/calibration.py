@@ -54,10 +54,10 @@ def calibrate(
     model: RequestedModel = AUTO,
     detections: AnyPath | None = None,
     workers: int = 1,
-    most: tuple[int | None, int | None] = (None, None),
+    max_pictures: tuple[int | None, int | None] = (None, None),
     names: tuple[Sequence[str], Sequence[str]] | None = None,
     on_frame: Callable[[int], None] = lambda done: None,
-    on_seen: Callable[[Sequence[Observations]], None] = lambda seen: None,
+    on_observations: Callable[[Sequence[Observations]], None] = lambda observations: None,
 ) -> Calibration:
     """Calibrate a mirror camera from pictures of a board.
 
@@ -81,19 +81,19 @@ def calibrate(
         Folder that caches detected corners, so that each picture is searched only once.
     workers
         Number of detection threads.
-    most
-        Largest number of pictures to use through the mirrors, and without them; None uses all.
+    max_pictures
+        Maximum number of pictures through the mirrors, and without them; None uses all.
     names
         Names of the pictures through the mirrors, and without them. Default: their numbers.
     on_frame
         Called with the number of pictures searched so far.
-    on_seen
+    on_observations
         Called after each picture through the mirrors with all observations so far.
 
     Returns
     -------
     Calibration
-        The calibrated layout in the camera's frame `rig`, in mm, with covariance and diagnostics.
+        The calibrated layout in the rig frame, which is the camera's, in mm, with covariance and diagnostics.
 
     Raises
     ------
@@ -106,64 +106,69 @@ def calibrate(
     check_count("workers", workers, WORKERS)
     cache = None if detections is None else path_of("detections", detections)
     model.check_mirrored()
-    frames, base_frames = (checked_pictures(*given) for given in (("frames", frames), ("base_frames", base_frames)))
+    frames, base_frames = (checked_pictures(*pair) for pair in (("frames", frames), ("base_frames", base_frames)))
     detect = partial(detect_frames, layout=layout, target=target, folder=cache, workers=workers)
     reader = PictureReader(layout.camera)
 
-    def report(found: Sequence[DetectedFrame]) -> None:
-        on_frame(len(found))
-        on_seen([frame.corners for frame in found])
+    def report(detected: Sequence[DetectedFrame]) -> None:
+        on_frame(len(detected))
+        on_observations([frame.corners for frame in detected])
 
-    found = detect(reader.read(frames, mirrored=True), mirrored=True, on_frame=report)
+    mirrored_detected = detect(reader.read(frames, mirrored=True), mirrored=True, on_frame=report)
     pictures = reader.read(base_frames, mirrored=False)
-    found_in_base = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(found) + len(done)))
+    base_detected = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(mirrored_detected) + len(done)))
     if isinstance(target, Checkerboard):
-        found = number_jointly(found, found_in_base, layout, target)
+        mirrored_detected = number_jointly(mirrored_detected, base_detected, layout, target)
     size = target.corners_in_board_mm, layout.camera.width_px
-    chosen = [_chosen(detected, number, *size) for detected, number in zip((found, found_in_base), most, strict=True)]
-    seen, base = (
+    chosen = [
+        _chosen(detected, number, *size)
+        for detected, number in zip((mirrored_detected, base_detected), max_pictures, strict=True)
+    ]
+    mirrored, base = (
         [detected[number].corners for number in numbers]
-        for detected, numbers in zip((found, found_in_base), chosen, strict=True)
+        for detected, numbers in zip((mirrored_detected, base_detected), chosen, strict=True)
     )
-    # A board often partly out of view is found in few pictures only, so one detection confirms the stated board.
-    board_found = any(len(o) for o in seen), any(len(o) for o in base)
-    reader.refuse_other_board(target, seen=board_found[0], base=board_found[1], fits=True)
-    if reader.damaged and not any(map(len, seen)):
+    # A board that is often partly out of view is found in few pictures only, so one detection confirms it.
+    board_found = any(len(o) for o in mirrored), any(len(o) for o in base)
+    reader.refuse_other_board(target, mirrored=board_found[0], base=board_found[1], fits=True)
+    if reader.damaged and not any(map(len, mirrored)):
         raise InputError(f"{reader.damaged[0]}; no corner of the board found in other frames")
     try:
         calibration = calibrate_corners(
-            seen,
+            mirrored,
             base,
             layout,
             target.corners_in_board_mm,
             model=model,
             extremes=reader.extremes,
             pictures=BoardPictures([reader.mirrored[number] for number in chosen[0]], target, workers),
-            unknown=unknown_mirrors(layout, found),
-            names=None if names is None else [of[n] for of, some in zip(names, chosen, strict=True) for n in some],
+            unknown=unknown_mirrors(layout, mirrored_detected),
+            names=None
+            if names is None
+            else [group[n] for group, used in zip(names, chosen, strict=True) for n in used],
         )
     except InputError:
-        # The stated board was found but does not fit: a larger checkerboard can pass for it in places.
-        reader.refuse_other_board(target, seen=board_found[0], base=board_found[1], fits=False)
+        # The stated board was found but does not fit: parts of a larger checkerboard can look like it.
+        reader.refuse_other_board(target, mirrored=board_found[0], base=board_found[1], fits=False)
         if other := other_size(reader.first(mirrored=True), layout, target):
             raise InputError(other) from None
-        if fits_upside_down(seen, layout, target):
+        if fits_upside_down(mirrored, layout, target):
             raise InputError(UPSIDE_DOWN) from None
         raise
     return calibration.with_damaged_pictures(reader.damaged)
 
 
 def _chosen(
-    detected: Sequence[DetectedFrame], most: int | None, corners_in_board_mm: FloatArray, width_px: int
+    detected: Sequence[DetectedFrame], max_pictures: int | None, corners_in_board_mm: FloatArray, width_px: int
 ) -> Sequence[int]:
     """Numbers of the pictures to use."""
-    if most is None or len(detected) <= most:
+    if max_pictures is None or len(detected) <= max_pictures:
         return range(len(detected))
     boards = [
         [Corners(rows.corner[rows.view == view], rows.pixels[rows.view == view]) for view in np.unique(rows.view)]
         for rows in (frame.corners for frame in detected)
     ]
-    return most_informative(boards, corners_in_board_mm, width_px=width_px, most=most)
+    return most_informative(boards, corners_in_board_mm, width_px=width_px, max_frames=max_pictures)
 
 
 def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[Grey | Path]:
@@ -183,7 +188,7 @@ def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[
             )
         return picture
 
-    return [checked(each) for each in pictures] if isinstance(pictures, Sequence) else map(checked, pictures)
+    return [checked(picture) for picture in pictures] if isinstance(pictures, Sequence) else map(checked, pictures)
 
 
 class PictureReader:
@@ -192,7 +197,7 @@ class PictureReader:
     Attributes
     ----------
     damaged
-        Errors of the damaged files so far.
+        Errors for the damaged files so far.
     extremes
         Pixel-wise extremes of the pictures through the mirrors so far.
     mirrored
@@ -215,7 +220,7 @@ class PictureReader:
         """
         in_memory = isinstance(pictures, Sequence)
         if in_memory:
-            agree_on_bits([each for each in pictures if isinstance(each, Path)])
+            agree_on_bits([picture for picture in pictures if isinstance(picture, Path)])
         for picture in pictures:
             grey = self._grey(picture)
             yield grey
@@ -235,16 +240,15 @@ class PictureReader:
         """The first pictures through the mirrors or without them, at most `MAX_PICTURES`."""
         return self._first[mirrored]
 
-    def refuse_other_board(self, target: Target, *, seen: bool, base: bool, fits: bool) -> None:
+    def refuse_other_board(self, target: Target, *, mirrored: bool, base: bool, fits: bool) -> None:
         """Raise InputError if the first pictures show a board other than `target`.
 
-        `seen` and `base` state whether `target` was found in any picture through the mirrors, and without them; `fits`,
-        whether the calibration fits so far.
+        `mirrored` and `base` state whether `target` was found in any picture through the mirrors, and without them;
+        `fits`, whether the calibration fits so far.
         """
-        for mirrored, found in ((False, base), (True, seen)):
-            other = other_board(
-                self._first[mirrored], target, mirrored=mirrored, found=seen or base, fits=fits and found
-            )
+        found = mirrored or base
+        for kind, found_in_kind in ((False, base), (True, mirrored)):
+            other = other_board(self._first[kind], target, mirrored=kind, found=found, fits=fits and found_in_kind)
             if other is not None:
                 raise InputError(other)
 

@@ -22,18 +22,18 @@ import numpy as np
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, InvalidValue, Metric
-from mirrorcam.optics.calibration.detection.ghost_images import without_ghost_images
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
+from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghosts
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, detected_edges, with_detected_outlines
 from mirrorcam.optics.calibration.diagnostics.board_scale import scale_doubt
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
-    as_estimated,
     fit_metrics,
     held_out_metrics,
     spatial_rms_mm,
     uncertainty,
+    with_estimate,
 )
-from mirrorcam.optics.calibration.diagnostics.consistency import check_plausible, unseen_rows
+from mirrorcam.optics.calibration.diagnostics.consistency import check_plausible, unobserved_rows
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import UnknownMirrors
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
@@ -54,7 +54,7 @@ NO_UNKNOWN_MIRRORS = UnknownMirrors()
 
 
 def calibrate_corners(
-    seen: list[Observations],
+    mirrored: list[Observations],
     base: list[Observations],
     layout: Layout,
     corners_in_board_mm: FloatArray,
@@ -69,7 +69,7 @@ def calibrate_corners(
 
     Parameters
     ----------
-    seen, base
+    mirrored, base
         Observations of each frame with and without mirrors; every element numbers its frame 0.
     layout
         Nominal layout.
@@ -78,14 +78,14 @@ def calibrate_corners(
     model
         Model to fit. `layout` already has the requested surface of the mirrors.
     extremes
-        Pixel-wise extremes of the frames with mirrors; if given, the mirrors' outlines are moved to the edges they
+        Pixel-wise extremes of the frames with mirrors; if given, the mirrors' outlines are moved to the edges that they
         show.
     pictures
         The frames with mirrors; if given, the pupil of the lens is estimated from them.
     unknown
-        Boards that no mirror of the layout explains.
+        Boards that belong to no mirror of the layout.
     names
-        Names of all frames, `seen` first. Default: their numbers.
+        Names of all frames, `mirrored` first. Default: their numbers.
 
     Raises
     ------
@@ -93,28 +93,28 @@ def calibrate_corners(
         If the corners do not determine the camera and the mirrors.
     """
     model.check_mirrored()
-    if not seen:
+    if not mirrored:
         raise InputError("no pictures given")
-    notes = (*_notes(seen, base, layout), *unseen_rows([*seen, *base], corners_in_board_mm), *unknown.notes)
+    notes = (*_notes(mirrored, base, layout), *unobserved_rows([*mirrored, *base], corners_in_board_mm), *unknown.notes)
     try:
         start = layout if model.lens is None else _with_lens(layout, model.lens)
-        screened = screen(seen, base, start, corners_in_board_mm)
+        screened = screen(mirrored, base, start, corners_in_board_mm)
         if pictures is not None and any(mirror.is_second_surface for mirror in layout.mirrors):
-            seen = _without_ghost_images(screened, start, corners_in_board_mm, extremes, pictures)
-            notes += (*screened.notes, *_missing_pictures(screened.seen, pictures))
-            screened = screen(seen, screened.base, start, corners_in_board_mm)
+            mirrored = _refine_with_ghosts(screened, start, corners_in_board_mm, extremes, pictures)
+            notes += (*screened.notes, *_missing_pictures(screened.mirrored, pictures))
+            screened = screen(mirrored, screened.base, start, corners_in_board_mm)
         select = partial(select_model, model=model, prior=pair_prior(layout))
         fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
         if names is None:
-            names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
+            names = [f"frame {n}" for n in range(len(mirrored))] + [f"base frame {n}" for n in range(len(base))]
         pictures_used = tuple(names[number] for number in fitted.frames)
         return _result(fitted, layout, extremes, (*notes, *screened.notes), unknown, pictures_used)
     except UndeterminedError as error:
-        raise unknown.explained(f"the frames do not determine camera and mirrors: {error}") from None
+        raise unknown.error_for(f"the frames do not determine camera and mirrors: {error}") from None
     except InvalidValue as error:
-        raise unknown.explained(f"the frames lead to impossible mirrors: {error}") from None
+        raise unknown.error_for(f"the frames lead to impossible mirrors: {error}") from None
     except InputError as error:
-        raise unknown.explained(str(error)) from None
+        raise unknown.error_for(str(error)) from None
 
 
 @dataclass(frozen=True)
@@ -145,26 +145,27 @@ def _fitted(
     metrics: dict[str, Metric] = {}
     notes: tuple[str, ...] = ()
     if pictures is not None or camera.aperture_mm > 0.0:
-        first, seen = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
+        first, fitted_layout = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
         if pictures is not None:
-            mirrored = [number for number in numbers if number < len(screened.seen)]
-            pupil = estimated_pupil(seen, pictures.placed(mirrored, first.rig_from_board), pictures.target)
+            mirrored_numbers = [number for number in numbers if number < len(screened.mirrored)]
+            posed = pictures.with_poses(mirrored_numbers, first.rig_from_board)
+            pupil = estimated_pupil(fitted_layout, posed, pictures.target)
             metrics, notes = pupil.metrics, (pupil.note,)
-            seen = seen.replaced(camera=pupil.camera)
-        kept, left_out = unvignetted(seen, observations)
+            fitted_layout = fitted_layout.replaced(camera=pupil.camera)
+        kept, left_out = unvignetted(fitted_layout, observations)
         observations, notes = observations.where(kept), (*notes, *left_out)
-        start = replace(start, camera=camera.with_pupil(seen.camera.pupil))
+        start = replace(start, camera=camera.with_pupil(fitted_layout.camera.pupil))
     selection = select(start, observations, corners_in_board_mm)
-    return _Fitted(selection.widened_to(screened.widened), observations, numbers, metrics, notes)
+    return _Fitted(selection.inflated_to(screened.inflation), observations, numbers, metrics, notes)
 
 
 def _first_estimate(
     screened: ScreenedFrames, layout: Layout, corners_in_board_mm: FloatArray
 ) -> tuple[tuple[int, ...], Observations, Estimate]:
     """Return numbers of the frames that show corners, the corners with renumbered frames, and a starting estimate."""
-    used = {number: o for number, o in enumerate((*screened.seen, *screened.base)) if len(o)}
-    observations = Observations.join([o.shifted(place) for place, o in enumerate(used.values())])
-    direct = observations.where(observations.frame >= sum(number < len(screened.seen) for number in used))
+    used = {number: o for number, o in enumerate((*screened.mirrored, *screened.base)) if len(o)}
+    observations = Observations.join([o.with_frame_offset(index) for index, o in enumerate(used.values())])
+    direct = observations.where(observations.frame >= sum(number < len(screened.mirrored) for number in used))
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
     start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
     return tuple(used), observations, start
@@ -177,32 +178,32 @@ def _first_fit(
     corners_in_board_mm: FloatArray,
     extremes: Extremes | None,
 ) -> tuple[Estimate, Layout]:
-    """Fit the smallest model; return the estimate, and its layout with the outlines that the frames show."""
+    """Fit the smallest model; return the estimate, and its layout with the outlines detected in the frames."""
     first = first_fit(start, observations, corners_in_board_mm, pair_prior(layout))
-    layout = as_estimated(layout, first)
-    return first, layout if extremes is None else outlined(layout, seen_edges(layout, extremes))[0]
+    layout = with_estimate(layout, first)
+    return first, layout if extremes is None else with_detected_outlines(layout, detected_edges(layout, extremes))[0]
 
 
-def _without_ghost_images(
+def _refine_with_ghosts(
     screened: ScreenedFrames,
     layout: Layout,
     corners_in_board_mm: FloatArray,
     extremes: Extremes | None,
     pictures: BoardPictures,
 ) -> list[Observations]:
-    """Refine the corners of the frames with mirrors by the ghost images of second-surface mirrors."""
+    """Refine the corners of the frames with mirrors together with the ghost images of second-surface mirrors."""
     numbers, observations, start = _first_estimate(screened, layout, corners_in_board_mm)
     first, layout = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
     poses = dict(zip(numbers, first.rig_from_board, strict=True))
-    return without_ghost_images(
-        screened.seen, pictures.frames, poses, layout, pictures.target, workers=pictures.workers
+    return refine_with_ghosts(
+        screened.mirrored, pictures.frames, poses, layout, pictures.target, workers=pictures.workers
     )
 
 
-def _missing_pictures(seen: list[Observations], pictures: BoardPictures) -> list[str]:
+def _missing_pictures(mirrored: list[Observations], pictures: BoardPictures) -> list[str]:
     return [
         f"frame {number}: not kept in memory, so its corners in second-surface mirrors are not used"
-        for number, (rows, picture) in enumerate(zip(seen, pictures.frames, strict=True))
+        for number, (rows, picture) in enumerate(zip(mirrored, pictures.frames, strict=True))
         if len(rows) and picture is None
     ]
 
@@ -219,17 +220,17 @@ def _result(
     selection, observations = fitted.selection, fitted.observations
     mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
     calibrated = _calibrated(selection, layout)
-    edges = [] if extremes is None else seen_edges(calibrated, extremes)
+    edges = [] if extremes is None else detected_edges(calibrated, extremes)
     side_mm, next_mm = np.diff(selection.model.board.corners_in_board_mm[:3, 0])
-    what: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
-    mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), what)
+    element: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
+    mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), element)
     if selection.other_surface is not None:
         mismatches = ()  # plates of another thickness or index also change the scale
     if edges:
-        calibrated, outline_notes = outlined(calibrated, edges)
+        calibrated, outline_notes = with_detected_outlines(calibrated, edges)
         notes += outline_notes
     diagnostics = diagnose(selection, observations, calibrated, mismatches=(*unknown.alarms, *mismatches))
-    selection = selection.widened_to(diagnostics.widened)
+    selection = selection.inflated_to(diagnostics.inflation)
     solution = selection.solution
     notes += (*fitted.notes, *doubts, *check_plausible(solution, layout, mirrored_frames=mirrored_frames))
     metrics = fit_metrics(observations, solution)
@@ -253,10 +254,10 @@ def _with_lens(layout: Layout, lens: LensName) -> Layout:
     return layout.replaced(camera=camera)
 
 
-def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -> tuple[str, ...]:
-    notes = [f"frame {number}: no board found, not used" for number, o in enumerate(seen) if not len(o)]
+def _notes(mirrored: list[Observations], base: list[Observations], layout: Layout) -> tuple[str, ...]:
+    notes = [f"frame {number}: no board found, not used" for number, o in enumerate(mirrored) if not len(o)]
     notes += [f"base frame {number}: no board found, not used" for number, o in enumerate(base) if not len(o)]
-    for number, o in enumerate(seen):
+    for number, o in enumerate(mirrored):
         missing = [name for index, name in enumerate(layout.mirror_names) if index not in o.view]
         if len(o) and missing:
             notes.append(f"frame {number}: no board found in mirror {', '.join(missing)}")
@@ -272,7 +273,7 @@ def _notes(seen: list[Observations], base: list[Observations], layout: Layout) -
 
 
 def _calibrated(selection: ModelSelection, layout: Layout) -> Layout:
-    return as_estimated(layout, selection.solution.estimate).replaced(
-        provenance={"nominal": layout.provenance.get("nominal", layout.identity), "level": selection.level},
+    return with_estimate(layout, selection.solution.estimate).replaced(
+        provenance={"nominal": layout.provenance.get("nominal", layout.identity), "level": selection.model_name},
         uncertainty=uncertainty(selection.solution),
     )

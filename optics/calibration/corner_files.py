@@ -45,19 +45,19 @@ class CornerTable:
 
     Attributes
     ----------
-    seen, base
+    mirrored, base
         The corners of each picture through the mirrors, and of each by the bare camera, all numbered frame 0.
     notes
         Notes on corners left out.
     """
 
-    seen: dict[str, Observations]
+    mirrored: dict[str, Observations]
     base: dict[str, Observations]
     notes: tuple[str, ...]
 
 
 def save_corners(path: Path, calibration: Calibration) -> None:
-    """Write the corners that a calibration used, with a mark on those rejected as outliers, atomically."""
+    """Write the corners of a calibration atomically, with those rejected as outliers marked."""
     names = {DIRECT: DIRECT_NAME} | dict(enumerate(calibration.layout.mirror_names))
     pictures = [" ".join(name.splitlines()) for name in calibration.pictures]
     rows = calibration.observations
@@ -67,7 +67,7 @@ def save_corners(path: Path, calibration: Calibration) -> None:
         file.write(HEADER)
         table = csv.writer(file, lineterminator="\n")
         table.writerow((*REQUIRED, *OPTIONAL))
-        for frame, view, corner, (x, y), sigma, used in zip(*(each.tolist() for each in columns), strict=True):
+        for frame, view, corner, (x, y), sigma, used in zip(*(column.tolist() for column in columns), strict=True):
             table.writerow((pictures[frame], names[view], corner, f"{x:.6f}", f"{y:.6f}", f"{sigma:.6g}", int(used)))
 
 
@@ -92,22 +92,22 @@ def load_corners(path: Path, layout: Layout, corners: int) -> CornerTable:
     reader, weighted = _Reader(path, layout, corners), False
     pictures: dict[str, _Picture] = {}
     for line, row in _rows(path, corners):
-        found = reader.corner(line, row)
-        weighted = (found.sigma_px is not None) if not pictures else weighted
-        if weighted != (found.sigma_px is not None):
-            raise reader.wrong(line, "sigma_px", row, "a number in every line, or in none")
-        picture = pictures.setdefault(row["picture"], _Picture(found.view == DIRECT))
-        if picture.direct != (found.view == DIRECT):
-            raise reader.wrong(line, "view", row, "pictures that show the board in mirrors or directly, not both")
-        if (found.view, found.corner) in picture.corners:
-            raise reader.wrong(line, "corner", row, "each corner of a view once in a picture")
-        picture.corners[found.view, found.corner] = found
+        parsed = reader.corner(line, row)
+        weighted = (parsed.sigma_px is not None) if not pictures else weighted
+        if weighted != (parsed.sigma_px is not None):
+            raise reader.invalid(line, "sigma_px", row, "a number in every line, or in none")
+        picture = pictures.setdefault(row["picture"], _Picture(parsed.view == DIRECT))
+        if picture.direct != (parsed.view == DIRECT):
+            raise reader.invalid(line, "view", row, "pictures that show the board in mirrors or directly, not both")
+        if (parsed.view, parsed.corner) in picture.corners:
+            raise reader.invalid(line, "corner", row, "each corner of a view once in a picture")
+        picture.corners[parsed.view, parsed.corner] = parsed
     if not pictures:
-        raise InputError(f"{path}: no corners, expected lines of columns {', '.join(REQUIRED)}")
+        raise InputError(f"{path}: no corners, expected lines with the columns {', '.join(REQUIRED)}")
     tables = {name: picture.observations() for name, picture in pictures.items()}
     left_out = sum(len(picture.used()) - len(tables[name]) for name, picture in pictures.items())
     return CornerTable(
-        seen={name: tables[name] for name, picture in pictures.items() if not picture.direct},
+        mirrored={name: tables[name] for name, picture in pictures.items() if not picture.direct},
         base={name: tables[name] for name, picture in pictures.items() if picture.direct},
         notes=(f"{path.name}: {left_out} corners in views of fewer than {MIN_CORNERS}, not used",) if left_out else (),
     )
@@ -152,7 +152,7 @@ def _rows(path: Path, corners: int) -> Iterator[tuple[int, dict[str, str]]]:
         lines = [line.decode("utf-8") for line in read_lines(path)]
         lines[0] = lines[0].removeprefix("\ufeff")
     except UnicodeDecodeError:
-        raise InputError(f"{path}: not a text in UTF-8, expected a table of corners") from None
+        raise InputError(f"{path}: not text in UTF-8, expected a table of corners") from None
     if is_vnl(path, lines):
         yield from vnl_rows(path, lines, corners, DIRECT_NAME)
         return
@@ -175,7 +175,7 @@ def _rows(path: Path, corners: int) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def _columns(path: Path, line: int, cells: Sequence[str]) -> Sequence[str]:
-    """Return the column names of the header, checked."""
+    """Check the column names of the header and return them."""
     missing = [name for name in REQUIRED if name not in cells]
     unknown = [name for name in cells if name not in (*REQUIRED, *OPTIONAL)]
     if missing or unknown or len(set(cells)) != len(cells):
@@ -198,12 +198,12 @@ class _Reader:
         views = {DIRECT_NAME: DIRECT} | {name: view for view, name in enumerate(self.layout.mirror_names)}
         if row["view"] not in views:
             names = self.layout.mirror_names
-            raise self.wrong(line, "view", row, f"direct or a mirror from {names[0]} to {names[-1]}")
+            raise self.invalid(line, "view", row, f"direct or a mirror from {names[0]} to {names[-1]}")
         if not row["picture"]:
-            raise self.wrong(line, "picture", row, "a name")
+            raise self.invalid(line, "picture", row, "a name")
         number = row["corner"]
         if not (number.isascii() and number.isdigit() and len(number) < 10 and int(number) < self.corners):
-            raise self.wrong(line, "corner", row, f"a whole number from 0 to {self.corners - 1}, as the board has")
+            raise self.invalid(line, "corner", row, f"a whole number from 0 to {self.corners - 1}, as the board has")
         camera = self.layout.camera
         pixel = tuple(
             self._number(line, name, row, -0.5, size - 0.5)
@@ -211,19 +211,19 @@ class _Reader:
         )
         sigma_px = self._number(line, "sigma_px", row, 1e-6, 1e3) if row.get("sigma_px") else None
         if row.get("used", "1") not in ("0", "1"):
-            raise self.wrong(line, "used", row, "0 or 1")
+            raise self.invalid(line, "used", row, "0 or 1")
         return _Corner(views[row["view"]], int(number), (pixel[0], pixel[1]), sigma_px, row.get("used") != "0")
 
-    def _number(self, line: int, name: str, row: Mapping[str, str], least: float, most: float) -> float:
+    def _number(self, line: int, name: str, row: Mapping[str, str], minimum: float, maximum: float) -> float:
         try:
             value = float(row[name])
         except ValueError:
             value = math.nan
-        if not least <= value <= most:
-            raise self.wrong(line, name, row, f"a number from {least:g} to {most:g}")
+        if not minimum <= value <= maximum:
+            raise self.invalid(line, name, row, f"a number from {minimum:g} to {maximum:g}")
         return value
 
-    def wrong(self, line: int, name: str, row: Mapping[str, str], expected: str) -> InputError:
+    def invalid(self, line: int, name: str, row: Mapping[str, str], expected: str) -> InputError:
         """Return the error for an invalid cell."""
         return InputError(f"{self.path}, line {line}: {name} {row.get(name, '')[:40]!r}, expected {expected}")
 
@@ -234,13 +234,13 @@ def is_vnl(path: Path, lines: list[str]) -> bool:
 
 
 def vnl_rows(path: Path, lines: list[str], corners: int, view: str) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yield line numbers and cells of the detected corners, in the columns of our own table, all with one view name.
+    """Yield line numbers and cells of the detected corners, in the columns of a table, all with one view name.
 
-    Raises InputError in one line, which names the format, if mrcal would not accept the file for this board.
+    Raises InputError, with a one-line message that names the format, if mrcal would not accept the file for this board.
     """
     legend = _legend(lines)
     if legend and (legend[:3] != VNL_COLUMNS or len(legend) > 4):
-        raise _wrong(path, f"columns {' '.join(legend)[:60]!r}, expected {' '.join(VNL_COLUMNS)} and level or weight")
+        raise _invalid(path, f"columns {' '.join(legend)[:60]!r}, expected {' '.join(VNL_COLUMNS)} and level or weight")
     weighted, listed = legend[3:] == ("weight",), dict[str, int]()
     earlier, picture = set[str](), ""
     for number, line in enumerate(lines, start=1):
@@ -248,13 +248,15 @@ def vnl_rows(path: Path, lines: list[str], corners: int, view: str) -> Iterator[
         if not cells or line.lstrip().startswith("#"):
             continue
         if not 3 <= len(cells) <= 4:
-            raise _wrong(path, f"line {number}: {len(cells)} values, expected a file name, x, y and level or weight")
+            raise _invalid(path, f"line {number}: {len(cells)} values, expected a file name, x, y and level or weight")
         if cells[0] != picture:
             _refuse_short(path, picture, listed.get(picture, corners), corners)
             if cells[0] in earlier:
-                raise _wrong(path, f"line {number}: {cells[0][:40]!r} again, expected the lines of a picture together")
+                raise _invalid(
+                    path, f"line {number}: {cells[0][:40]!r} again, expected all lines of a picture together"
+                )
             if _VIEW.search(cells[0]):
-                raise _wrong(
+                raise _invalid(
                     path, f"{cells[0][:40]!r} is a mirror's view, expected a table like corners.csv, with a column view"
                 )
             picture = cells[0]
@@ -274,7 +276,7 @@ def _legend(lines: list[str]) -> tuple[str, ...]:
 
 
 def _sigma_px(path: Path, number: int, cells: list[str], *, weighted: bool) -> str:
-    """Relative standard deviation, 2 ** level or 1 / weight; empty for a corner that does not count."""
+    """Relative standard deviation, 2 ** level or 1 / weight; empty for a corner that is ignored."""
     if not cells:
         return "1"
     if cells[0] == "-":
@@ -285,15 +287,17 @@ def _sigma_px(path: Path, number: int, cells: list[str], *, weighted: bool) -> s
     except (ValueError, OverflowError):
         sigma = -1.0
     if not 0.0 <= sigma <= 2.0**MAX_LEVEL:
-        raise _wrong(path, f"line {number}: {cells[0][:40]!r}, expected a level up to {MAX_LEVEL}, a weight, or -")
+        raise _invalid(path, f"line {number}: {cells[0][:40]!r}, expected a level up to {MAX_LEVEL}, a weight, or -")
     return f"{sigma!r}" if sigma else ""
 
 
 def _refuse_short(path: Path, picture: str, lines: int, corners: int) -> None:
-    """Raise InputError unless a picture lists all corners, or a single line for no board."""
+    """Raise InputError unless a picture lists all corners, or has a single line, which means no board."""
     if lines not in (1, corners):
-        raise _wrong(path, f"{picture[:60]!r} has {lines} lines, expected {corners}, one for each corner of the board")
+        raise _invalid(
+            path, f"{picture[:60]!r} has {lines} lines, expected {corners}, one for each corner of the board"
+        )
 
 
-def _wrong(path: Path, what: str) -> InputError:
-    return InputError(f"{path}: an mrcal .vnl: {what}")
+def _invalid(path: Path, problem: str) -> InputError:
+    return InputError(f"{path}: an mrcal .vnl: {problem}")

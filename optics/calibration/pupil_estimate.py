@@ -1,10 +1,10 @@
 """The lens's pupil in a calibration: estimated from the frames; vignetted corners are left out.
 
-Where a mirror is vignetted, a corner out of focus appears displaced: it is seen from the centroid of the remaining part
-of the pupil, across which the light fades. The shift is 0.1 px or more. Few corners are affected, and the fit does not
-need them.
+Where a mirror is vignetted, a corner out of focus appears displaced: it is viewed from the centroid of the remaining
+part of the pupil, across which the light fades. The shift is 0.1 px or more. Few corners are affected, and the fit does
+not need them.
 
-A mirror's edge cuts the disc of the pupil along a line: at the distance d, the light falls off over
+A mirror's edge crosses the disc of the pupil along a line: at the distance d, the light falls off over
 f A |1 / d - 1 / focus|. The blur of lens and pixels adds to the variance. Edges at different distances separate the
 aperture A, the focus and that blur.
 """
@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 
 from mirrorcam.core.bounds import DEPTH_MM
 from mirrorcam.core.values import FloatArray, Metric
-from mirrorcam.optics.calibration.detection.border_light import STATIONS, STEP_PX, BoardFrame, BorderLight, border_light
+from mirrorcam.optics.calibration.detection.border_light import PROFILES, STEP_PX, BoardFrame, BorderLight, border_light
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Observations
 from mirrorcam.optics.geometry.camera import Camera
@@ -31,28 +31,28 @@ from mirrorcam.optics.geometry.pupil import Pupil, clear_aperture, outline_apert
 from mirrorcam.optics.geometry.targets import Target
 
 MARGIN_PX = 9.0
-"""Distance of a corner from the border of the unvignetted part: the corner's patch must be unvignetted as well."""
-MIN_KEPT = 1.0 / 3.0
-"""Share of a mirror's corners that must be unvignetted; otherwise all are kept."""
+"""Minimum distance of a corner from the border of the unvignetted part, so that its patch is unvignetted as well."""
+MIN_UNVIGNETTED = 1.0 / 3.0
+"""Minimum fraction of a mirror's corners that are unvignetted; with fewer, all are kept."""
 MAX_FRAMES = 24
-"""Number of frames used: more would not improve the estimate of the pupil."""
+"""Maximum number of frames used: more would not improve the estimate of the pupil."""
 PASSES = 2
-"""Estimates of the pupil; each traces rays through the parts of the previous one."""
+"""Number of estimates of the pupil; each traces rays through the unvignetted parts of the previous one."""
 MIN_LENS_PX, MIN_HALF_WIDTH_PX = 0.5, 0.5
-"""Lower bounds on the sigma of the blur of lens and pixels, and on the half width of the pupil's blur, per border."""
+"""Lower bounds on the sigma of the blur by lens and pixels, and on the half width of the pupil's blur, per border."""
 NODES, WEIGHTS = np.polynomial.hermite_e.hermegauss(5)
 MIN_POINTS, MIN_POINTS_PER_SIDE = 150, 20
-"""Least number of points of a border, and on either side of it."""
+"""Minimum number of points of a border, and on either side of it."""
 INSIDE, OUTSIDE = -0.5, 0.2
-"""Positions across the border beyond which a point lies entirely on one side, in `REACH_PX`."""
+"""Positions across the border beyond which a point lies entirely on one side, in units of `SEARCH_PX`."""
 MIN_CONTRAST = 8.0
-"""Least half difference between black and white, in grey levels."""
+"""Minimum of half the difference between white and black, in grey levels."""
 MODEL_PX2, MODEL_RELATIVE = 0.15, 0.02
 """Standard deviations of model errors: of a border's variance, and of the diameter as a fraction of it."""
-NEARNESS_SIGMA = 0.002
+INVERSE_FOCUS_SIGMA = 0.002
 """Prior standard deviation of 1 / focus about the value of the layout's camera, 1/mm."""
 LENS_PX2 = 1.0, 1.0
-"""Prior of the variance of lens and pixel blur, and its standard deviation."""
+"""Prior mean of the variance of lens and pixel blur, and its prior standard deviation."""
 MIN_BORDERS = 6
 STEPS = 30
 OUTLIER_SIGMAS = 4.0
@@ -69,15 +69,15 @@ class BoardPictures:
     target: Target
     workers: int = 1
 
-    def placed(self, numbers: Sequence[int], rig_from_board: FloatArray) -> list[BoardFrame]:
-        """Return up to `MAX_FRAMES` available pictures of these frame numbers, with their board poses (n, 4, 4)."""
+    def with_poses(self, numbers: Sequence[int], rig_from_board: FloatArray) -> list[BoardFrame]:
+        """Return up to `MAX_FRAMES` available pictures of the given frames, with their board poses (n, 4, 4)."""
         pairs = ((self.frames[number], pose) for number, pose in zip(numbers, rig_from_board, strict=False))
         return [BoardFrame(picture, pose) for picture, pose in pairs if picture is not None][:MAX_FRAMES]
 
 
 @dataclass(frozen=True)
 class EstimatedPupil:
-    """The camera with the pupil as far as the frames determine it, with metrics and a note."""
+    """The camera, with its pupil as far as the frames determine it, and metrics and a note."""
 
     camera: Camera
     metrics: dict[str, Metric]
@@ -85,7 +85,7 @@ class EstimatedPupil:
 
 
 def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> EstimatedPupil:
-    """Estimate the pupil of a layout's camera from frames; keep the camera's own if they do not show it.
+    """Estimate the pupil of a layout's camera from frames; keep the camera's own if they do not determine it.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target
     }
     if fit.shows_focus:
         metrics["focus_mm"] = Metric(value=camera.focus_mm, unit="mm")
-        metrics["focus_sigma_per_m"] = Metric(value=1e3 * fit.nearness_sigma, unit="1/m")
+        metrics["focus_sigma_per_m"] = Metric(value=1e3 * fit.inverse_focus_sigma, unit="1/m")
     return EstimatedPupil(camera, metrics, _note(fit, camera))
 
 
@@ -121,7 +121,7 @@ def _fit_pupil_of(layout: Layout, frames: Sequence[BoardFrame], target: Target) 
 def _with_pupil(camera: Camera, fit: PupilFit) -> Camera:
     if fit.is_pinhole:
         return camera.with_pupil(Pupil(0.0, camera.focus_mm))
-    focus_mm = float(np.clip(1.0 / fit.nearness, DEPTH_MM.min, DEPTH_MM.max))
+    focus_mm = float(np.clip(1.0 / fit.inverse_focus, DEPTH_MM.min, DEPTH_MM.max))
     return camera.with_pupil(Pupil(fit.aperture_mm, focus_mm if fit.shows_focus else camera.focus_mm))
 
 
@@ -136,7 +136,7 @@ def _note(fit: PupilFit, camera: Camera) -> str:
     edges = f"by the blur of {fit.borders} mirror edges"
     if fit.is_pinhole:
         return f"{width}, {edges}: a pinhole, so the distance in focus is undetermined"
-    per_m, sigma_per_m = 1e3 * fit.nearness, 1e3 * fit.nearness_sigma
+    per_m, sigma_per_m = 1e3 * fit.inverse_focus, 1e3 * fit.inverse_focus_sigma
     if fit.shows_focus:
         return f"{width} and in focus at {camera.focus_mm:.0f} mm ({per_m:.2f} ± {sigma_per_m:.2f} per metre), {edges}"
     return f"{width}, {edges}; they do not determine the distance in focus, kept at {camera.focus_mm:g} mm"
@@ -154,7 +154,7 @@ def unvignetted(layout: Layout, observations: Observations) -> tuple[NDArray[np.
     for index, mirror in enumerate(layout.mirrors):
         rows = np.flatnonzero(observations.view == index)
         inside = _inside_px(layout.camera, mirror, observations.pixels[rows]) > MARGIN_PX
-        if inside.sum() < MIN_KEPT * len(rows):
+        if inside.sum() < MIN_UNVIGNETTED * len(rows):
             name = layout.mirror_names[index]
             notes.append(f"mirror {name}: hardly any corner is unvignetted, so all are used")
         else:
@@ -170,51 +170,51 @@ def unvignetted(layout: Layout, observations: Observations) -> tuple[NDArray[np.
 def _inside_px(camera: Camera, mirror: Mirror, pixels: FloatArray) -> FloatArray:
     """Signed distance (n,) of pixels inwards from the border of the mirror's unvignetted part, px."""
 
-    def inside_mm(at_pixels: FloatArray) -> FloatArray:
-        return clear_aperture(mirror, camera.normalized_from_pixels(at_pixels), camera.focus_mm).distance
+    def inside_mm(points: FloatArray) -> FloatArray:
+        return clear_aperture(mirror, camera.normalized_from_pixels(points), camera.focus_mm).distance
 
     distance_mm = inside_mm(pixels)
-    slope = np.hypot(*(inside_mm(pixels + step) - distance_mm for step in np.eye(2)))
-    return np.asarray(((distance_mm - camera.pupil.radius_mm) / slope).min(axis=1))
+    gradient = np.hypot(*(inside_mm(pixels + step) - distance_mm for step in np.eye(2)))
+    return np.asarray(((distance_mm - camera.pupil.radius_mm) / gradient).min(axis=1))
 
 
 @dataclass(frozen=True)
 class BorderBlur:
-    """Variance of the blur across the middle of a plane mirror's border, px^2, with its standard deviation.
+    """Variance of the blur across the centre of a plane mirror's border, px^2, with its standard deviation.
 
-    `ends` (2, 2) are normalized coordinates just inside and just outside that middle, `apart_px` pixels apart.
+    `ends` (2, 2) are normalized coordinates just inside and just outside that centre, `spacing_px` pixels apart.
     """
 
     aperture: Mirror
     variance_px2: float
     sigma_px2: float
     ends: FloatArray
-    apart_px: float
+    spacing_px: float
 
-    def px_per_mm(self, nearness: float) -> float:
-        """Half width of the pupil's blur, px, per mm of its radius, for `nearness` = 1 / focus."""
-        inside, outside = outline_aperture(self.aperture, self.ends, 1.0 / nearness).distance.min(axis=1)
-        return self.apart_px / float(inside - outside)
+    def px_per_mm(self, inverse_focus: float) -> float:
+        """Half width of the pupil's blur, px, per mm of its radius, for `inverse_focus` = 1 / focus."""
+        inside, outside = outline_aperture(self.aperture, self.ends, 1.0 / inverse_focus).distance.min(axis=1)
+        return self.spacing_px / float(inside - outside)
 
 
 @dataclass(frozen=True)
 class PupilFit:
-    """The pupil that explains the blur of the borders.
+    """The pupil fitted to the blur of the borders.
 
     Attributes
     ----------
     square_mm2, square_sigma_mm2
         The squared diameter, whose error is nearly normal down to 0; the estimate may be negative.
-    nearness, nearness_sigma
-        One over the distance in focus, 1/mm.
+    inverse_focus, inverse_focus_sigma
+        Inverse of the distance in focus, 1/mm.
     borders
         Number of borders used.
     """
 
     square_mm2: float
     square_sigma_mm2: float
-    nearness: float
-    nearness_sigma: float
+    inverse_focus: float
+    inverse_focus_sigma: float
     borders: int
 
     @property
@@ -224,8 +224,8 @@ class PupilFit:
 
     @property
     def shows_focus(self) -> bool:
-        """Whether the borders determine the distance in focus, rather than the prior."""
-        return not self.is_pinhole and self.nearness_sigma < NEARNESS_SIGMA / 2.0
+        """Whether the borders, rather than the prior, determine the distance in focus."""
+        return not self.is_pinhole and self.inverse_focus_sigma < INVERSE_FOCUS_SIGMA / 2.0
 
     @property
     def aperture_mm(self) -> float:
@@ -240,19 +240,19 @@ class PupilFit:
 
 @dataclass(frozen=True)
 class _Profile:
-    """Light and its sigma (n,) at points of a border, at `along` and `across` from -1 to 1.
+    """Light and its sigma (n,) at points of a border, with coordinates `tangential` and `normal` (n,) from -1 to 1.
 
-    `inside_mm` is the distance of the edge's image in the pupil. `mm_per_px` is its slope at the points; `middle` is
-    the slope in the middle of the border.
+    `inside_mm` (n,) are distances of the edge's image from the pupil's centre, and `mm_per_px` (n,) their derivatives;
+    `centre_mm_per_px` is the derivative at the border's centre.
     """
 
     light: FloatArray
     sigma: FloatArray
     inside_mm: FloatArray
     mm_per_px: FloatArray
-    along: FloatArray
-    across: FloatArray
-    middle: float
+    tangential: FloatArray
+    normal: FloatArray
+    centre_mm_per_px: float
 
     @classmethod
     def of(cls, layout: Layout, light: BorderLight) -> _Profile:
@@ -260,40 +260,40 @@ class _Profile:
         normalized = border.normalized(layout)
         shape = normalized.shape[:2]
         planes = outline_aperture(border.aperture, normalized.reshape(-1, 2), pupil.focus_mm)
-        nearest, second = (each.reshape(shape) for each in np.partition(planes.distance, 1, axis=1)[:, :2].T)
+        nearest, second = (distance.reshape(shape) for distance in np.partition(planes.distance, 1, axis=1)[:, :2].T)
         in_front = np.isfinite(nearest)
-        slope = -np.gradient(np.where(in_front, nearest, 0.0), STEP_PX, axis=1)
-        # Skip points where the next edge of the outline also cuts the pupil.
+        gradient = -np.gradient(np.where(in_front, nearest, 0.0), STEP_PX, axis=1)
+        # Skip points where another edge of the outline also crosses the pupil.
         usable = in_front & np.isfinite(light.light) & (second > 1.5 * max(pupil.radius_mm, 1.0))
-        along = np.broadcast_to(np.linspace(-1.0, 1.0, STATIONS)[:, None], shape)
-        across = np.broadcast_to(border.out_px / border.out_px[-1], shape)
+        tangential = np.broadcast_to(np.linspace(-1.0, 1.0, PROFILES)[:, None], shape)
+        normal = np.broadcast_to(border.out_px / border.out_px[-1], shape)
         return cls(
             light=light.light[usable],
             sigma=light.sigma[usable],
             inside_mm=nearest[usable],
-            mm_per_px=slope[usable],
-            along=along[usable],
-            across=across[usable],
-            middle=float(slope[shape[0] // 2, shape[1] // 2]),
+            mm_per_px=gradient[usable],
+            tangential=tangential[usable],
+            normal=normal[usable],
+            centre_mm_per_px=float(gradient[shape[0] // 2, shape[1] // 2]),
         )
 
     @property
     def gain(self) -> float:
-        """The light inside the border, or 0 if either side has too few points."""
-        inside = self.across < INSIDE
-        per_side = min(inside.sum(), (self.across > OUTSIDE).sum())
+        """The light inside the border; 0 if there are too few points on either side."""
+        inside = self.normal < INSIDE
+        per_side = min(inside.sum(), (self.normal > OUTSIDE).sum())
         enough = len(self.light) >= MIN_POINTS and per_side >= MIN_POINTS_PER_SIDE
         return float(np.median(self.light[inside])) if enough else 0.0
 
     def residuals(self, p: FloatArray) -> FloatArray:
-        """Model minus light in sigmas, for p (6,): light in the middle, its two slopes, shift, rotation, variance."""
-        radius_mm = 2.0 * np.sqrt(p[5] - MIN_LENS_PX**2) * self.middle
-        inside_mm = self.inside_mm + (p[3] + p[4] * self.along) * self.mm_per_px
-        share = sum(
+        """Model minus light in sigmas, for p (6,): light at the centre, its gradient (2), shift, rotation, variance."""
+        radius_mm = 2.0 * np.sqrt(p[5] - MIN_LENS_PX**2) * self.centre_mm_per_px
+        inside_mm = self.inside_mm + (p[3] + p[4] * self.tangential) * self.mm_per_px
+        fraction = sum(
             weight * segment_fraction((inside_mm + MIN_LENS_PX * node * self.mm_per_px) / radius_mm)
             for node, weight in zip(NODES, WEIGHTS / WEIGHTS.sum(), strict=True)
         )
-        return np.asarray(((p[0] + p[1] * self.along + p[2] * self.across) * share - self.light) / self.sigma)
+        return np.asarray(((p[0] + p[1] * self.tangential + p[2] * self.normal) * fraction - self.light) / self.sigma)
 
 
 def border_blur(layout: Layout, light: BorderLight) -> BorderBlur | None:
@@ -302,7 +302,7 @@ def border_blur(layout: Layout, light: BorderLight) -> BorderBlur | None:
     gain = profile.gain
     if gain < MIN_CONTRAST:
         return None
-    half_px = max(layout.camera.pupil.radius_mm, 0.2) / profile.middle
+    half_px = max(layout.camera.pupil.radius_mm, 0.2) / profile.centre_mm_per_px
     lens_px2 = MIN_LENS_PX**2
     start = np.array([gain, 0.0, 0.0, 0.0, 0.0, lens_px2 + max(half_px, 2.0 * MIN_HALF_WIDTH_PX) ** 2 / 4.0])
     lower_bounds = np.append(np.full(5, -np.inf), lens_px2 + MIN_HALF_WIDTH_PX**2 / 4.0)
@@ -331,31 +331,33 @@ def fit_pupil(layout: Layout, lights: Sequence[BorderLight]) -> PupilFit | None:
         if len(kept) == len(blurs):
             covariance = covariance * max(float(np.square(residuals).sum()) / (len(residuals) - 2), 1.0)
             square_sigma = np.hypot(np.sqrt(covariance[0, 0]), 2.0 * MODEL_RELATIVE * max(parameters[0], 0.0))
-            nearness_sigma = float(np.sqrt(covariance[1, 1]))
-            return PupilFit(float(parameters[0]), float(square_sigma), float(parameters[1]), nearness_sigma, len(blurs))
+            inverse_focus_sigma = float(np.sqrt(covariance[1, 1]))
+            return PupilFit(
+                float(parameters[0]), float(square_sigma), float(parameters[1]), inverse_focus_sigma, len(blurs)
+            )
         blurs = kept
     return None
 
 
 def _fit_pupil(layout: Layout, blurs: Sequence[BorderBlur]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return squared diameter, 1 / focus and blur variance of the lens (3,); residuals in sigmas (n,); covariance."""
+    """Return squared diameter, 1 / focus and lens blur variance (3,); residuals (n,) in sigmas; and the covariance."""
     prior = np.array([0.0, 1.0 / layout.camera.focus_mm, LENS_PX2[0]])
-    prior_weights = np.array([0.0, 1.0 / NEARNESS_SIGMA, 1.0 / LENS_PX2[1]])
+    prior_weights = np.array([0.0, 1.0 / INVERSE_FOCUS_SIGMA, 1.0 / LENS_PX2[1]])
     variance, sigma = np.array([(blur.variance_px2, blur.sigma_px2) for blur in blurs]).T
     p = np.array([max(layout.camera.aperture_mm, 0.5) ** 2, *prior[1:]])
     step = 1e-6
     for _ in range(STEPS):
-        per_mm2, per_mm2_nearer = (
-            np.array([blur.px_per_mm(p[1] + change) ** 2 / 16.0 for blur in blurs]) for change in (0.0, step)
+        per_mm2, per_mm2_shifted = (
+            np.array([blur.px_per_mm(p[1] + offset) ** 2 / 16.0 for blur in blurs]) for offset in (0.0, step)
         )
-        slopes = (
-            np.column_stack([per_mm2, p[0] * (per_mm2_nearer - per_mm2) / step, np.ones(len(blurs))]) / sigma[:, None]
+        derivatives = (
+            np.column_stack([per_mm2, p[0] * (per_mm2_shifted - per_mm2) / step, np.ones(len(blurs))]) / sigma[:, None]
         )
         residuals = (variance - p[0] * per_mm2 - p[2]) / sigma
-        information = slopes.T @ slopes + np.diag(prior_weights**2)
-        move = np.linalg.solve(information, slopes.T @ residuals + prior_weights**2 * (prior - p))
-        p = p + move
+        information = derivatives.T @ derivatives + np.diag(prior_weights**2)
+        change = np.linalg.solve(information, derivatives.T @ residuals + prior_weights**2 * (prior - p))
+        p = p + change
         p[1] = np.clip(p[1], 1e-6, 0.1)  # beyond a kilometre, or within a centimetre
-        if (np.abs(move) < 1e-6 * np.array([1.0, 1e-3, 1.0])).all():
+        if (np.abs(change) < 1e-6 * np.array([1.0, 1e-3, 1.0])).all():
             break
     return p, residuals, np.linalg.inv(information)

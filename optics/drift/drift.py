@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
+from mirrorcam.optics.calibration.diagnostics.calibration_result import tilted_to
 from mirrorcam.optics.drift.matched_points import IntArray, MatchedPoints
 from mirrorcam.optics.drift.mirror_motions import (
     COMMON_DEG,
@@ -371,8 +371,8 @@ def resolved_layout(layout: Layout, drift: Drift, source: str) -> Layout:
     for move in drift.moved:
         mirror = mirrors[move.index]
         change = drift.change[centre_rows(drift.names, move.index)]
-        mirrors[move.index] = moved_to(mirror, mirror.virtual_centre_in_rig_mm + change)
-    moved_names = ", ".join(layout.mirror_names[move.index] for move in drift.moved)
+        mirrors[move.index] = tilted_to(mirror, mirror.virtual_centre_in_rig_mm + change)
+    moved = ", ".join(layout.mirror_names[move.index] for move in drift.moved)
     return layout.replaced(
         mirrors=tuple(mirrors),
         metrics={},

@@ -61,7 +61,7 @@ def test_pictures_without_a_corner_are_refused(
     arguments = "calibrate one.png two.png --base base.png --layout layout.json --board board.toml --out calibrated"
     before = set(tmp_path.rglob("*"))
     assert_refused_here(arguments.split(), capfd, "no corner of the board found in any of 2 frames")
-    # What was found in the pictures is kept, so that they are not searched again beside better ones.
+    # What was found in the pictures is kept, so that they are not searched again with better ones.
     kept = results_folder(tmp_path / "calibrated")
     assert {path for path in tmp_path.rglob("*") if path.is_file()} - before == set(kept.iterdir())
 

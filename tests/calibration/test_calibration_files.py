@@ -14,7 +14,7 @@ from matplotlib.quiver import Quiver
 from scipy.ndimage import gaussian_filter
 
 from mirrorcam.calibration.calibration_files import (
-    SEARCHED,
+    SEARCHED_FRAMES,
     calibrate_files,
     calibration_pictures,
     residual_figure,
@@ -68,7 +68,7 @@ def test_tables_of_corners_calibrate_as_their_pictures_did(corner_request: Calib
 
 
 def test_corners_without_mirrors_are_refused(corner_request: CalibrationRequest) -> None:
-    with pytest.raises(InputError, match=r"bare\.csv: all corners are seen directly, expected pictures through"):
+    with pytest.raises(InputError, match=r"bare\.csv: all corners are in direct views, expected pictures through"):
         calibrate_files((), corner_request.replaced(corners=corner_request.corners[1:]))
 
 
@@ -107,7 +107,7 @@ def test_an_arrow_for_every_cell_of_every_view(figure: Figure) -> None:
     assert len(arrows) == len(views) == 5
     for item, view in zip(arrows, views, strict=True):
         means = cell_means(calibration, int(view))
-        assert np.allclose(item.get_offsets(), means.at_px)
+        assert np.allclose(item.get_offsets(), means.centres_px)
         drawn_px, mean_px = np.hypot(item.U, item.V), np.linalg.norm(means.mean_px, axis=1)
         assert np.allclose(drawn_px / drawn_px.max(), mean_px / mean_px.max())
 
@@ -142,20 +142,20 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "clip.avi"
 
 
-def test_sharp_frames_stand_for_a_video_beside_pictures(clip: Path) -> None:
+def test_sharp_frames_represent_a_video_among_pictures(clip: Path) -> None:
     said: list[str] = []
     picture = clip.with_name("007.jpg")
     taken = calibration_pictures([picture, clip], 30, on_note=said.append)
     assert taken.pictures[0] == picture
     assert taken.names[0] == "007.jpg"
     numbers = [int(name.removeprefix("clip.avi frame ")) for name in taken.names[1:]]
-    assert len(numbers) <= SEARCHED
+    assert len(numbers) <= SEARCHED_FRAMES
     assert all(number % 2 == 1 for number in numbers)
     assert numbers == sorted(numbers)
     for number, grey in zip(numbers, taken.read()[1:], strict=True):
         assert grey.shape == (48, 64)
         assert abs(grey.mean() - 60.0 - number) < 2.0
-    assert taken.most == 30
+    assert taken.max_pictures == 30
     assert said[0].startswith(f"clip.avi: the {len(numbers)} sharpest of 150 frames, from all of the video, read in ")
 
 
@@ -171,13 +171,13 @@ def test_frames_that_a_variable_rate_leaves_out_are_not_called_damaged(tmp_path:
         container.mux(stream.encode())
     calibration_pictures([path], 30, on_note=said.append)
     assert said[0].startswith(
-        "slow.mkv: the 6 sharpest of 6 frames, from all of the video, 3 more missing by its times"
+        "slow.mkv: the 6 sharpest of 6 frames, from all of the video, 3 more missing according to its time stamps"
     )
 
 
 def test_pictures_alone_are_all_used(clip: Path) -> None:
     taken = calibration_pictures([clip.with_name("001.jpg")], 30, on_note=lambda sentence: None)
-    assert taken.most is None
+    assert taken.max_pictures is None
 
 
 def test_a_video_of_another_size_or_none_is_refused(clip: Path, tmp_path: Path) -> None:
@@ -214,7 +214,7 @@ def test_a_board_moved_by_hand_before_two_mirrors(two_mirror_video: Path, tmp_pa
     request = CalibrationRequest(board=tmp_path / "board.toml", direct_view=2)
     found = calibrate_files([two_mirror_video], request)
     assert found.diagnostics is not None
-    assert {"bow", "board"} < set(found.diagnostics.level.split("+"))
+    assert {"bow", "board"} < set(found.diagnostics.model_name.split("+"))
     for axis in "xy":
         assert found.metrics[f"rms_{axis}_px"].value < 0.25
     assert found.metrics["corners"].value > 2000

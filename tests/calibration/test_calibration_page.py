@@ -47,9 +47,9 @@ def test_a_sound_calibration_is_good_to_use(calibration: Calibration) -> None:
     assert "FAIL" not in page.text
 
 
-def test_how_far_the_mount_bends_stands_beside_the_motion_of_all_mirrors(calibration: Calibration) -> None:
+def test_bending_of_the_mount_is_reported_with_the_common_motion(calibration: Calibration) -> None:
     page = outline(report_html(calibration, command="mirrorcam calibrate"))
-    assert f"gravity turn all mirrors together by {HARDWARE.mount.tilt_deg:g}° at most" in " ".join(page.text.split())
+    assert f"gravity rotate all mirrors together by {HARDWARE.mount.tilt_deg:g}° at most" in " ".join(page.text.split())
 
 
 def many_outliers(calibration: Calibration) -> Calibration:
@@ -206,15 +206,15 @@ def test_an_alarm_names_the_model_that_the_pictures_ask_for(calibration: Calibra
     assert diagnostics is not None
     for name, other, advice in (
         ("joint+bend", None, "--model joint+bend"),
-        ("joint+glass", OtherSurface(2.0, 0.01, second=True), "--model second_surface+auto"),
-        ("joint+glass", OtherSurface(0.0, 0.01, second=False), "--model first_surface+auto"),
+        ("joint+glass", OtherSurface(2.0, 0.01, is_second_surface=True), "--model second_surface+auto"),
+        ("joint+glass", OtherSurface(0.0, 0.01, is_second_surface=False), "--model first_surface+auto"),
     ):
         comparison = replace(
             diagnostics.comparisons[-1], name=name, against="joint", supported=True, information_gain=50.0
         )
         alarmed = replace(
             diagnostics,
-            level="joint",
+            model_name="joint",
             comparisons=(*diagnostics.comparisons, comparison),
             alarms=("something",),
             other_surface=other,
@@ -287,7 +287,7 @@ def test_notes_are_on_the_page_and_escaped(calibration: Calibration) -> None:
     assert "photo_6.jpg: mirror" in report_html(replace(calibration, notes=("photo_6.jpg: mirror 0-1",)), command="")
 
 
-def test_two_mirrors_of_no_device_are_not_told_of_mounts_or_drift(calibration: Calibration) -> None:
+def test_two_mirrors_without_a_device_omit_mount_and_drift(calibration: Calibration) -> None:
     """Nor are alarms said twice; what is least certain is no advice."""
     assert calibration.diagnostics is not None
     alarmed = replace(calibration.diagnostics, alarms=("halves differ",))
@@ -297,6 +297,6 @@ def test_two_mirrors_of_no_device_are_not_told_of_mounts_or_drift(calibration: C
     assert "mirrorcam drift" not in page
     assert page.count("Halves differ") == 1
     advice, uncertainty = page.split("What to do next")[1].split("Largest uncertainty")
-    assert calibration.diagnostics.weak[0].words not in advice.lower()
-    assert calibration.diagnostics.weak[0].words[1:] in uncertainty
+    assert calibration.diagnostics.weak[0].description not in advice.lower()
+    assert calibration.diagnostics.weak[0].description[1:] in uncertainty
     assert "Notes: what was not found, not used, or not determined" in page

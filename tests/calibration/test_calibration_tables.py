@@ -82,11 +82,11 @@ def test_one_model_is_selected_and_those_nested_in_it_are_named(diagnostics: Dia
         replace(first, name=name, against=against, chance=1e-9, information_gain=9.0, supported=name != "joint+sheet")
         for name, against in names.items()
     )
-    table = model_table(replace(diagnostics, level="joint+bend", comparisons=(first, *others)))
+    table = model_table(replace(diagnostics, model_name="joint+bend", comparisons=(first, *others)))
     assert [str(row[-1]) for row in table.rows] == ["nested", "nested", '<b class="pass">selected</b>', "no"]
     assert table.rows[0][3:7] == ("", "", "", "")
     assert [str(row[0]) for row in table.rows][2] == "<b>joint+bend</b>"
-    rejected = model_table(replace(diagnostics, level="paper", comparisons=(first, *others)))
+    rejected = model_table(replace(diagnostics, model_name="paper", comparisons=(first, *others)))
     assert [str(row[-1]) for row in rejected.rows].count('<b class="fail">supported</b>') == 2
 
 

@@ -27,7 +27,7 @@ def test_every_view_is_printed_and_what_is_not_predicted(tmp_path: Path, capfd: 
     assert results(tmp_path / "out") == ["difference.png", "metrics.json"]
 
 
-def test_whether_the_difference_is_more_than_noise_is_said(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_whether_the_difference_exceeds_noise_is_stated(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """By the worst view; of a layout and itself, no rounding is printed."""
     layout = sound_calibration().layout
     layout.save(tmp_path / "a.json")

@@ -11,7 +11,7 @@ import pytest
 
 from mirrorcam.calibration.drawings import (
     board_distances,
-    board_turns,
+    board_tilts,
     coverage_map,
     depth_sigmas,
     projection_sigmas,
@@ -106,7 +106,7 @@ def test_cells_without_a_corner_are_red_and_others_darken(calibration: Calibrati
 
 
 def test_each_frame_is_a_dot_in_the_direction_of_its_tilt(calibration: Calibration) -> None:
-    dots = marks(board_turns(calibration), "dot")
+    dots = marks(board_tilts(calibration), "dot")
     assert len(dots) == len(calibration.rig_from_board)
     assert len({(dot.get("cx"), dot.get("cy")) for dot in dots}) == len(dots)
     normals, _ = board_normals(calibration)
@@ -115,7 +115,7 @@ def test_each_frame_is_a_dot_in_the_direction_of_its_tilt(calibration: Calibrati
         assert np.corrcoef(along, normals[:, axis])[0, 1] > 0.95
     poses = calibration.rig_from_board.copy()
     poses[:, :3, :3] = poses[0, :3, :3]
-    alike = marks(board_turns(replace(calibration, rig_from_board=poses)), "dot")
+    alike = marks(board_tilts(replace(calibration, rig_from_board=poses)), "dot")
     mirrored = {(dot.get("cx"), dot.get("cy")) for dot in alike if dot.get("class") == "dot"}
     assert len(mirrored) == 1
 

@@ -43,7 +43,7 @@ def drift_of(layout: Layout, *, moved: tuple[int, ...] = (), tells_deg: float = 
 
 def test_a_line_tells_what_moved(default_layout: Layout) -> None:
     assert drift_line(default_layout, drift_of(default_layout)) == (
-        "no mirror has moved: turns from 0.013° on would show in 900 points of 5 frames"
+        "no mirror has moved: rotations of 0.013° or more would show in 900 points of 5 frames"
     )
     one = drift_line(default_layout, drift_of(default_layout, moved=(1,)))
     assert one == "a mirror has moved since the calibration: 0-1 by 0.020° ± 0.003°"
@@ -54,7 +54,7 @@ def test_a_line_tells_what_moved(default_layout: Layout) -> None:
 def test_too_little_texture_is_said_with_what_is_needed(default_layout: Layout) -> None:
     line = drift_line(default_layout, drift_of(default_layout, tells_deg=0.3))
     assert line.startswith("not enough texture to determine whether")
-    assert "400 points matched in mirror 0-0 show turns from 0.3° on; expected a scene with detail" in line
+    assert "400 points matched in mirror 0-0 show rotations of 0.3° or more; expected a scene with detail" in line
     assert "show nothing" in drift_line(default_layout, drift_of(default_layout, tells_deg=UNDETERMINED_DEG))
 
 
@@ -117,12 +117,12 @@ def test_what_to_know_of_a_video_is_said(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 def test_a_nominal_layout_is_refused(default_layout: Layout) -> None:
-    with pytest.raises(InputError, match=r"layout\.json: is a nominal layout, expected a calibrated one"):
+    with pytest.raises(InputError, match=r"layout\.json: is a nominal layout, expected a calibrated layout"):
         find_drift_files([Path("frame.png")], default_layout.replaced(kind="nominal"), Path("layout.json"))
 
 
 def test_two_mirrors_are_refused(small_layout: Layout) -> None:
-    with pytest.raises(InputError, match=r"layout\.json: has 2 mirrors, expected a calibrated one of 3 mirrors"):
+    with pytest.raises(InputError, match=r"layout\.json: has 2 mirrors, expected a calibrated layout of 3 mirrors"):
         find_drift_files([Path("frame.png")], small_layout.replaced(kind="calibrated"), Path("layout.json"))
 
 
@@ -146,4 +146,6 @@ def test_a_common_turn_within_bending_is_no_alarm_and_one_beyond_it_is_said() ->
     tilt = mount_tilt(None)
     assert bending_line(STILL, tilt).startswith("gravity bends the mount by 0.05° at most (the limit")
     slipped = replace(STILL, common_rotation_deg=np.array([0.0, 0.3, 0.0]))
-    assert bending_line(slipped, tilt).startswith("all mirrors together have turned by 0.3° ± 0.01° about y of the rig")
+    assert bending_line(slipped, tilt).startswith(
+        "all mirrors together have rotated by 0.3° ± 0.01° about y of the rig"
+    )

@@ -1,4 +1,4 @@
-"""Assignment of the boards detected in a frame to mirrors, and of numberings to plain boards; stray boards."""
+"""Assignment of the boards detected in a frame to mirrors, choice of plain boards' numberings, and stray boards."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
 MIN_INSIDE = 0.5  # fraction of a board's corners inside a mirror's sub-image, to belong to the mirror
-MAX_OFFSET = 0.7  # in sub-image sizes, between a board and its prediction by another view's pose
+MAX_OFFSET = 0.7  # between a board and its prediction by another view's pose, relative to the sub-image's size
 MIN_STRAY = 0.5  # number of corners for a stray board, relative to the frame's typical board
 
 
@@ -100,10 +100,10 @@ def likely_mirror(corners: Corners, layout: Layout) -> int | None:
 def unassigned_px(
     boards: Sequence[tuple[Corners, ...]], assigned: Sequence[tuple[int, Corners]], layout: Layout
 ) -> FloatArray:
-    """Find stray boards, which no mirror of the layout explains: the device differs, or there is a second board.
+    """Find stray boards, which match no mirror of the layout: the device differs, or there is a second board.
 
-    A small part of a board does not count, nor does a board that continues or repeats one in the same mirror, as when a
-    cable crosses a board.
+    A small part of a board does not count, nor does a board that continues or repeats one in the same mirror, such as
+    a board crossed by a cable.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def unassigned_px(
 
 
 def _same_or_part(board: tuple[Corners, ...], assigned: Corners) -> bool:
-    """Return whether a board continues one in the same mirror, or is the same one found twice."""
+    """Return whether a board continues an assigned board of the same mirror, or is the same board found twice."""
     for corners in board:
         _, first, second = np.intersect1d(corners.ids, assigned.ids, return_indices=True)
         distances = np.linalg.norm(corners.pixels[first] - assigned.pixels[second], axis=1)
@@ -150,7 +150,7 @@ def _possible_mirrors(
     board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Target
 ) -> list[_PossibleMirror]:
     """Return all mirrors that may show a board, in all of its numberings; the most likely mirror first."""
-    found = []
+    possible = []
     inside = np.array([_inside(region, board[0]) for region in regions])
     for mirror in np.argsort(-inside, kind="stable").tolist():
         if inside[mirror] < MIN_INSIDE:
@@ -159,5 +159,5 @@ def _possible_mirrors(
             centre = layout.mirrors[mirror].apparent.virtual_centre_in_rig_mm
             pose = initial_estimates.rig_from_board(layout.camera, corners, target.corners_in_board_mm, centre)
             if pose is not None:
-                found.append(_PossibleMirror(mirror, corners, float(inside[mirror]), pose))
-    return found
+                possible.append(_PossibleMirror(mirror, corners, float(inside[mirror]), pose))
+    return possible

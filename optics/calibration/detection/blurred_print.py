@@ -16,30 +16,30 @@ from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, 
 Image = NDArray[np.float32]
 Floats = NDArray[np.floating[Any]]
 
-BOTH: Any = None  # cv2.remap's second map: the first one holds x and y
+UNUSED_MAP: Any = None  # cv2.remap's second map, not needed because the first one holds x and y
 PX_PER_SQUARE = 40
-PX_OF_TAGS = range(32, 61)  # per pitch of an AprilGrid
+PX_PER_PITCH = range(32, 61)  # candidates for an AprilGrid
 BLUR_STEP = 2.0**0.125
 LOCAL = Checkerboard(cols=6, rows=6, square_mm=1.0)
 MIN_BLUR, MAX_BLUR = 0.008, 0.35  # sigma in cells
 
 
-def sample(image: Image, at: Floats) -> Image:
+def sample(image: Image, pixels: Floats) -> Image:
     """Sample an image (h, w, ...) at pixels (n, m, 2), bilinearly; returns (n, m, ...). Border pixels are repeated.
 
-    OpenCV is exact for one, three and four channels, and to 1/32 of a pixel for others.
+    OpenCV is exact for one, three and four channels, and rounds positions to 1/32 of a pixel for others.
     """
-    sampled = np.empty((*at.shape[:-1], *image.shape[2:]), dtype=np.float32)
-    pixels = np.ascontiguousarray(at, dtype=np.float32)
-    for start in range(0, len(at), 2**14):  # cv2.remap takes maps of less than 2^15 rows
+    sampled = np.empty((*pixels.shape[:-1], *image.shape[2:]), dtype=np.float32)
+    pixels = np.ascontiguousarray(pixels, dtype=np.float32)
+    for start in range(0, len(pixels), 2**14):  # cv2.remap takes maps of less than 2^15 rows
         rows = slice(start, start + 2**14)
-        cv2.remap(image, pixels[rows], BOTH, cv2.INTER_LINEAR, sampled[rows], borderMode=cv2.BORDER_REPLICATE)
+        cv2.remap(image, pixels[rows], UNUSED_MAP, cv2.INTER_LINEAR, sampled[rows], borderMode=cv2.BORDER_REPLICATE)
     return sampled
 
 
-def moved(points: Image, by: FloatArray) -> Image:
+def shifted(points: Image, offsets: FloatArray) -> Image:
     """Shift each row of points (n, m, 2) by its vector (n, 2), as complex numbers, which is several times faster."""
-    shift = np.ascontiguousarray(by, dtype=np.float32).view(np.complex64)
+    shift = np.ascontiguousarray(offsets, dtype=np.float32).view(np.complex64)
     return np.asarray((points.view(np.complex64)[..., 0] + shift).view(np.float32).reshape(points.shape))
 
 
@@ -70,13 +70,13 @@ class PrintSamples:
 
 
 def _ink(target: Target) -> FloatArray:
-    """Black fraction of each pixel of a print, with `px_per_pitch` pixels per pitch.
+    """Black fraction of each pixel of a print's image, with `px_per_pitch` pixels per pitch.
 
-    `target.image` rounds markers to entire pixels, which is too coarse: a corner is found to 1/2000 of a square.
+    `target.image` rounds markers to entire pixels, which is too coarse: corners are located to 1/2000 of a square.
     """
     if isinstance(target, AprilGrid):
         tag, gap = (px_per_pitch(target) * side / target.pitch_mm for side in (target.tag_mm, target.gap_mm))
-        right, down = (covers(target.cell_edges(tags, tag=tag, gap=gap)) for tags in (target.cols, target.rows))
+        right, down = (coverage(target.cell_edges(tags, tag=tag, gap=gap)) for tags in (target.cols, target.rows))
         return np.asarray(down.T @ target.black @ right)
     black = target.black if isinstance(target, Charuco) else target.image(1) == 0
     ink = np.kron(black, np.ones((PX_PER_SQUARE, PX_PER_SQUARE)))
@@ -85,7 +85,7 @@ def _ink(target: Target) -> FloatArray:
     modules = target.markers.shape[1]
     side = PX_PER_SQUARE * target.marker_mm / target.square_mm
     edges = PX_PER_SQUARE / 2.0 + side * (np.arange(modules + 1) / modules - 0.5)
-    cover = covers(edges, PX_PER_SQUARE)
+    cover = coverage(edges, PX_PER_SQUARE)
     for white, (row, col) in zip(target.markers, target.marker_squares.tolist(), strict=True):
         square = np.s_[row * PX_PER_SQUARE : (row + 1) * PX_PER_SQUARE, col * PX_PER_SQUARE : (col + 1) * PX_PER_SQUARE]
         ink[square] = cover.T @ ~white @ cover
@@ -93,38 +93,38 @@ def _ink(target: Target) -> FloatArray:
 
 
 def px_per_pitch(target: Target) -> int:
-    """Choose the pixels of a print per pitch, similar for all prints, so that corners lie between pixels.
+    """Choose the pixels per pitch of a print's image, similar for all prints, so that corners lie between pixels.
 
-    Corners elsewhere would be biased by 1/5000 of a pitch by the interpolation of samples.
+    Otherwise, the interpolation of samples would bias corners by 1/5000 of a pitch.
     """
     if not isinstance(target, AprilGrid):
         return PX_PER_SQUARE
 
-    def off(px: int) -> float:
+    def rounding_error(px: int) -> float:
         tag = px * target.tag_mm / target.pitch_mm
         return round(abs(tag - round(tag)), 6)
 
-    return min(PX_OF_TAGS, key=lambda px: (off(px), abs(px - PX_PER_SQUARE)))
+    return min(PX_PER_PITCH, key=lambda px: (rounding_error(px), abs(px - PX_PER_SQUARE)))
 
 
-def in_print_px(target: Target, places: Floats) -> Floats:
-    """Convert places on a print, in pitches, to pixels of its image, which has a margin of one pitch."""
-    return (places + 1.0) * px_per_pitch(target) - 0.5
+def image_px_of_print(target: Target, print_xy: Floats) -> Floats:
+    """Convert points on a print, in pitches, to pixels of its image, which has a margin of one pitch."""
+    return (print_xy + 1.0) * px_per_pitch(target) - 0.5
 
 
-def covers(edges: FloatArray, count: int | None = None) -> FloatArray:
-    """Fraction (c, p) of each of `count` pixels that cells between edges (c + 1,) cover; None: up to the last edge."""
+def coverage(edges: FloatArray, count: int | None = None) -> FloatArray:
+    """Fractions (c, p) of pixels that cells between edges (c + 1,) cover; by default, pixels up to the last edge."""
     pixels = np.arange(np.ceil(edges[-1] - 1e-6) if count is None else count)
     begin, end = np.maximum(edges[:-1, None], pixels), np.minimum(edges[1:, None], pixels + 1)
     return np.maximum(end - begin, 0.0)
 
 
 def blurred_print(target: Target, blur_cells: float) -> BlurredPrint:
-    """Return a target's print blurred by the sigma nearest to `blur_cells` in a geometric series, in cells."""
+    """Return a target's print blurred by the sigma, in cells, that is nearest to `blur_cells` in a geometric series."""
     return _blurred(target, int(_step(np.array(blur_cells))))
 
 
-def sample_blurred(target: Target, places: Floats, blur: FloatArray) -> PrintSamples:
+def sample_blurred(target: Target, print_xy: Floats, blur: FloatArray) -> PrintSamples:
     """Sample a print under an anisotropic blur given by covariances.
 
     The blur is the isotropic blur of equal area plus a heat-equation term: half the second derivatives times the rest
@@ -134,22 +134,22 @@ def sample_blurred(target: Target, places: Floats, blur: FloatArray) -> PrintSam
     ----------
     target
         The print.
-    places
-        Where to sample (n, m, 2), in squares from the print's top left.
+    print_xy
+        Sample points (n, m, 2), in squares from the print's top left.
     blur
         Covariances (n, 2, 2) of the blur around each of n corners, in cells.
     """
-    at = in_print_px(target, places)
+    pixels = image_px_of_print(target, print_xy)
     steps = _step(np.linalg.det(blur) ** 0.25)
-    count, samples = places.shape[:2]
+    count, samples = print_xy.shape[:2]
     value, derivatives = np.empty((count, samples), dtype=np.float32), np.empty((count, 5, samples), dtype=np.float32)
     remaining = blur.copy()
     for step in np.unique(steps):
         rows = np.flatnonzero(steps == step)
         blurred = _blurred(target, int(step))
-        value[rows] = sample(blurred.value, at[rows])
-        derivatives[rows, :4] = sample(blurred.derivatives, at[rows]).transpose(0, 2, 1)
-        derivatives[rows, 4] = sample(blurred.mixed, at[rows])
+        value[rows] = sample(blurred.value, pixels[rows])
+        derivatives[rows, :4] = sample(blurred.derivatives, pixels[rows]).transpose(0, 2, 1)
+        derivatives[rows, 4] = sample(blurred.mixed, pixels[rows])
         remaining[rows] -= blurred.sigma**2 * np.eye(2)
     first, second = derivatives[:, :2], derivatives[:, [2, 4, 3]]
     spread = np.stack([remaining[:, 0, 0] / 2.0, remaining[:, 0, 1], remaining[:, 1, 1] / 2.0], axis=1)
@@ -161,14 +161,14 @@ def _step(blur_cells: FloatArray) -> NDArray[np.int64]:
     return np.rint(np.log(np.clip(blur_cells, MIN_BLUR, MAX_BLUR)) / np.log(BLUR_STEP)).astype(np.int64)
 
 
-def local_print(target: Target, places: FloatArray) -> tuple[Target, FloatArray]:
-    """Return a print that equals a target around places (n, 2) of corners, and these places on it.
+def local_print(target: Target, print_xy: FloatArray) -> tuple[Target, FloatArray]:
+    """Return a print that equals a target around its corners at `print_xy` (n, 2), and these corners' points on it.
 
     All plain checkerboards look the same around inner corners, so a small one represents them.
     """
     if isinstance(target, Checkerboard):
-        return LOCAL, 2.0 + places % 2.0
-    return target, places
+        return LOCAL, 2.0 + print_xy % 2.0
+    return target, print_xy
 
 
 @lru_cache(maxsize=48)
@@ -177,9 +177,9 @@ def _blurred(target: Target, step: int) -> BlurredPrint:
     blur_px = BLUR_STEP**step * scale
     padded = np.pad(1.0 - 2.0 * _ink(target), scale, constant_values=1.0).astype(np.float32)
     value = np.asarray(cv2.GaussianBlur(padded, (0, 0), blur_px), dtype=np.float32)
-    half, twice = np.array([[-0.5, 0.0, 0.5]]) * scale, np.array([[1.0, -2.0, 1.0]]) * scale**2
+    first, second = np.array([[-0.5, 0.0, 0.5]]) * scale, np.array([[1.0, -2.0, 1.0]]) * scale**2
     *derivatives, mixed = (
         np.asarray(cv2.filter2D(value, -1, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
-        for kernel in (half, half.T, twice, twice.T, half.T @ half)
+        for kernel in (first, first.T, second, second.T, first.T @ first)
     )
     return BlurredPrint(value, np.stack(derivatives, axis=2), mixed, BLUR_STEP**step)

@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, MAX_BLUR, Image
-from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_places, typical_cell_px
+from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_print_xy, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
@@ -20,97 +20,97 @@ from mirrorcam.optics.geometry.targets import Target
 
 BoolArray = NDArray[np.bool_]
 
-REACH = 1.6  # squares beyond the known points up to which the warp is extrapolated
+MAX_EXTRAPOLATION = 1.6  # of the warp, in squares beyond the known points
 MAX_MOVE = 0.25  # cells between the expected and the refined position of a corner
 MAX_ROUNDS = 15
-MAX_LINK = 1.1  # largest distance of adjacent corners, in the longest side of a square
+MAX_LINK = 1.1  # distance between adjacent corners, relative to the longest side of a square
 MAX_TRIES = 2  # per corner, since its expected position improves once its neighbours are found
 MANY_POINTS = 40  # known points that predict positions well enough at the first try
-MIN_GROWTH = 0.03  # share of the corners that a round must add: less is often growth into another mirror's board
+MIN_GROWTH = 0.03  # fraction of the corners that a round must add: less is often growth into another mirror's board
 NEIGHBOURS = 12
 OUTLIER_SIGMAS = 6.0
 MIN_OUTLIER_PX = 0.1
-MIN_STEP_PX, MAX_STEP_PX = 0.2, 1.5  # difference between adjacent residuals to the warp
+MIN_STEP_PX, MAX_STEP_PX = 0.2, 1.5  # bounds on the difference between adjacent residuals to the warp
 MIN_CORNERS = 8  # to judge the smoothness of a board
 MIN_CELL_PX = 5.0
 FIRST_BLUR_PX = 1.2  # sigma assumed for the first corners
-MIN_GREY = 6.0  # contrast of a corner in grey levels
-MIN_CONTRAST = 0.6  # relative to the corners around
-MIN_EXPLAINED = 0.8  # share of the variance around a corner
+MIN_CONTRAST = 6.0  # of a corner, in grey levels
+MIN_RELATIVE_CONTRAST = 0.6  # relative to neighbouring corners
+MIN_EXPLAINED = 0.8  # explained fraction of the variance around a corner
 MAX_SIGMA_PX = 0.3
-MAX_UNEXPLAINED_RATIO = 0.7  # variance unexplained with motion blur over that without it; below, there is motion
+MAX_UNEXPLAINED_RATIO = 0.7  # of the variances unexplained with and without motion blur; below it, there is motion
 SAMPLE_CORNERS = 20  # approximate number of corners used to detect motion blur
 # Limits relative to the board's median: standard deviation, and unexplained variance with an offset.
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED_OFFSET = 2.5, 3.0, 0.01
-ONE_COLUMN = np.array([1.0, 0.0])
+COLUMN_STEP = np.array([1.0, 0.0])
 
 
-def grow_board(picture: Image, places: FloatArray, pixels: FloatArray, target: Target, *, mirrored: bool) -> Corners:
+def grow_board(picture: Image, print_xy: FloatArray, pixels: FloatArray, target: Target, *, mirrored: bool) -> Corners:
     """Find all visible corners of one board, from approximate points on it.
 
-    Corners are searched up to `REACH` squares around the known ones, and those found predict the next ones. Finally,
-    all are refined once more with their common warp, and those off the smooth surface through the others are dropped.
+    Corners are searched up to `MAX_EXTRAPOLATION` squares around the known ones, and those found predict the next ones.
+    Finally, all are refined with their common warp, and those off the smooth surface through the others are dropped.
 
     Parameters
     ----------
     picture
         Grey values (h, w).
-    places, pixels
-        Known points: places on the print (n, 2) in squares, and pixels (n, 2).
+    print_xy, pixels
+        Known points: their coordinates (n, 2) on the print, in squares, and pixels (n, 2).
     target
         The board.
     mirrored
-        Whether the board is seen in a mirror.
+        Whether the board appears in a mirror.
 
     Returns
     -------
     Corners
         Empty if the points lie on no surface with the expected handedness.
     """
-    return _visible_corners(picture, places, pixels, corner_places(target), target, mirrored=mirrored)
+    return _visible_corners(picture, print_xy, pixels, corner_print_xy(target), target, mirrored=mirrored)
 
 
-def grow_grid(picture: Image, places: IntArray, pixels: FloatArray, *, most: int) -> tuple[IntArray, Corners]:
+def grow_grid(picture: Image, grid_xy: IntArray, pixels: FloatArray, *, margin: int) -> tuple[IntArray, Corners]:
     """Find all visible corners of a checkerboard of unknown size, from some of them.
 
     Parameters
     ----------
     picture
         Grey values (h, w).
-    places, pixels
+    grid_xy, pixels
         Known corners: integer grid coordinates (n, 2) as from `corner_grids`, and pixels (n, 2).
-    most
+    margin
         Number of squares to search beyond the known corners.
 
     Returns
     -------
-    places
+    grid_xy
         Coordinates (m, 2) of the corners on the same grid.
     corners
         The corners (m,), with ids numbering them in this order.
     """
     # A corner with an even coordinate sum has white at its lower right on the grid, but black on the print.
-    shifted = places + ONE_COLUMN
-    low, high = shifted.min(axis=0) - most, shifted.max(axis=0) + most
+    shifted = grid_xy + COLUMN_STEP
+    low, high = shifted.min(axis=0) - margin, shifted.max(axis=0) + margin
     x, y = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1))
     lattice = np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float64)
-    found = _visible_corners(picture, shifted, pixels, lattice, LOCAL, mirrored=False)
-    return np.rint(lattice[found.ids] - ONE_COLUMN).astype(np.int64), replace(found, ids=np.arange(len(found)))
+    visible = _visible_corners(picture, shifted, pixels, lattice, LOCAL, mirrored=False)
+    return np.rint(lattice[visible.ids] - COLUMN_STEP).astype(np.int64), replace(visible, ids=np.arange(len(visible)))
 
 
 def _visible_corners(
-    picture: Image, places: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
+    picture: Image, print_xy: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
 ) -> Corners:
     """Return the visible corners among all corners (c, 2) of a print, with their indices as ids."""
-    found, appearance = _grow(picture, places, pixels, corners, target, mirrored=mirrored)
-    found_ids = np.flatnonzero(np.isfinite(found[:, 0]))
-    found_ids = found_ids[smooth(corners[found_ids], found[found_ids], target.longest_step)]
-    warp = BoardWarp.through(corners[found_ids], found[found_ids], degree=QUINTIC)
+    corner_pixels, appearance = _grow(picture, print_xy, pixels, corners, target, mirrored=mirrored)
+    visible_ids = np.flatnonzero(np.isfinite(corner_pixels[:, 0]))
+    visible_ids = visible_ids[smooth(corners[visible_ids], corner_pixels[visible_ids], target.longest_step)]
+    warp = BoardWarp.fit(corners[visible_ids], corner_pixels[visible_ids], degree=QUINTIC)
     if warp is None:
-        return Corners.none()
-    expected = warp.expected(corners[found_ids], found[found_ids])
+        return Corners.empty()
+    expected = warp.expected(corners[visible_ids], corner_pixels[visible_ids])
     appearance = replace(appearance, rough=False, motion=_is_blurred_by_motion(picture, expected, appearance))
-    ids, refined = _confirmed(picture, found_ids, expected, appearance, mirrored=mirrored)
+    ids, refined = _confirmed(picture, visible_ids, expected, appearance, mirrored=mirrored)
     valid = _similar_contrast(corners[ids], refined.contrast) & _typical_quality(refined)
     board = Corners(ids.astype(np.int64), refined.pixels, refined.sigma_px).where(valid)
     return board.where(smooth(corners[board.ids], board.pixels, target.longest_step))
@@ -119,57 +119,57 @@ def _visible_corners(
 def _is_blurred_by_motion(picture: Image, expected: ExpectedCorners, appearance: Appearance) -> bool:
     """Return whether motion blur explains much of the variance that the print leaves unexplained at typical corners.
 
-    Without motion, a model with motion blur would only make partly covered corners look valid.
+    Without motion, a model with motion blur would only make partly occluded corners look valid.
     """
-    sample = expected.where(np.arange(len(expected.places)) % max(len(expected.places) // SAMPLE_CORNERS, 1) == 0)
-    without_motion, with_motion = (
-        float(np.median(1.0 - refine(picture, sample, replace(appearance, motion=motion)).explained))
+    sample = expected.where(np.arange(len(expected.print_xy)) % max(len(expected.print_xy) // SAMPLE_CORNERS, 1) == 0)
+    remove_motion, with_motion = (
+        float(np.median(1.0 - refine(picture, sample, replace(appearance, motion=motion)).explained_variance))
         for motion in (False, True)
     )
-    return with_motion < MAX_UNEXPLAINED_RATIO * without_motion
+    return with_motion < MAX_UNEXPLAINED_RATIO * remove_motion
 
 
 def _grow(
-    picture: Image, places: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
+    picture: Image, print_xy: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
 ) -> tuple[FloatArray, Appearance]:
     """Return pixels (c, 2) of all corners, NaN if not found, and the print's appearance with the estimated blur."""
-    found = np.full((len(corners), 2), np.nan)
+    corner_pixels = np.full((len(corners), 2), np.nan)
     tries = np.zeros(len(corners), dtype=np.int64)
-    known_places, known_pixels, reach = places, pixels, REACH * target.longest_step
-    appearance = Appearance(target, first_blur_px(places, pixels), motion=False, rough=True)
-    max_tries = 1 if len(places) >= MANY_POINTS else MAX_TRIES
+    known_xy, known_pixels, max_distance = print_xy, pixels, MAX_EXTRAPOLATION * target.longest_step
+    appearance = Appearance(target, first_blur_px(print_xy, pixels), motion=False, rough=True)
+    max_tries = 1 if len(print_xy) >= MANY_POINTS else MAX_TRIES
     for _ in range(MAX_ROUNDS):
-        near = cKDTree(known_places).query(corners, distance_upper_bound=reach)[0] < reach
-        new = np.flatnonzero(near & (tries < max_tries) & np.isnan(found[:, 0]))
-        warp = BoardWarp.through(known_places, known_pixels) if len(new) else None
+        near = cKDTree(known_xy).query(corners, distance_upper_bound=max_distance)[0] < max_distance
+        new = np.flatnonzero(near & (tries < max_tries) & np.isnan(corner_pixels[:, 0]))
+        warp = BoardWarp.fit(known_xy, known_pixels) if len(new) else None
         if warp is None:
             break
         tries[new] += 1
-        expected = warp.expected(corners[new], warp.at(corners[new]))
+        expected = warp.expected(corners[new], warp.map(corners[new]))
         ids, refined = _confirmed(picture, new, expected, appearance, mirrored=mirrored)
-        none_found = np.isnan(found[:, 0]).all()
-        found[ids] = refined.pixels
+        is_first = np.isnan(corner_pixels[:, 0]).all()
+        corner_pixels[ids] = refined.pixels
         # The last corners are few, and some are false: they must not change the assumed blur.
-        if len(ids) >= (1 if none_found else MIN_CORNERS):
+        if len(ids) >= (1 if is_first else MIN_CORNERS):
             appearance = replace(appearance, blur_px=float(np.median(refined.blur_px)))
-        found_ids = np.flatnonzero(np.isfinite(found[:, 0]))
-        if len(ids) < MIN_GROWTH * len(found_ids):
+        visible_ids = np.flatnonzero(np.isfinite(corner_pixels[:, 0]))
+        if len(ids) < MIN_GROWTH * len(visible_ids):
             break
-        if len(found_ids) >= MIN_CORNERS:
-            known_places, known_pixels = corners[found_ids], found[found_ids]
-    return found, appearance
+        if len(visible_ids) >= MIN_CORNERS:
+            known_xy, known_pixels = corners[visible_ids], corner_pixels[visible_ids]
+    return corner_pixels, appearance
 
 
-def first_blur_px(places: FloatArray, pixels: FloatArray) -> float:
-    """Return the initial blur for places (n, 2), in squares, at pixels (n, 2)."""
-    return min(FIRST_BLUR_PX, MAX_BLUR * typical_cell_px(places, pixels))
+def first_blur_px(print_xy: FloatArray, pixels: FloatArray) -> float:
+    """Return the initial blur for points (n, 2) on the print, in squares, at pixels (n, 2)."""
+    return min(FIRST_BLUR_PX, MAX_BLUR * typical_cell_px(print_xy, pixels))
 
 
 def expected_corners(corners: Corners, target: Target) -> ExpectedCorners | None:
-    """Return a board's corners with the derivatives of their common warp; None without a warp."""
-    places = corner_places(target)[corners.ids]
-    warp = BoardWarp.through(places, corners.pixels, degree=QUINTIC)
-    return None if warp is None else warp.expected(places, corners.pixels)
+    """Return a board's corners with the derivatives of their common warp; None if no warp fits."""
+    print_xy = corner_print_xy(target)[corners.ids]
+    warp = BoardWarp.fit(print_xy, corners.pixels, degree=QUINTIC)
+    return None if warp is None else warp.expected(print_xy, corners.pixels)
 
 
 def _confirmed(
@@ -180,14 +180,14 @@ def _confirmed(
     detectable = _detectable(expected.pixels, expected.cells, size, mirrored=mirrored)
     ids, expected = ids[detectable], expected.where(detectable)
     refined = refine(picture, expected, appearance)
-    moved = np.linalg.norm(refined.pixels - expected.pixels, axis=1)
-    confirmed = (moved < MAX_MOVE * _short_side(expected.cells)) & (refined.contrast > MIN_GREY)
-    confirmed &= (refined.explained > MIN_EXPLAINED) & (refined.sigma_px < MAX_SIGMA_PX)
+    shifts = np.linalg.norm(refined.pixels - expected.pixels, axis=1)
+    confirmed = (shifts < MAX_MOVE * _short_side(expected.cells)) & (refined.contrast > MIN_CONTRAST)
+    confirmed &= (refined.explained_variance > MIN_EXPLAINED) & (refined.sigma_px < MAX_SIGMA_PX)
     return ids[confirmed], refined.where(confirmed)
 
 
 def same_board(first: Corners, second: Corners) -> bool:
-    """Return whether two detections show the same board: most common corners are at the same pixels."""
+    """Return whether two detections show the same board: most of their common corners are at the same pixels."""
     _, a, b = np.intersect1d(first.ids, second.ids, return_indices=True)
     return len(a) > 0 and bool(np.median(np.linalg.norm(first.pixels[a] - second.pixels[b], axis=1)) < 2.0)
 
@@ -205,69 +205,69 @@ def _detectable(expected: FloatArray, cells: FloatArray, size: FloatArray, *, mi
     return np.asarray(inside.all(axis=1) & (handedness > 0) & (short_side_px >= MIN_CELL_PX))
 
 
-def _neighbours(places: FloatArray) -> IntArray:
-    """Indices (n, k) of the nearest neighbours of places (n, 2)."""
-    count = min(NEIGHBOURS, len(places) - 1)
-    return np.asarray(cKDTree(places).query(places, k=count + 1)[1][:, 1:], dtype=np.int64)
+def _neighbours(print_xy: FloatArray) -> IntArray:
+    """Indices (n, k) of the nearest neighbours of points (n, 2)."""
+    count = min(NEIGHBOURS, len(print_xy) - 1)
+    return np.asarray(cKDTree(print_xy).query(print_xy, k=count + 1)[1][:, 1:], dtype=np.int64)
 
 
-def _similar_contrast(places: FloatArray, contrast: FloatArray) -> BoolArray:
-    """Mask of corners with about the contrast of their neighbours; partly covered corners have less."""
-    if len(places) < 2:
-        return np.zeros(len(places), dtype=bool)
-    neighbours_contrast = np.median(contrast[_neighbours(places)], axis=1)
-    return np.asarray(contrast > MIN_CONTRAST * neighbours_contrast)
+def _similar_contrast(print_xy: FloatArray, contrast: FloatArray) -> BoolArray:
+    """Mask of corners with about the contrast of their neighbours; partly occluded corners have less."""
+    if len(print_xy) < 2:
+        return np.zeros(len(print_xy), dtype=bool)
+    neighbours_contrast = np.median(contrast[_neighbours(print_xy)], axis=1)
+    return np.asarray(contrast > MIN_RELATIVE_CONTRAST * neighbours_contrast)
 
 
 def _typical_quality(refined: RefinedCorners) -> BoolArray:
-    """Mask of corners about as certain and as well explained as most of the board, which excludes glare."""
+    """Mask of corners about as precise and as well explained as most of the board, which excludes glare."""
     if not len(refined.pixels):
         return np.zeros(0, dtype=bool)
-    unexplained = 1.0 - refined.explained
+    unexplained = 1.0 - refined.explained_variance
     precise = refined.sigma_px < MAX_RELATIVE_SIGMA * np.median(refined.sigma_px)
     return np.asarray(precise & (unexplained < MAX_RELATIVE_UNEXPLAINED * np.median(unexplained) + UNEXPLAINED_OFFSET))
 
 
-def _largest_part(warp: BoardWarp, places: FloatArray, pixels: FloatArray, step: float) -> BoolArray:
-    """Mask of the largest connected part of the corners, where adjacent corners have nearly equal residuals.
+def _largest_part(warp: BoardWarp, print_xy: FloatArray, pixels: FloatArray, step: float) -> BoolArray:
+    """Mask of the largest connected part of the corners in which adjacent corners have nearly equal residuals.
 
-    Two mirrors may show a board as if it continued from one to the other, but for a step of a few pixels. The residuals
-    to the warp through both then differ across the step.
+    Two mirrors may show a board as if it continued from one to the other, except for a step of a few pixels. Then the
+    residuals to the warp through both differ across the step.
     """
-    residual = pixels - warp.at(places)
-    first, second = cKDTree(places).query_pairs(MAX_LINK * step, output_type="ndarray").T
+    residual = pixels - warp.map(print_xy)
+    first, second = cKDTree(print_xy).query_pairs(MAX_LINK * step, output_type="ndarray").T
     change = np.linalg.norm(residual[first] - residual[second], axis=1)
     linked = change < max(OUTLIER_SIGMAS * 1.4826 * float(np.median(change)) if len(change) else 0.0, MIN_STEP_PX)
     linked &= change < MAX_STEP_PX
-    graph = coo_array((np.ones(int(linked.sum())), (first[linked], second[linked])), shape=(len(places),) * 2)
+    graph = coo_array((np.ones(int(linked.sum())), (first[linked], second[linked])), shape=(len(print_xy),) * 2)
     labels = connected_components(graph, directed=False)[1]
     return np.asarray(labels == np.bincount(labels).argmax())
 
 
-def connected(places: FloatArray, step: float = 1.0) -> BoolArray:
+def connected(print_xy: FloatArray, step: float = 1.0) -> BoolArray:
     """Mask (n,) of the largest connected part of corners (n, 2), at most `step` squares apart on their grid."""
-    first, second = cKDTree(places).query_pairs(MAX_LINK * step, output_type="ndarray").T
-    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(places),) * 2)
+    first, second = cKDTree(print_xy).query_pairs(MAX_LINK * step, output_type="ndarray").T
+    graph = coo_array((np.ones(len(first)), (first, second)), shape=(len(print_xy),) * 2)
     labels = connected_components(graph, directed=False)[1]
     return np.asarray(labels == np.bincount(labels).argmax())
 
 
-def smooth(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> BoolArray:
+def smooth(print_xy: FloatArray, pixels: FloatArray, step: float = 1.0) -> BoolArray:
     """Mask (n,) of the corners that lie on a smooth surface with their largest connected part.
 
     Adjacent corners are at most `step` squares apart.
     """
-    none = np.zeros(len(places), dtype=bool)
-    warp = BoardWarp.through(places, pixels)
-    if len(places) < MIN_CORNERS or warp is None:
-        return none
-    keep = _largest_part(warp, places, pixels, step)
+    empty = np.zeros(len(print_xy), dtype=bool)
+    warp = BoardWarp.fit(print_xy, pixels)
+    if len(print_xy) < MIN_CORNERS or warp is None:
+        return empty
+    keep = _largest_part(warp, print_xy, pixels, step)
     for round_ in range(5):
         if round_ or not keep.all():
-            warp = BoardWarp.through(places[keep], pixels[keep]) if keep.sum() >= MIN_CORNERS else None
+            warp = BoardWarp.fit(print_xy[keep], pixels[keep]) if keep.sum() >= MIN_CORNERS else None
         if warp is None:
-            return none
-        deviation = np.linalg.norm(pixels - warp.at(places), axis=1)
+            return empty
+        deviation = np.linalg.norm(pixels - warp.map(print_xy), axis=1)
         sigma = float(np.median(deviation[keep])) / 1.1774
         inliers = keep & (deviation < np.clip(OUTLIER_SIGMAS * sigma, MIN_OUTLIER_PX, MAX_STEP_PX))
         if (inliers == keep).all():

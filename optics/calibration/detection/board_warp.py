@@ -14,56 +14,56 @@ from mirrorcam.optics.geometry.targets import Target
 MIN_POINTS = 4
 CUBIC, QUINTIC = 3, 5  # degrees of the correction
 MIN_POINTS_BY_DEGREE = ((QUINTIC, 63), (CUBIC, 24))
-EXPONENTS = [np.tril_indices(degree + 1) for degree in range(QUINTIC + 1)]  # per term: total, and of y
+EXPONENTS = [np.tril_indices(degree + 1) for degree in range(QUINTIC + 1)]  # per term: total degree, and degree in y
 OUTLIER_CELLS = 0.12  # distance of a corner from the map through the others
 
 
 @dataclass(frozen=True)
 class BoardWarp:
-    """The map from board places, in squares from the top left, to pixels: a homography plus a smooth polynomial.
+    """The map from points on a board, in squares from its top left, to pixels: a homography plus a smooth polynomial.
 
     The polynomial models lens distortion, a bent board or mirror, and a rolling shutter; it is omitted for few points.
 
     Attributes
     ----------
     homography
-        (3, 3), pixels from squares.
-    middle, half
+        Maps squares to pixels, (3, 3).
+    centre, half_extent
         Centre (2,) and half extent, in squares, that normalise the polynomial's argument.
     polynomial
         Coefficients (n, 2), px, by increasing degree.
     """
 
     homography: FloatArray
-    middle: FloatArray
-    half: float
+    centre: FloatArray
+    half_extent: float
     polynomial: FloatArray
 
     @classmethod
-    def through(cls, places: FloatArray, pixels: FloatArray, *, degree: int = CUBIC) -> BoardWarp | None:
-        """Fit the warp of places (n, 2), in squares, to pixels (n, 2) with outliers; None for too few points.
+    def fit(cls, print_xy: FloatArray, pixels: FloatArray, *, degree: int = CUBIC) -> BoardWarp | None:
+        """Fit the warp of points (n, 2), in squares, to pixels (n, 2) with outliers; None for too few points.
 
         A cubic may be extrapolated by a square or two. A quintic is for interpolation: over an entire board, the second
         derivatives of a cubic are wrong by a tenth, which shifts corners by 0.001 px.
         """
-        if len(places) < MIN_POINTS:
+        if len(print_xy) < MIN_POINTS:
             return None
-        outlier_px = max(OUTLIER_CELLS * typical_cell_px(places, pixels), 1.0)
-        homography = _homography(places, pixels, outlier_px)
+        outlier_px = max(OUTLIER_CELLS * typical_cell_px(print_xy, pixels), 1.0)
+        homography = _homography(print_xy, pixels, outlier_px)
         if homography is None:
             return None
-        middle = places.mean(axis=0)
-        half = max(float(np.abs(places - middle).max()), 1.0)
-        warp = cls(np.asarray(homography), middle, half, np.zeros((1, 2)))
+        centre = print_xy.mean(axis=0)
+        half_extent = max(float(np.abs(print_xy - centre).max()), 1.0)
+        warp = cls(np.asarray(homography), centre, half_extent, np.zeros((1, 2)))
         for max_degree, points in MIN_POINTS_BY_DEGREE:
-            if max_degree <= degree and len(places) >= points:
-                return warp._corrected(places, pixels, outlier_px, max_degree)
+            if max_degree <= degree and len(print_xy) >= points:
+                return warp._corrected(print_xy, pixels, outlier_px, max_degree)
         return warp
 
-    def _corrected(self, places: FloatArray, pixels: FloatArray, outlier_px: float, degree: int) -> BoardWarp:
+    def _corrected(self, print_xy: FloatArray, pixels: FloatArray, outlier_px: float, degree: int) -> BoardWarp:
         """Return the warp with a polynomial fitted by Cauchy weights, because some outliers remain."""
-        residual = pixels - self.at(places)
-        terms = self._terms(places, degree)
+        residual = pixels - self.map(print_xy)
+        terms = self._terms(print_xy, degree)
         weights = 1.0 / (1.0 + (np.linalg.norm(residual, axis=1) / outlier_px) ** 2)
         ridge = 1e-3 * np.eye(terms.shape[1])
         polynomial = np.zeros((terms.shape[1], 2))
@@ -75,58 +75,58 @@ class BoardWarp:
             weights = 1.0 / (1.0 + (deviation / scale) ** 2)
         return replace(self, polynomial=polynomial)
 
-    def _terms(self, places: FloatArray, degree: int) -> FloatArray:
-        """Powers (n, m) of normalised places up to a degree: 1, x, y, x^2, x y, y^2, ..."""
-        powers = np.ones((degree + 1, len(places), 2))
-        powers[1:] = (places - self.middle) / self.half
+    def _terms(self, print_xy: FloatArray, degree: int) -> FloatArray:
+        """Monomials (n, m) of normalised points up to a degree: 1, x, y, x^2, x y, y^2, ..."""
+        powers = np.ones((degree + 1, len(print_xy), 2))
+        powers[1:] = (print_xy - self.centre) / self.half_extent
         np.cumprod(powers, axis=0, out=powers)
         total, y = EXPONENTS[degree]
         return np.asarray((powers[total - y, :, 0] * powers[y, :, 1]).T)
 
-    def at(self, places: FloatArray) -> FloatArray:
-        """Return pixels (n, 2) of places (n, 2); NaN behind the camera."""
-        lifted = np.column_stack([places, np.ones(len(places))]) @ self.homography.T
+    def map(self, print_xy: FloatArray) -> FloatArray:
+        """Return pixels (n, 2) of points (n, 2) on the board; NaN behind the camera."""
+        lifted = np.column_stack([print_xy, np.ones(len(print_xy))]) @ self.homography.T
         depth = np.where(lifted[:, 2:] > 1e-9, lifted[:, 2:], np.nan)
-        return lifted[:, :2] / depth + self._terms(places, self._degree) @ self.polynomial
+        return lifted[:, :2] / depth + self._terms(print_xy, self._degree) @ self.polynomial
 
     @property
     def _degree(self) -> int:
         return round((np.sqrt(8.0 * len(self.polynomial) + 1.0) - 3.0) / 2.0)
 
-    def shapes(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return derivatives (n, 2, 2) of pixels by squares (columns x, y), and half the second ones (n, 2, 3)."""
+    def derivatives(self, print_xy: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return derivatives (n, 2, 2) of pixels with respect to x and y, and half the second derivatives (n, 2, 3)."""
         step = 0.25
         offsets = [(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)]
-        near = places + step * np.array(offsets)[:, None]
-        centre, east, west, south, north, *diagonal = self.at(near.reshape(-1, 2)).reshape(near.shape)
+        samples = print_xy + step * np.array(offsets)[:, None]
+        middle, east, west, south, north, *diagonal = self.map(samples.reshape(-1, 2)).reshape(samples.shape)
         mixed = diagonal[0] + diagonal[1] - diagonal[2] - diagonal[3]
         cells = np.stack([east - west, south - north], axis=2) / (2.0 * step)
-        second_derivatives = np.stack([east + west - 2.0 * centre, mixed / 2.0, south + north - 2.0 * centre], axis=2)
+        second_derivatives = np.stack([east + west - 2.0 * middle, mixed / 2.0, south + north - 2.0 * middle], axis=2)
         return cells, second_derivatives / (2.0 * step**2)
 
-    def expected(self, places: FloatArray, pixels: FloatArray) -> ExpectedCorners:
-        """Return corners at places (n, 2) and expected pixels (n, 2), with the warp's derivatives there."""
-        cells, second_derivatives = self.shapes(places)
-        return ExpectedCorners(places, pixels, cells, second_derivatives)
+    def expected(self, print_xy: FloatArray, pixels: FloatArray) -> ExpectedCorners:
+        """Return corners at points (n, 2) on the board and expected pixels (n, 2), with the warp's derivatives."""
+        cells, second_derivatives = self.derivatives(print_xy)
+        return ExpectedCorners(print_xy, pixels, cells, second_derivatives)
 
 
-def _homography(places: FloatArray, pixels: FloatArray, outlier_px: float) -> FloatArray | None:
-    """Fit a homography (3, 3) to all points if it fits each within `outlier_px`, otherwise to most of them."""
-    exact, _ = cv2.findHomography(places, pixels, 0)
+def _homography(print_xy: FloatArray, pixels: FloatArray, outlier_px: float) -> FloatArray | None:
+    """Fit a homography (3, 3) to all points if it fits each within `outlier_px`, otherwise robustly to most of them."""
+    exact, _ = cv2.findHomography(print_xy, pixels, 0)
     if exact is not None:
-        lifted = np.column_stack([places, np.ones(len(places))]) @ exact.T
+        lifted = np.column_stack([print_xy, np.ones(len(print_xy))]) @ exact.T
         if (np.abs(lifted[:, :2] - pixels * lifted[:, 2:]) < outlier_px * np.abs(lifted[:, 2:])).all():
             return np.asarray(exact)
-    robust, _ = cv2.findHomography(places, pixels, cv2.RANSAC, outlier_px, None, 2000, 0.9999)
+    robust, _ = cv2.findHomography(print_xy, pixels, cv2.RANSAC, outlier_px, None, 2000, 0.9999)
     return None if robust is None else np.asarray(robust)
 
 
-def corner_places(target: Target) -> FloatArray:
-    """Places (n, 2) of the corners on the print, in squares (pitches) from its top left, ordered by id."""
+def corner_print_xy(target: Target) -> FloatArray:
+    """Coordinates (n, 2) of the corners on the print, in squares (pitches) from its top left, ordered by id."""
     return target.corners_in_board_mm[:, :2] / target.pitch_mm
 
 
-def typical_cell_px(places: FloatArray, pixels: FloatArray) -> float:
+def typical_cell_px(print_xy: FloatArray, pixels: FloatArray) -> float:
     """Pixels per square, approximately: the ratio of mean distances from the centroids."""
     spread = np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).mean()
-    return float(spread / max(np.linalg.norm(places - places.mean(axis=0), axis=1).mean(), 1e-9))
+    return float(spread / max(np.linalg.norm(print_xy - print_xy.mean(axis=0), axis=1).mean(), 1e-9))

@@ -1,7 +1,7 @@
-"""Light of a mirror across the borders of its sub-image, by comparing frames with the known print.
+"""Light profiles across the borders of a mirror's sub-image, measured by comparing frames with the known print.
 
 Over the frames, a pixel's grey value follows what the mirror shows there, in proportion to the part of the pupil that
-the mirror fills. The rest of its light is constant (the gaps), or follows what the neighbouring mirror shows.
+the mirror fills. The rest of the pixel's light is constant (the gaps), or follows what the neighbouring mirror shows.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.blurred_print import Image, blurred_print, in_print_px, sample
+from mirrorcam.optics.calibration.detection.blurred_print import Image, blurred_print, image_px_of_print, sample
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
@@ -23,29 +23,29 @@ from mirrorcam.optics.geometry.pupil import disc_part, outline_aperture
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse
 
-REACH_PX = 48.0
+SEARCH_PX = 48.0
 """Range searched on either side of a border: more than half the width of its blur."""
 
 STEP_PX = 2.0
-STATIONS = 25
+PROFILES = 25
 """Number of profiles across a border."""
 
 SKIPPED_ENDS = 0.12
-"""Share of a border's length that is skipped at either end, near the adjacent border."""
+"""Fraction of a border's length that is skipped at either end, near the adjacent border."""
 
 MIN_LENGTH_PX = 60.0
 BLUR_PX = 1.2
 """Assumed sigma of the print's blur in the picture; an error scales an entire profile."""
 
 BOARD_MARGIN = 0.15
-"""Distance inside the print's border, in squares, from which the print at a ray's hit is known."""
+"""Distance inside the print's border, in squares, beyond which the print's value at a ray's hit is known."""
 
 MAX_RADIUS_MM = 3.0
-"""Distance of a mirror from a ray, in the plane of the pupil, beyond which it adds no light."""
+"""Distance of a mirror from a ray, in the pupil's plane, beyond which the mirror adds no light."""
 
 MIN_FRAMES = 6
 MIN_VARIANCE = 0.02
-"""Least variance of the print, from -1 to 1, over the frames, after regression on the neighbour's image."""
+"""Minimum variance of the print, from -1 to 1, over the frames, after regression on the neighbour's image."""
 
 
 @dataclass(frozen=True)
@@ -64,18 +64,18 @@ class BoardFrame:
 
 @dataclass(frozen=True)
 class Border:
-    """Points across a border of a sub-image: `STATIONS` profiles (rows), each from inside to outside (columns).
+    """Points across a border of a sub-image: `PROFILES` profiles (rows), each from inside to outside (columns).
 
     Attributes
     ----------
     mirror
         Index of the mirror.
     aperture
-        The plane mirror that bounds its light, on the front of its plate.
+        The plane mirror, on the front of the plate, whose outline bounds the light.
     pixels
         The points (s, d, 2), px; NaN off the sensor.
     out_px
-        Their distances (d,) outwards from the border.
+        Their outward distances (d,) from the border.
     neighbour
         The other mirror that may add light there; None if there is none.
     """
@@ -104,7 +104,7 @@ class BorderLight:
 
 
 def _aperture(mirror: Mirror) -> Mirror | None:
-    """Return the plane mirror on a mirror's front whose outline bounds the light equally; None if it shows nothing.
+    """Return the plane mirror on a mirror's front that bounds the light equally; None for a mirror that shows nothing.
 
     For a first-surface mirror, it is the mirror itself.
     """
@@ -136,7 +136,7 @@ def _border(layout: Layout, apertures: Sequence[Mirror | None], index: int, edge
     corners = aperture.outline_normalized
     start, end, centre = corners[edge], corners[(edge + 1) % len(corners)], corners.mean(axis=0)
     camera = layout.camera
-    fractions = np.linspace(SKIPPED_ENDS, 1.0 - SKIPPED_ENDS, STATIONS)[:, None]
+    fractions = np.linspace(SKIPPED_ENDS, 1.0 - SKIPPED_ENDS, PROFILES)[:, None]
     points = camera.pixels_from_normalized(start + fractions * (end - start))
     size = np.array([camera.width_px, camera.height_px])
     if not ((points >= 0.0) & (points <= size - 1.0)).all() or np.linalg.norm(points[-1] - points[0]) < MIN_LENGTH_PX:
@@ -144,7 +144,7 @@ def _border(layout: Layout, apertures: Sequence[Mirror | None], index: int, edge
     tangents = np.gradient(points, axis=0)
     outward = np.column_stack([tangents[:, 1], -tangents[:, 0]]) / np.linalg.norm(tangents, axis=1)[:, None]
     outward *= np.sign((outward * (points - camera.pixels_from_normalized(centre))).sum(axis=1))[:, None]
-    out_px = np.arange(-REACH_PX, REACH_PX + STEP_PX / 2.0, STEP_PX)
+    out_px = np.arange(-SEARCH_PX, SEARCH_PX + STEP_PX / 2.0, STEP_PX)
     pixels = points[:, None] + out_px[:, None] * outward[:, None]
     pixels[~((pixels >= 0.0) & (pixels <= size - 1.0)).all(axis=2)] = np.nan
     normalized = camera.normalized_from_pixels(pixels.reshape(-1, 2))
@@ -178,36 +178,42 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
         grey = frame.grey
         board_from_rig = inverse(frame.rig_from_board)
         for rays, sums in measured:
-            own, other = (_print_values(target, *reflected, board_from_rig) for reflected in (rays.own, rays.other))
-            sums.add(sample(grey, sums.border.pixels).astype(np.float64), own, np.where(rays.alone, 0.0, other))
+            mirror_print, neighbour_print = (
+                _print_values(target, *reflected, board_from_rig) for reflected in (rays.mirror, rays.neighbour)
+            )
+            sums.add(
+                sample(grey, sums.border.pixels).astype(np.float64),
+                mirror_print,
+                np.where(rays.without_neighbour, 0.0, neighbour_print),
+            )
     return [sums.light() for _, sums in measured]
 
 
 @dataclass(frozen=True)
 class _Rays:
-    """Starts and directions (s, d, 3) of the rays of a border's points after its mirror, and after the neighbour.
+    """Origins and directions (s, d, 3) of the rays of a border's points, reflected by its mirror and by the neighbour.
 
-    `alone` (s, d) marks where the neighbour adds no light.
+    `without_neighbour` (s, d) marks where the neighbour adds no light.
     """
 
-    own: tuple[FloatArray, FloatArray]
-    other: tuple[FloatArray, FloatArray]
-    alone: NDArray[np.bool_]
+    mirror: tuple[FloatArray, FloatArray]
+    neighbour: tuple[FloatArray, FloatArray]
+    without_neighbour: NDArray[np.bool_]
 
     @classmethod
     def of(cls, layout: Layout, border: Border) -> _Rays:
         normalized = border.normalized(layout)
-        own = _reflected_rays(layout, layout.mirrors[border.mirror], normalized)
+        mirror_rays = _reflected_rays(layout, layout.mirrors[border.mirror], normalized)
         if border.neighbour is None:
-            return cls(own, own, np.ones(normalized.shape[:2], dtype=bool))
+            return cls(mirror_rays, mirror_rays, np.ones(normalized.shape[:2], dtype=bool))
         neighbour = layout.mirrors[border.neighbour]
         inside_mm = _inside_mm(neighbour, normalized.reshape(-1, 2), layout.camera.focus_mm)
-        alone = ~(inside_mm > -MAX_RADIUS_MM).reshape(normalized.shape[:2])
-        return cls(own, _reflected_rays(layout, neighbour, normalized), alone)
+        without_neighbour = ~(inside_mm > -MAX_RADIUS_MM).reshape(normalized.shape[:2])
+        return cls(mirror_rays, _reflected_rays(layout, neighbour, normalized), without_neighbour)
 
 
 def _reflected_rays(layout: Layout, mirror: Mirror, normalized: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Reflected rays from the centroid of the part of the pupil that a mirror fills: starts and directions."""
+    """Reflected rays from the centroid of the part of the pupil that a mirror fills: origins and directions."""
     pupil, flat, apparent = layout.camera.pupil, normalized.reshape(-1, 2), mirror.apparent
     start = np.zeros((len(flat), 3))
     start[:, :2] = pupil.radius_mm * disc_part(outline_aperture(mirror, flat, pupil.focus_mm), pupil.radius_mm).centroid
@@ -230,17 +236,17 @@ def _print_values(target: Target, starts: FloatArray, directions: FloatArray, bo
         return np.full(hits.shape[:2], np.nan)
     hits = np.nan_to_num(hits)
     square_px = STEP_PX / max(float(np.median(steps)), 1e-6)
-    value = sample(blurred_print(target, BLUR_PX / square_px).value, in_print_px(target, hits))
+    value = sample(blurred_print(target, BLUR_PX / square_px).value, image_px_of_print(target, hits))
     return np.where(inside, value, np.nan)
 
 
 @dataclass
 class _Sums:
-    """Normal equations over frames, for the regression of grey values on 1, the mirror's and the neighbour's print."""
+    """Normal equations over frames: grey values as a constant plus multiples of the mirror's and neighbour's prints."""
 
     border: Border
     normal: FloatArray
-    right: FloatArray
+    rhs: FloatArray
     squares: FloatArray
     count: FloatArray
 
@@ -249,19 +255,22 @@ class _Sums:
         shape = border.pixels.shape[:2]
         return cls(border, np.zeros((*shape, 3, 3)), np.zeros((*shape, 3)), np.zeros(shape), np.zeros(shape))
 
-    def add(self, grey: FloatArray, own: FloatArray, other: FloatArray) -> None:
-        known = np.isfinite(own + other)
-        columns = np.nan_to_num(np.stack([np.ones_like(own), own, other], axis=-1)) * known[..., None]
+    def add(self, grey: FloatArray, mirror_print: FloatArray, neighbour_print: FloatArray) -> None:
+        valid = np.isfinite(mirror_print + neighbour_print)
+        columns = (
+            np.nan_to_num(np.stack([np.ones_like(mirror_print), mirror_print, neighbour_print], axis=-1))
+            * valid[..., None]
+        )
         self.normal += columns[..., :, None] * columns[..., None, :]
-        self.right += columns * grey[..., None]
-        self.squares += grey**2 * known
-        self.count += known
+        self.rhs += columns * grey[..., None]
+        self.squares += grey**2 * valid
+        self.count += valid
 
     def light(self) -> BorderLight:
-        """Solve for half the difference in grey values, black to white, that the mirror adds."""
+        """Solve for half the grey-value difference between white and black that the mirror adds."""
         inverse = np.linalg.inv(self.normal + 1e-6 * np.eye(3))
-        coefficients = (inverse @ self.right[..., None])[..., 0]
-        residual_squares = np.maximum(self.squares - (coefficients * self.right).sum(axis=-1), 0.0)
+        coefficients = (inverse @ self.rhs[..., None])[..., 0]
+        residual_squares = np.maximum(self.squares - (coefficients * self.rhs).sum(axis=-1), 0.0)
         determined = (self.count >= MIN_FRAMES) & (1.0 / inverse[..., 1, 1] > MIN_VARIANCE * self.count)
         noise = np.sqrt(residual_squares[determined].sum() / max(float((self.count - 3.0)[determined].sum()), 1.0))
         sigma = np.where(determined, noise * np.sqrt(np.maximum(inverse[..., 1, 1], 0.0)), np.inf)

@@ -1,7 +1,7 @@
-"""Detection of ChArUco boards or AprilGrids in a picture, by grids of corners and the markers between them.
+"""Detection of ChArUco boards or AprilGrids in a picture, from grids of corners and the markers between them.
 
 An AprilGrid is a checkerboard with columns and rows alternately as wide as a gap and a tag. The widths show which are
-tags, so corners get places on the print up to a shift by entire tags, and a smooth warp maps them to the picture.
+tags, so corners get coordinates on the print up to a shift by entire tags, and a smooth warp maps them to the picture.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from mirrorcam.optics.calibration.detection.board_growing import (
     grow_board,
     same_board,
 )
-from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, corner_places
-from mirrorcam.optics.calibration.detection.checkerboard import Grey, linked_grids, new_corners, smooth_parts
+from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, corner_print_xy
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, has_new_corners, linked_grids, smooth_parts
 from mirrorcam.optics.calibration.detection.corner_grids import corner_grids, saddle_points
-from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, SeenGrid
+from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, DetectedGrid
 from mirrorcam.optics.calibration.detection.marker_numbering import Markers, numbered_by_markers
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
@@ -31,19 +31,19 @@ from mirrorcam.optics.geometry.targets import TAG_BORDER, TAG_FAMILY, AprilGrid,
 
 WHITE_QUANTILE = 0.995
 WINDOWS_PX = (15, 31, 7)  # sides of the adaptive threshold's window, tried in turn
-MIN_PERIMETER = 0.01  # of a marker, in sides of the picture
+MIN_PERIMETER = 0.01  # of a marker, relative to the picture's longer side
 NEIGHBOUR_SQUARES = 2.3  # squares between the centres of markers that predict each other
 PREDICTION_ERROR = 0.12  # error of a marker's predicted position, per square between the two markers
 MIN_MARKERS = 2
-MAX_OFFSET = 0.3  # of a marker from its place on the board that holds it, in squares
-MIN_LOG_RATIO = 0.5  # least logarithm of tag over gap in the picture, relative to the print
+MAX_OFFSET = 0.3  # of a marker from its expected position on the board that holds it, in squares
+MIN_LOG_RATIO = 0.5  # of tag to gap in the picture, relative to the print
 
 
-def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, most: int) -> list[Corners]:
-    """Find up to `most` boards in a picture, those with most corners first.
+def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, max_boards: int) -> list[Corners]:
+    """Find up to `max_boards` boards in a picture, those with most corners first.
 
     Grids of saddle points are numbered by the markers between them. If fewer than half of the boards are found this
-    way, as with markers that nearly touch the corners, boards are also grown from single markers.
+    way, as happens if markers nearly touch the corners, boards are also grown from single markers.
 
     Parameters
     ----------
@@ -52,33 +52,33 @@ def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: boo
     target
         The board.
     mirrored
-        Whether the boards are seen in mirrors.
-    most
-        Largest number of boards to return.
+        Whether the boards appear in mirrors.
+    max_boards
+        Maximum number of boards to return.
     """
     picture = np.asarray(grey, dtype=np.float32)
     found: list[Corners] = []
     markers = _markers(target)
-    for places, pixels in linked_grids(grey) if isinstance(target, Charuco) else linked_tags(grey, target):
-        if not new_corners(pixels, found):
+    for grid_xy, pixels in linked_grids(grey) if isinstance(target, Charuco) else linked_tags(grey, target):
+        if not has_new_corners(pixels, found):
             continue
-        grid = SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS)
+        grid = DetectedGrid(grid_xy, Corners(np.arange(len(grid_xy)), pixels), NO_LIMITS)
         numbered = numbered_by_markers(picture, grid.as_printed if mirrored else grid, markers)
         if numbered is None:
             continue
-        board = grow_board(picture, _on_print(numbered.places, target), pixels, target, mirrored=mirrored)
+        board = grow_board(picture, _print_xy(numbered.grid_xy, target), pixels, target, mirrored=mirrored)
         if len(board) and not any(same_board(board, other) for other in found):
             found.append(board)
-    if 2 * len(found) < most:
+    if 2 * len(found) < max_boards:
         found = _from_markers(grey, target, found, mirrored=mirrored)
-    return sorted(found, key=len, reverse=True)[:most]
+    return sorted(found, key=len, reverse=True)[:max_boards]
 
 
-def _on_print(places: IntArray, target: Charuco | AprilGrid) -> FloatArray:
-    """Places (n, 2) on the print, in pitches, of corners given by column and row (n, 2)."""
+def _print_xy(grid_xy: IntArray, target: Charuco | AprilGrid) -> FloatArray:
+    """Coordinates (n, 2) on the print, in pitches, of corners given by column and row (n, 2)."""
     if isinstance(target, AprilGrid):
-        return target.line_mm(places) / target.pitch_mm
-    return places.astype(np.float64) + 1.0
+        return target.line_mm(grid_xy) / target.pitch_mm
+    return grid_xy.astype(np.float64) + 1.0
 
 
 @lru_cache(maxsize=8)
@@ -92,50 +92,50 @@ def _markers(target: Charuco | AprilGrid) -> Markers:
     )
 
 
-def _from_markers(grey: Grey, target: Charuco | AprilGrid, known: list[Corners], *, mirrored: bool) -> list[Corners]:
-    """Return the known boards and those grown from single markers that these do not show."""
+def _from_markers(grey: Grey, target: Charuco | AprilGrid, boards: list[Corners], *, mirrored: bool) -> list[Corners]:
+    """Return the known boards, and new ones grown from single markers that these do not contain."""
     ids, quads = find_markers(grey, target, mirrored=mirrored)
-    places = marker_places(target)[ids]
+    print_quads = marker_corners(target)[ids]
     picture = np.asarray(grey, dtype=np.float32)
-    found = list(known)
-    taken = np.zeros(len(ids), dtype=bool)
-    for board in known:
-        taken |= _on_board(board, places, quads, target)
-    queue = groups(places, quads)
+    found = list(boards)
+    used = np.zeros(len(ids), dtype=bool)
+    for board in boards:
+        used |= _on_board(board, print_quads, quads, target)
+    queue = groups(print_quads, quads)
     while queue:
         members = queue.pop(0)
-        members = members[~taken[members]]
+        members = members[~used[members]]
         if len(members) < MIN_MARKERS:
             continue
-        known_places, known_pixels = places[members].reshape(-1, 2), quads[members].reshape(-1, 2)
-        board = grow_board(picture, known_places, known_pixels, target, mirrored=mirrored)
+        known_xy, known_pixels = print_quads[members].reshape(-1, 2), quads[members].reshape(-1, 2)
+        board = grow_board(picture, known_xy, known_pixels, target, mirrored=mirrored)
         if not len(board) or any(same_board(board, other) for other in found):
             continue
         found.append(board)
-        on_board = _on_board(board, places, quads, target)
-        taken |= on_board
+        on_board = _on_board(board, print_quads, quads, target)
+        used |= on_board
         # A group may hold two boards that seem to continue each other; one of them is found now.
         remaining = members[~on_board[members]]
         if MIN_MARKERS <= len(remaining) < len(members):
-            queue = [remaining[part] for part in groups(places[remaining], quads[remaining])] + queue
+            queue = [remaining[part] for part in groups(print_quads[remaining], quads[remaining])] + queue
     return found
 
 
-def _on_board(board: Corners, places: FloatArray, quads: FloatArray, target: Charuco | AprilGrid) -> BoolArray:
-    """Mask of the markers (n, 4, 2), with places (n, 4, 2) on the print, that match a detected board."""
-    warp = BoardWarp.through(corner_places(target)[board.ids], board.pixels)
+def _on_board(board: Corners, print_quads: FloatArray, quads: FloatArray, target: Charuco | AprilGrid) -> BoolArray:
+    """Mask of the markers (n, 4, 2), with corners (n, 4, 2) on the print, that match a detected board."""
+    warp = BoardWarp.fit(corner_print_xy(target)[board.ids], board.pixels)
     if warp is None:
-        return np.zeros(len(places), dtype=bool)
-    centres = places.mean(axis=1)
-    cells, _ = warp.shapes(centres)
-    distance = np.linalg.norm(warp.at(centres) - quads.mean(axis=1), axis=1)
+        return np.zeros(len(print_quads), dtype=bool)
+    centres = print_quads.mean(axis=1)
+    cells, _ = warp.derivatives(centres)
+    distance = np.linalg.norm(warp.map(centres) - quads.mean(axis=1), axis=1)
     return np.asarray(distance < MAX_OFFSET * np.sqrt(np.abs(np.linalg.det(cells))))
 
 
-def marker_places(target: Charuco | AprilGrid) -> FloatArray:
-    """Corners (markers, 4, 2) of the markers in squares from the print's top left, in the detector's order."""
+def marker_corners(target: Charuco | AprilGrid) -> FloatArray:
+    """Corners (m, 4, 2) of the markers, in squares from the print's top left, in the detector's order."""
     if isinstance(target, AprilGrid):
-        # OpenCV numbers a tag's corners from the top left as it draws the tag, half a turn from the print.
+        # OpenCV numbers a tag's corners from the top left of its own drawing, which the print shows rotated by 180 deg.
         numbers = target.tag_numbers.ravel().argsort()
         low = 2 * np.stack([numbers % target.cols, numbers // target.cols], axis=1)
         return target.line_mm(low[:, None] + np.array([[1, 1], [0, 1], [0, 0], [1, 0]])) / target.pitch_mm
@@ -145,7 +145,7 @@ def marker_places(target: Charuco | AprilGrid) -> FloatArray:
 
 
 def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
-    """Return numbers (n,), from 0 and with repetitions, and corners (n, 4, 2) of the target's markers.
+    """Return numbers (n,), from 0 and with repetitions, and corners (n, 4, 2) of the detected markers of the target.
 
     A few suffice to grow boards; if there are too few, other window sizes are tried.
     """
@@ -157,22 +157,22 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
         detector = cv2.aruco.ArucoDetector(dictionary, parameters)
         quads, ids, _ = detector.detectMarkers(bright)
         numbers = (np.empty(0, dtype=np.int64) if ids is None else np.asarray(ids, dtype=np.int64).ravel()) - first
-        known = (numbers >= 0) & (numbers < count)
-        if known.sum() >= MIN_MARKERS:
+        valid = (numbers >= 0) & (numbers < count)
+        if valid.sum() >= MIN_MARKERS:
             break
     corners = np.array(quads, dtype=np.float64).reshape(-1, 4, 2)
     if mirrored:
         corners[..., 0] = grey.shape[1] - 1 - corners[..., 0]
-    return numbers[known], corners[known]
+    return numbers[valid], corners[valid]
 
 
-def families_seen(grey: Grey, families: Sequence[str], first: int, *, mirrored: bool) -> IntArray:
-    """Count, for each of some dictionary families (f,), how many of its first markers a picture shows."""
+def count_by_family(grey: Grey, families: Sequence[str], first: int, *, mirrored: bool) -> IntArray:
+    """Count (f,) how many of the first markers of each dictionary family a picture shows."""
     bright, parameters = _prepared(grey, mirrored=mirrored)
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = WINDOWS_PX[0]
     detector = cv2.aruco.ArucoDetector([dictionaries.dictionary(name, first) for name in families], parameters)
-    _, _, _, seen = detector.detectMarkersMultiDict(bright)
-    return np.bincount(np.zeros(0, np.int64) if seen is None else np.ravel(seen), minlength=len(families))
+    _, _, _, family = detector.detectMarkersMultiDict(bright)
+    return np.bincount(np.zeros(0, np.int64) if family is None else np.ravel(family), minlength=len(families))
 
 
 def _prepared(grey: Grey, *, mirrored: bool) -> tuple[Grey, cv2.aruco.DetectorParameters]:
@@ -191,73 +191,73 @@ def _dictionary(target: Charuco | AprilGrid) -> tuple[cv2.aruco.Dictionary, int,
     return dictionaries.dictionary(target.dictionary), target.first_marker, len(target.markers)
 
 
-def groups(places: FloatArray, quads: FloatArray) -> list[IntArray]:
-    """Group markers (n, 4, 2) with places (n, 4, 2) on the print into boards whose markers predict each other."""
-    if not len(places):
+def groups(print_quads: FloatArray, quads: FloatArray) -> list[IntArray]:
+    """Group markers (n, 4, 2) with corners (n, 4, 2) on the print into boards whose markers predict each other."""
+    if not len(print_quads):
         return []
-    count, labels = connected_components(linked_markers(places, quads), directed=False)
+    count, labels = connected_components(linked_markers(print_quads, quads), directed=False)
     members = [np.flatnonzero(labels == label) for label in range(count)]
     return [m for m in sorted(members, key=len, reverse=True) if len(m) >= MIN_MARKERS]
 
 
-def marker_maps(place: FloatArray, quads: FloatArray) -> FloatArray:
+def marker_maps(print_quad: FloatArray, quads: FloatArray) -> FloatArray:
     """Linear maps (n, 2, 2), px per square, from a marker's corners (4, 2) on the print to detected ones (n, 4, 2)."""
-    sides = place - place.mean(axis=0)
-    seen = quads - quads.mean(axis=1, keepdims=True)
-    return np.asarray(np.einsum("nij,ik->njk", seen, sides @ np.linalg.inv(sides.T @ sides)))
+    printed = print_quad - print_quad.mean(axis=0)
+    detected = quads - quads.mean(axis=1, keepdims=True)
+    return np.asarray(np.einsum("nij,ik->njk", detected, printed @ np.linalg.inv(printed.T @ printed)))
 
 
-def linked_markers(places: FloatArray, quads: FloatArray) -> csr_array:
-    """Symmetric matrix (n, n) of the markers (n, 4, 2), with places (n, 4, 2) on the print, that predict each other.
+def linked_markers(print_quads: FloatArray, quads: FloatArray) -> csr_array:
+    """Adjacency matrix (n, n) of markers (n, 4, 2), with corners (n, 4, 2) on the print, that predict each other.
 
     The affine map of each marker predicts the positions of its neighbours on the print; two markers that agree belong
     to one board. A misread marker agrees with none.
     """
-    centres, centres_px = places.mean(axis=1), quads.mean(axis=1)
-    affine = marker_maps(places[0], quads)
-    squares_apart = centres[None] - centres[:, None]
-    distance = np.linalg.norm(squares_apart, axis=2)
+    centres, centres_px = print_quads.mean(axis=1), quads.mean(axis=1)
+    affine = marker_maps(print_quads[0], quads)
+    offsets = centres[None] - centres[:, None]
+    distance = np.linalg.norm(offsets, axis=2)
     first, second = np.nonzero((distance > 0.5) & (distance < NEIGHBOUR_SQUARES))
-    expected = centres_px[first] + np.einsum("njk,nk->nj", affine[first], squares_apart[first, second])
+    expected = centres_px[first] + np.einsum("njk,nk->nj", affine[first], offsets[first, second])
     cell = np.sqrt(np.abs(np.linalg.det(affine)))
     error = np.linalg.norm(expected - centres_px[second], axis=1) / cell[first]
     agree = error < PREDICTION_ERROR * distance[first, second] + 0.1
-    matrix = coo_array((agree.astype(float), (first, second)), shape=(len(places),) * 2).tocsr()
+    matrix = coo_array((agree.astype(float), (first, second)), shape=(len(print_quads),) * 2).tocsr()
     return matrix.multiply(matrix.T)
 
 
 def linked_tags(grey: Grey, target: AprilGrid) -> list[tuple[IntArray, FloatArray]]:
-    """Return places (n, 2) of corners on separate grids, and their approximate pixels (n, 2).
+    """Return grid coordinates (n, 2) of corners on separate grids, and their approximate pixels (n, 2).
 
-    The places are those of `corner_grids`, with tags beginning at odd x and even y.
+    The coordinates are those of `corner_grids`, shifted so that tags begin at odd x and even y.
     """
     points = saddle_points(grey)
     found = []
-    for members, places in corner_grids(points, alternating=True):
-        aligned = _aligned_with_tags(places, points.pixels[members], target)
+    for members, grid_xy in corner_grids(points, alternating=True):
+        aligned = _aligned_with_tags(grid_xy, points.pixels[members], target)
         if aligned is None:
             continue
         # Lines of corners on a print whose first tag begins at (1, 0).
-        on_print = target.line_mm(aligned - np.array([1, 0])) / target.pitch_mm
-        parts = smooth_parts(on_print, points.pixels[members], target.longest_step)
+        print_xy = target.line_mm(aligned - np.array([1, 0])) / target.pitch_mm
+        parts = smooth_parts(print_xy, points.pixels[members], target.longest_step)
         found += [(aligned[part], points.pixels[members[part]]) for part in parts]
     return found
 
 
-def _aligned_with_tags(places: IntArray, pixels: FloatArray, target: AprilGrid) -> IntArray | None:
-    """Shift the places so that tags begin at odd x and even y; None unless widths alternate as on the print."""
-    order = {(x, y): number for number, (x, y) in enumerate(places.tolist())}
+def _aligned_with_tags(grid_xy: IntArray, pixels: FloatArray, target: AprilGrid) -> IntArray | None:
+    """Shift the coordinates so that tags begin at odd x and even y; None unless widths alternate as on the print."""
+    index = {(x, y): number for number, (x, y) in enumerate(grid_xy.tolist())}
     ratios = []
-    for axis, wide in ((0, 1), (1, 0)):
+    for axis, tag_parity in ((0, 1), (1, 0)):
         step = np.eye(2, dtype=np.int64)[axis]
         sides: tuple[list[float], list[float]] = ([], [])
-        for (x, y), number in order.items():
-            following = order.get((x + int(step[0]), y + int(step[1])))
+        for (x, y), number in index.items():
+            following = index.get((x + int(step[0]), y + int(step[1])))
             if following is not None:
                 length = float(np.linalg.norm(pixels[following] - pixels[number]))
-                sides[((x, y)[axis] + wide) % 2].append(np.log(max(length, 1e-6)))
+                sides[((x, y)[axis] + tag_parity) % 2].append(np.log(max(length, 1e-6)))
         if sides[0] and sides[1]:
             ratios.append(float(np.median(sides[0]) - np.median(sides[1])))
     if not ratios or abs(np.mean(ratios)) < MIN_LOG_RATIO * -np.log(target.spacing):
         return None
-    return places if np.mean(ratios) > 0 else places + 1
+    return grid_xy if np.mean(ratios) > 0 else grid_xy + 1

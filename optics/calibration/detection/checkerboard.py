@@ -20,36 +20,39 @@ from scipy.spatial import cKDTree
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image, sample
-from mirrorcam.optics.calibration.detection.board_growing import REACH, BoolArray, connected, grow_grid
+from mirrorcam.optics.calibration.detection.board_growing import MAX_EXTRAPOLATION, BoolArray, connected, grow_grid
 from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_grids import corner_grids, saddle_points
-from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, SeenGrid
+from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, DetectedGrid
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, IntArray
 from mirrorcam.optics.geometry.targets import Checkerboard
 
 Grey = NDArray[np.uint8]
 CHECKERBOARD_WINDOW = 0.4
-COMPLETE_WINDOW, MAX_REFINEMENT = 0.2, 0.1  # under strong distortion: half-window and largest move, in cells
-MIN_LINKED, MIN_KEPT = 12, 0.85  # linked corners, and the share of them that match the print on a valid board
+COMPLETE_WINDOW, MAX_REFINEMENT = 0.2, 0.1  # under strong distortion: half-window and largest shift, in cells
+MIN_LINKED, MIN_KEPT = 12, 0.85  # linked corners, and the fraction of them that match the print on a valid board
 SOFTENED_PX = 1.0  # sigma of the blur applied to sharpened pictures
-MIN_SPREAD = 0.3  # rms distance from the line through the corners, in cells; two rows have 0.5
-SAME_CONTRAST = 0.6  # least contrast of an uncovered corner, relative to the board's
-# Sample points, in cells, in the squares at a corner's lower right and upper left.
-AROUND = [(sign * x, sign * y) for sign in (-1, 1) for x, y in ((0.3, 0.3), (0.4, 0.15), (0.15, 0.4))]
-SAME_CORNER = 0.3  # largest distance between two detections of one corner, in cells
+MIN_SPREAD = 0.3  # rms distance from the line through the corners, in cells; for two rows it is 0.5
+MIN_RELATIVE_CONTRAST = 0.6  # of an unoccluded corner, relative to the board's contrast
+# Sample points, in cells from a corner, in the squares at its lower right and upper left.
+SQUARE_SAMPLES = [(sign * x, sign * y) for sign in (-1, 1) for x, y in ((0.3, 0.3), (0.4, 0.15), (0.15, 0.4))]
+SAME_CORNER = 0.3  # maximum distance between two detections of one corner, in cells
 SAME_BOARD = 2  # squares within which corners certainly belong to one board
 MAX_ROUNDS = 20
 MAX_DEVIATION = 0.25  # of a linked corner from the smooth surface through the others, in cells
-INSIDE, OUTSIDE = (0.5, 0.7, 0.8), (1.2, 1.3)  # squares from the last corners, to sample a square and the paper
-ALONG_END = (-0.2, 0.0, 0.2)  # squares from the middle of a square, along the end
+INSIDE, OUTSIDE = (
+    (0.5, 0.7, 0.8),
+    (1.2, 1.3),
+)  # samples of the last square and of the paper, in squares from the last corners
+EDGE_SAMPLES = (-0.2, 0.0, 0.2)  # in squares from a square's centre, along the board's edge
 MAX_GREY_ERROR = 0.3  # relative to the contrast between white and black
 MIN_SQUARES = 2  # number of each colour
-MIN_AGREEING = 0.8  # share of the squares of each colour
+MIN_AGREEING = 0.8  # fraction of the squares of each colour
 FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_FAST_CHECK
 
 
 def cell_px(pixels: FloatArray) -> FloatArray:
-    """Distance (n,) from each of the pixels (n, 2) to its nearest neighbour: the short side of a cell there."""
+    """Distance (n,) from each corner (n, 2) to its nearest neighbour: the short side of the cell there, px."""
     distances, _ = cKDTree(pixels).query(pixels, k=2)
     return np.asarray(distances[:, 1])
 
@@ -66,16 +69,16 @@ def refine_saddles(grey: Grey, pixels: FloatArray, cells_px: FloatArray, window:
     return refined
 
 
-def spread_out(corners: Corners) -> Corners:
+def non_collinear(corners: Corners) -> Corners:
     """Return the corners, or none if they are too few or too collinear to determine a pose."""
     if len(corners) >= MIN_CORNERS:
-        across = np.linalg.svd(corners.pixels - corners.pixels.mean(axis=0), compute_uv=False)[1]
-        if across / np.sqrt(len(corners)) > MIN_SPREAD * np.median(cell_px(corners.pixels)):
+        width = np.linalg.svd(corners.pixels - corners.pixels.mean(axis=0), compute_uv=False)[1]
+        if width / np.sqrt(len(corners)) > MIN_SPREAD * np.median(cell_px(corners.pixels)):
             return corners
-    return Corners.none()
+    return Corners.empty()
 
 
-def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
+def find_checkerboards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
     """Find all checkerboards in a picture (h, w) that may be the target or a part of it, the largest first.
 
     Grids of saddle points start the search; comparison with the print then decides which corners are visible. If there
@@ -83,60 +86,60 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[SeenGrid]:
     """
     picture = np.asarray(grey, dtype=np.float32)
     max_side = max(target.cols, target.rows)
-    found: list[SeenGrid] = []
-    for places, pixels in linked_grids(grey):
-        known = [grid.corners for grid in found]
-        if not new_corners(pixels, known):
+    grids: list[DetectedGrid] = []
+    for linked_xy, pixels in linked_grids(grey):
+        detected = [grid.corners for grid in grids]
+        if not has_new_corners(pixels, detected):
             continue
-        grid_places, corners = grow_grid(picture, places, pixels, most=max_side)
-        if len(places) >= MIN_LINKED and len(corners) < MIN_KEPT * len(places):
+        grid_xy, corners = grow_grid(picture, linked_xy, pixels, margin=max_side)
+        if len(linked_xy) >= MIN_LINKED and len(corners) < MIN_KEPT * len(linked_xy):
             # A sharpened picture matches the print only after softening.
             softened = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENED_PX), dtype=np.float32)
-            softened_grid = grow_grid(softened, places, pixels, most=max_side)
-            grid_places, corners = max((grid_places, corners), softened_grid, key=lambda grid: len(grid[1]))
-        if new_corners(corners.pixels, known):
-            found.append(SeenGrid(grid_places, corners, board_ends(picture, grid_places, corners.pixels)))
-    if not found and (complete := complete_board(grey, target)):
-        places, pixels = complete
+            softened_grid = grow_grid(softened, linked_xy, pixels, margin=max_side)
+            grid_xy, corners = max((grid_xy, corners), softened_grid, key=lambda grid: len(grid[1]))
+        if has_new_corners(corners.pixels, detected):
+            grids.append(DetectedGrid(grid_xy, corners, board_limits(picture, grid_xy, corners.pixels)))
+    if not grids and (complete := complete_board(grey, target)):
+        grid_xy, pixels = complete
         cells = cell_px(pixels)
         refined = refine_saddles(grey, pixels, cells, COMPLETE_WINDOW)
         stable = np.linalg.norm(refined - pixels, axis=1) < MAX_REFINEMENT * cells
         pixels = np.where(stable[:, None], refined, pixels)
-        found.append(SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS))
-    return sorted(found, key=lambda grid: -len(grid))
+        grids.append(DetectedGrid(grid_xy, Corners(np.arange(len(grid_xy)), pixels), NO_LIMITS))
+    return sorted(grids, key=lambda grid: -len(grid))
 
 
 def linked_grids(grey: Grey) -> list[tuple[IntArray, FloatArray]]:
-    """Return places (n, 2) of corners on separate grids, as from `corner_grids`, and approximate pixels (n, 2)."""
+    """Return coordinates (n, 2) of corners on separate grids, as from `corner_grids`, and approximate pixels (n, 2)."""
     points = saddle_points(grey)
     return [
-        (places[part], points.pixels[members[part]])
-        for members, places in corner_grids(points)
-        for part in smooth_parts(places.astype(np.float64), points.pixels[members])
+        (grid_xy[part], points.pixels[members[part]])
+        for members, grid_xy in corner_grids(points)
+        for part in smooth_parts(grid_xy.astype(np.float64), points.pixels[members])
     ]
 
 
-def new_corners(pixels: FloatArray, found: Sequence[Corners]) -> bool:
-    """Return whether corners (n, 2) include enough new ones for another board besides those found."""
-    if len(pixels) < MIN_CORNERS or not found:
+def has_new_corners(pixels: FloatArray, detected: Sequence[Corners]) -> bool:
+    """Return whether corners (n, 2) include enough new ones for another board besides those already found."""
+    if len(pixels) < MIN_CORNERS or not detected:
         return len(pixels) >= MIN_CORNERS
-    distances, _ = cKDTree(np.concatenate([corners.pixels for corners in found])).query(pixels)
+    distances, _ = cKDTree(np.concatenate([corners.pixels for corners in detected])).query(pixels)
     return bool((distances > SAME_CORNER * np.median(cell_px(pixels))).sum() >= MIN_CORNERS)
 
 
-def smooth_parts(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> list[IntArray]:
+def smooth_parts(grid_xy: FloatArray, pixels: FloatArray, step: float = 1.0) -> list[IntArray]:
     """Split linked corners (n) into boards, because two adjacent mirrors may seem to show one continuous board.
 
     Adjacent corners are at most `step` squares apart.
     """
     parts = []
-    remaining = np.arange(len(places))
+    remaining = np.arange(len(grid_xy))
     while len(remaining) >= MIN_CORNERS:
-        remaining_places, remaining_pixels = places[remaining], pixels[remaining]
-        part = _smooth_around(remaining_places, remaining_pixels, np.ones(len(remaining), dtype=bool), step)
+        remaining_xy, remaining_pixels = grid_xy[remaining], pixels[remaining]
+        part = _smooth_around(remaining_xy, remaining_pixels, np.ones(len(remaining), dtype=bool), step)
         if not part.all():
-            near = np.abs(remaining_places[:, None] - remaining_places).max(axis=2) <= SAME_BOARD
-            part = _smooth_around(remaining_places, remaining_pixels, near[near.sum(axis=1).argmax()], step)
+            near = np.abs(remaining_xy[:, None] - remaining_xy).max(axis=2) <= SAME_BOARD
+            part = _smooth_around(remaining_xy, remaining_pixels, near[near.sum(axis=1).argmax()], step)
         if part.sum() < MIN_CORNERS:
             break
         parts.append(remaining[part])
@@ -144,17 +147,17 @@ def smooth_parts(places: FloatArray, pixels: FloatArray, step: float = 1.0) -> l
     return parts
 
 
-def _smooth_around(places: FloatArray, pixels: FloatArray, seeds: BoolArray, step: float) -> BoolArray:
-    """Mask (n,) of the corners connected with the `seeds` (n,), a mask, on the smooth surface grown from them."""
+def _smooth_around(grid_xy: FloatArray, pixels: FloatArray, seeds: BoolArray, step: float) -> BoolArray:
+    """Mask (n,) of the corners connected with the mask `seeds` (n,) on the smooth surface grown from them."""
     part = seeds
     for _ in range(MAX_ROUNDS):
-        warp = BoardWarp.through(places[part], pixels[part])
+        warp = BoardWarp.fit(grid_xy[part], pixels[part])
         if warp is None:
-            return np.zeros(len(places), dtype=bool)
-        deviation = np.linalg.norm(warp.at(places) - pixels, axis=1)
-        near = cKDTree(places[part]).query(places)[0] < REACH * step
-        grown = near & (deviation < MAX_DEVIATION * typical_cell_px(places[part], pixels[part]))
-        grown[grown] = connected(places[grown], step) if grown.any() else False
+            return np.zeros(len(grid_xy), dtype=bool)
+        deviation = np.linalg.norm(warp.map(grid_xy) - pixels, axis=1)
+        near = cKDTree(grid_xy[part]).query(grid_xy)[0] < MAX_EXTRAPOLATION * step
+        grown = near & (deviation < MAX_DEVIATION * typical_cell_px(grid_xy[part], pixels[part]))
+        grown[grown] = connected(grid_xy[grown], step) if grown.any() else False
         if (grown == part).all():
             break
         part = grown
@@ -164,7 +167,7 @@ def _smooth_around(places: FloatArray, pixels: FloatArray, seeds: BoolArray, ste
 
 
 def _interpolated(grey: Grey, pixels: FloatArray) -> FloatArray:
-    """Grey values (n,) at pixels (n, 2), bilinear; pixels outside are moved to the border."""
+    """Grey values (n,) at pixels (n, 2), interpolated bilinearly; pixels outside are moved to the border."""
     coordinates = np.clip(pixels.T[::-1], 0, np.array(grey.shape)[:, None] - 1)
     return np.asarray(map_coordinates(grey, coordinates, output=np.float64, order=1))
 
@@ -184,7 +187,7 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
     target
         The board.
     max_shift
-        Largest distance from the prediction, in cells.
+        Maximum distance from the prediction, in cells.
     """
     rows, cols = target.rows - 1, target.cols - 1
     cells = cell_px(predicted)
@@ -192,63 +195,64 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
     margin = np.maximum(cells, 3.0)
     inside = ((predicted > margin[:, None]) & (predicted < np.array([width, height]) - 1 - margin[:, None])).all(axis=1)
     if inside.sum() < MIN_CORNERS:
-        return Corners.none()
+        return Corners.empty()
     ids = np.flatnonzero(inside)
     refined = refine_saddles(grey, predicted[inside], cells[inside], CHECKERBOARD_WINDOW)
     near = np.linalg.norm(refined - predicted[inside], axis=1) < max_shift * cells[inside]
 
     grid = predicted.reshape(rows, cols, 2)
-    across, down = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2)[ids] for axis in (1, 0))
+    right, down = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2)[ids] for axis in (1, 0))
     # Corner (r, c) has square (r, c) at its upper left, black if r + c is even, and the same colour at its lower right.
     black_first = (ids // cols + ids % cols) % 2 == 0
     first, second = (
-        np.array([_interpolated(grey, refined + x * across + sign * y * down) for x, y in AROUND]) for sign in (1, -1)
+        np.array([_interpolated(grey, refined + x * right + sign * y * down) for x, y in SQUARE_SAMPLES])
+        for sign in (1, -1)
     )
     black, white = np.where(black_first, (first, second), (second, first))
     contrast = white.min(axis=0) - black.max(axis=0)
     typical = np.median(contrast[near]) if near.any() else 0.0
-    confirmed = near & (contrast > max(SAME_CONTRAST * typical, 8.0))
+    confirmed = near & (contrast > max(MIN_RELATIVE_CONTRAST * typical, 8.0))
     return Corners(ids[confirmed].astype(np.int64), refined[confirmed])
 
 
-def board_ends(picture: Image, places: IntArray, pixels: FloatArray) -> FloatArray:
-    """Return the coordinates (2, 2) of the corners at which a board visibly ends, as `SeenGrid.limits`.
+def board_limits(picture: Image, grid_xy: IntArray, pixels: FloatArray) -> FloatArray:
+    """Return the coordinates (2, 2) of the corners at a board's visible edges, as `DetectedGrid.limits`.
 
     Parameters
     ----------
     picture
         Grey values (h, w).
-    places, pixels
+    grid_xy, pixels
         The corners' grid coordinates (n, 2), as from `corner_grids`, and pixels (n, 2).
     """
-    warp = BoardWarp.through(places.astype(np.float64), pixels)
+    warp = BoardWarp.fit(grid_xy.astype(np.float64), pixels)
     limits = NO_LIMITS.copy()
     if warp is None:
         return limits
     for axis in range(2):
         for side, sign in enumerate((-1, 1)):
-            last = (places[:, axis] * sign).max() * sign
-            positions = np.sort(places[places[:, axis] == last, 1 - axis])
+            last = (grid_xy[:, axis] * sign).max() * sign
+            positions = np.sort(grid_xy[grid_xy[:, axis] == last, 1 - axis])
             squares = positions[:-1][np.diff(positions) == 1] + 0.5
-            if len(squares) >= 2 * MIN_SQUARES and _ends(picture, warp, axis, int(last), sign, squares):
+            if len(squares) >= 2 * MIN_SQUARES and _is_board_edge(picture, warp, axis, int(last), sign, squares):
                 limits[side, axis] = last
     return limits
 
 
-def _ends(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squares: FloatArray) -> bool:
-    """Return whether the squares with middles (n,) along a side of the grid are the board's last ones."""
+def _is_board_edge(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squares: FloatArray) -> bool:
+    """Return whether the squares with centres (n,) along a side of the grid are the board's last ones."""
 
-    def values(beyond: tuple[float, ...]) -> FloatArray:
+    def values(distances: tuple[float, ...]) -> FloatArray:
         """Grey values (n, b, a) of each square at distances from the last corners; NaN off the picture."""
-        beyond_last, along = np.meshgrid(last + sign * np.array(beyond), np.array(ALONG_END), indexing="ij")
-        points = np.empty((len(squares), *beyond_last.shape, 2))
-        points[..., axis], points[..., 1 - axis] = beyond_last, squares[:, None, None] + along
-        pixels = warp.at(points.reshape(-1, 2))
+        normal, tangential = np.meshgrid(last + sign * np.array(distances), np.array(EDGE_SAMPLES), indexing="ij")
+        points = np.empty((len(squares), *normal.shape, 2))
+        points[..., axis], points[..., 1 - axis] = normal, squares[:, None, None] + tangential
+        pixels = warp.map(points.reshape(-1, 2))
         within = np.asarray(((pixels >= 0.0) & (pixels <= np.array(picture.shape[::-1]) - 1.0)).all(axis=1))
         greys = sample(picture, np.where(within[:, None], pixels, 0.0)[None])[0]
         return np.where(within, greys, np.nan).reshape(points.shape[:-1])
 
-    # The square between corners a and a + 1 along x and y is white if a has an even sum.
+    # The square at the lower right of a corner is white if the corner's coordinates have an even sum.
     corner = np.floor(squares).astype(np.int64) + (last if sign > 0 else last - 1)
     white = np.asarray(corner % 2 == 0)
     if min(white.sum(), (~white).sum()) < MIN_SQUARES:
@@ -264,22 +268,22 @@ def _ends(picture: Image, warp: BoardWarp, axis: int, last: int, sign: int, squa
 
 
 def complete_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntArray, FloatArray] | None:
-    """Return grid places (n, 2), as from `corner_grids`, and pixels (n, 2) of a completely visible board's corners.
+    """Return grid coordinates (n, 2), as from `corner_grids`, and pixels (n, 2) of a complete board's corners.
 
     None if the picture (h, w) shows no complete board of the target's size.
     """
-    across, down = target.corner_counts
-    found, corners = cv2.findChessboardCorners(grey, (across, down), flags=FLAGS)
+    cols, rows = target.corner_counts
+    found, corners = cv2.findChessboardCorners(grey, (cols, rows), flags=FLAGS)
     if not found:
         return None
-    pixels = np.asarray(corners, dtype=np.float64).reshape(down, across, 2)
+    pixels = np.asarray(corners, dtype=np.float64).reshape(rows, cols, 2)
     directions = [np.diff(pixels, axis=axis).reshape(-1, 2).sum(axis=0) for axis in (1, 0)]
     if np.linalg.det(np.array(directions)) < 0.0:
         pixels = pixels[:, ::-1]
     y, x = np.indices(pixels.shape[:2])
     # A corner with an even coordinate sum has white at its lower right.
-    middles = (pixels[:-1, :-1] + pixels[1:, :-1] + pixels[:-1, 1:] + pixels[1:, 1:]) / 4.0
-    bright = sample(np.asarray(grey, dtype=np.float32), middles.reshape(1, -1, 2))[0]
+    centres = (pixels[:-1, :-1] + pixels[1:, :-1] + pixels[:-1, 1:] + pixels[1:, 1:]) / 4.0
+    bright = sample(np.asarray(grey, dtype=np.float32), centres.reshape(1, -1, 2))[0]
     even = ((x + y) % 2 == 0)[:-1, :-1].ravel()
     if bright[even].mean() < bright[~even].mean():
         x = x + 1

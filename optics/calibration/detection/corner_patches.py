@@ -13,23 +13,23 @@ from mirrorcam.optics.calibration.detection.blurred_print import (
     BlurredPrint,
     Image,
     blurred_print,
-    in_print_px,
+    image_px_of_print,
     local_print,
-    moved,
     px_per_pitch,
     sample,
     sample_blurred,
+    shifted,
 )
 from mirrorcam.optics.geometry.targets import AprilGrid, Target
 
 HALF_CELLS = 0.5  # half side of the compared patch, in cells
-HALF_GAPS = 0.76  # the same in gaps of an AprilGrid: patches across a gap would share most of their errors
-MAX_HALF_PX = 14.0  # largest half side: in large cells, the outer part adds little
+HALF_GAPS = 0.76  # the same, in gaps of an AprilGrid: larger patches across a gap would share most of their errors
+MAX_HALF_PX = 14.0  # maximum half side: in large cells, the outer part adds little
 SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch: for the fine and the rough refinement
-MODULATION = 0.8  # (white - black) / (white + black), if a picture shows no print
+MODULATION = 0.8  # (white - black) / (white + black), assumed if a picture shows no print
 MIN_MODULATION, MAX_MODULATION = 0.3, 0.95  # the latter for ink that reflects 1/40 as much as paper
-NEAR_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
-# Terms of a patch's model: level, two slopes, contrast, edge creep, blur, shift, motion blur, ghost images.
+WEIGHT_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
+# Terms of a patch's model: level, gradient, contrast, edge creep, blur, shift, motion blur, ghost images.
 CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(10, None)
 
 
@@ -39,17 +39,17 @@ class ExpectedCorners:
 
     Attributes
     ----------
-    places
-        Places on the print (n, 2), in squares from its top left.
+    print_xy
+        Coordinates (n, 2) on the print, in squares from its top left.
     pixels
-        Pixels (n, 2), wrong by a few px at most.
+        Pixels (n, 2), with errors of at most a few px.
     cells
-        Derivatives (n, 2, 2) of pixels by squares; columns: right, down.
+        Derivatives (n, 2, 2) of pixels with respect to squares; columns: right, down.
     second_derivatives
         Half the second derivatives (n, 2, 3): xx, xy + yx, yy.
     """
 
-    places: FloatArray
+    print_xy: FloatArray
     pixels: FloatArray
     cells: FloatArray
     second_derivatives: FloatArray
@@ -60,22 +60,22 @@ class ExpectedCorners:
 
     @cached_property
     def squares_per_px(self) -> FloatArray:
-        """Derivatives (n, 2, 2) of squares by pixels."""
+        """Derivatives (n, 2, 2) of squares with respect to pixels."""
         area = np.abs(np.linalg.det(self.cells))
         return np.asarray(np.linalg.inv(np.where(area[:, None, None] > 1e-12, self.cells, np.eye(2))))
 
     def skew_px(self, blur_px: FloatArray) -> FloatArray:
-        """Bias (n, 2) of corners, px, from comparing with a print that is blurred before it is warped.
+        """Bias (n, 2) of corners, px, caused by comparing with a print that is blurred before it is warped.
 
         A lens blurs the warped picture, with sigma `blur_px` (n,). Where cells vary in size within the blur, an edge
         blurred on the print is skewed in the picture: its profile erf(s + g s^2 / 2) fits erf(s) best with a shift of
-        g sigma^2 / 4, because the squared slope has the variance sigma^2 / 2. Both edges of a corner shift along their
-        normals, which gives the corner's bias.
+        g sigma^2 / 4, because the squared derivative of erf has the variance sigma^2 / 2. Both edges of a corner shift
+        along their normals, which gives the corner's bias.
         """
         squares_per_px = self.squares_per_px
         per_normal = squares_per_px @ squares_per_px.transpose(0, 2, 1)
         length = np.linalg.norm(squares_per_px, axis=2)
-        per_px = per_normal / length[:, None]  # squares (n, 2, 2) per px along the normal of each edge, in columns
+        per_px = per_normal / length[:, None]  # squares (n, 2, 2) per px along the edges' normals, one column per edge
         x, y = per_px[:, 0], per_px[:, 1]
         second_derivative = squares_per_px @ (self.second_derivatives @ np.stack([x * x, x * y, y * y], axis=1))
         squares = -0.5 * blur_px[:, None] ** 2 * np.diagonal(second_derivative, axis1=1, axis2=2)
@@ -86,7 +86,7 @@ class ExpectedCorners:
 class GhostImages:
     """Faint images (k) of the print around each corner (n): offsets (n, k, 2) px and relative strengths (n, k).
 
-    Images of one `kind` (k,) of 0, 1, ... have the same cause, so one factor scales their strengths.
+    `kind` (k,) numbers their causes from 0: one factor scales the strengths of all images of a kind.
     """
 
     offsets_px: FloatArray
@@ -104,7 +104,7 @@ class GhostImages:
         kind = tuple(int(numbers[self.kind[index]]) for index in kept)
         return GhostImages(self.offsets_px[:, kept], self.strengths[:, kept], kind)
 
-    def times(self, factors: FloatArray) -> GhostImages:
+    def scaled(self, factors: FloatArray) -> GhostImages:
         """Scale the strengths by a factor for each kind."""
         return replace(self, strengths=self.strengths * factors[list(self.kind)])
 
@@ -124,12 +124,12 @@ class Appearance:
     fit_strengths
         Whether to estimate the strength of each ghost image at each corner instead of keeping it fixed.
     fit_encoding
-        Whether to estimate also how much stronger ghost images are on white than on black: equal if grey values are
+        Whether to also estimate how much stronger ghost images are on white than on black; equal if grey values are
         proportional to light.
     motion
         Whether to model motion blur.
     rough
-        Whether some hundredths of a pixel suffice, which takes a fifth of the time.
+        Whether an accuracy of some hundredths of a pixel suffices, which takes a fifth of the time.
     """
 
     target: Target
@@ -148,34 +148,33 @@ def half_cells(target: Target) -> float:
 
 @dataclass(frozen=True)
 class Patches:
-    """Samples (m) around each corner (n): at `u`, `v` (m,) from -1 to 1, and at offsets `on_print` (n, m, 2) in
-    squares.
+    """Samples (m) around each corner (n), at `u`, `v` (m,) from -1 to 1.
 
-    `offsets_px` (n, m, 2) are the offsets in the picture, and `side_px` (n,) the cell sizes. `near` (m,) are weights
-    that decrease with distance, so that the outer parts of the cells do not affect the position. `half_cells` is half
-    the patch's side.
+    `print_offsets` (n, m, 2) are the offsets on the print in squares, `offsets_px` (n, m, 2) those in the picture, and
+    `side_px` (n,) the cell sizes. `centre_weights` (m,) decrease with distance, so that the outer parts of the cells do
+    not affect the position. `half_cells` is half the patch's side.
     """
 
     u: Image
     v: Image
-    near: Image
-    on_print: Image
+    centre_weights: Image
+    print_offsets: Image
     offsets_px: Image
     side_px: FloatArray
     half_cells: float
 
     @classmethod
     def around(cls, expected: ExpectedCorners, samples: int = SAMPLES, half_cells: float = HALF_CELLS) -> Patches:
-        u, v, near = _square(samples)
+        u, v, centre_weights = _square(samples)
         side_px = np.sqrt(np.abs(np.linalg.det(expected.cells)))
         half = np.minimum(half_cells, MAX_HALF_PX / np.maximum(side_px, 1e-6))
-        on_print = half.astype(np.float32)[:, None, None] * np.stack([u, v], axis=1)
+        print_offsets = half.astype(np.float32)[:, None, None] * np.stack([u, v], axis=1)
         side = half[:, None, None]
         to_px = np.concatenate([expected.cells * side, expected.second_derivatives * side**2], axis=2).astype(
             np.float32
         )
         offsets = np.stack([u, v, u * u, u * v, v * v], axis=1) @ to_px.transpose(0, 2, 1)
-        return cls(u, v, near, on_print, offsets, side_px, half_cells)
+        return cls(u, v, centre_weights, print_offsets, offsets, side_px, half_cells)
 
     @property
     def noise_gain(self) -> FloatArray:
@@ -183,21 +182,21 @@ class Patches:
 
         Interpolated samples less than two pixels apart share pixels: averaged over their positions relative to the
         pixels, the covariance of two samples is the cubic B-spline of their distance. Along either axis, samples `h` px
-        apart thus have sum_k B(k h) / B(0) times the variance of independent samples.
+        apart thus multiply the variance of independent samples by sum_k B(k h) / B(0).
         """
         half = np.minimum(self.half_cells * self.side_px, MAX_HALF_PX)
         samples = round(np.sqrt(len(self.u)))
         distances = np.maximum(2.0 * half / (samples - 1), 1e-6)[:, None] * np.arange(samples)
         beyond_one = np.clip(2.0 - distances, 0.0, None) ** 3 / 6.0
-        share = np.where(distances < 1.0, 2.0 / 3.0 - distances**2 + distances**3 / 2.0, beyond_one)
-        return np.asarray(2.0 * share.sum(axis=1) / share[:, 0] - 1.0)
+        spline = np.where(distances < 1.0, 2.0 / 3.0 - distances**2 + distances**3 / 2.0, beyond_one)
+        return np.asarray(2.0 * spline.sum(axis=1) / spline[:, 0] - 1.0)
 
 
 @lru_cache(maxsize=2)
 def _square(samples: int) -> tuple[Image, Image, Image]:
     """Samples on a square from -1 to 1, and their weights."""
     u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, samples, dtype=np.float32)] * 2))
-    return u, v, np.exp(-(u * u + v * v) / (2.0 * NEAR_VARIANCE))
+    return u, v, np.exp(-(u * u + v * v) / (2.0 * WEIGHT_VARIANCE))
 
 
 @dataclass(frozen=True)
@@ -210,17 +209,17 @@ class LinearModel:
     @classmethod
     def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance, greys: Image) -> LinearModel:
         """Build the model at corners (n); `greys` (n, m) are the grey values at the expected positions."""
-        local, places = local_print(appearance.target, expected.places)
+        local, print_xy = local_print(appearance.target, expected.print_xy)
         squares_per_px = expected.squares_per_px
         metric = squares_per_px @ squares_per_px.transpose(0, 2, 1)
-        at = moved(patches.on_print, places)
-        printed = sample_blurred(local, at, appearance.blur_px**2 * metric)
+        sample_xy = shifted(patches.print_offsets, print_xy)
+        printed = sample_blurred(local, sample_xy, appearance.blur_px**2 * metric)
         value = printed.value
-        xx, xy, yy = np.moveaxis(_second_by_px(squares_per_px).astype(np.float32) @ printed.second, 1, 0)
+        xx, xy, yy = np.moveaxis(_second_derivative_maps(squares_per_px).astype(np.float32) @ printed.second, 1, 0)
         ghosts = []
         if appearance.ghosts is not None:
             blur_cells = appearance.blur_px / float(np.median(patches.side_px))
-            ghosts = _ghosts(local, blurred_print(local, blur_cells), at, squares_per_px, appearance.ghosts)
+            ghosts = _ghosts(local, blurred_print(local, blur_cells), sample_xy, squares_per_px, appearance.ghosts)
         if not appearance.fit_strengths:
             value, ghosts = sum(ghosts, value), []
         elif appearance.fit_encoding:
@@ -228,7 +227,7 @@ class LinearModel:
         right, down = np.moveaxis(squares_per_px.transpose(0, 2, 1).astype(np.float32) @ printed.first, 1, 0)
         # A brightness gradient scales the print: it changes white more than black. Subtracting it equally from both
         # would let the lens's vignetting pull all corners inwards.
-        level = 1.0 + _modulation(value, greys, patches.near) * value
+        level = 1.0 + _modulation(value, greys, patches.centre_weights) * value
         basis = [np.ones_like(value), level * patches.u, level * patches.v, value, np.hypot(right, down), xx + yy]
         # Motion blur acts along the motion and would shift corners of opposite polarity apart by a tenth of a pixel.
         motion = [xx - yy, xy] if appearance.motion else []
@@ -238,17 +237,17 @@ class LinearModel:
         return cls(terms, scale)
 
 
-def _second_by_px(squares_per_px: FloatArray) -> FloatArray:
-    """Matrices (n, 3, 3) from second derivatives xx, xy, yy by squares to second derivatives by px."""
+def _second_derivative_maps(squares_per_px: FloatArray) -> FloatArray:
+    """Matrices (n, 3, 3) from second derivatives xx, xy, yy with respect to squares to those with respect to px."""
     (a, b), (c, d) = np.moveaxis(squares_per_px, 0, -1)
     return np.moveaxis(
         np.array([[a * a, 2.0 * a * c, c * c], [a * b, a * d + b * c, c * d], [b * b, 2.0 * b * d, d * d]]), 2, 0
     )
 
 
-def _modulation(value: Image, greys: Image, near: Image) -> float:
-    """(white - black) / (white + black) of a print of values (n, m) in a picture: the median over patches (n)."""
-    weights = near / near.sum()
+def _modulation(value: Image, greys: Image, centre_weights: Image) -> float:
+    """(white - black) / (white + black) of a print with values (n, m) in a picture: the median over patches (n)."""
+    weights = centre_weights / centre_weights.sum()
     mean, level = value @ weights, greys @ weights
     variance = (value * value) @ weights - mean**2
     contrast = ((value * greys) @ weights - mean * level) / np.maximum(variance, 1e-9)
@@ -260,13 +259,13 @@ def _modulation(value: Image, greys: Image, near: Image) -> float:
 
 
 def _ghosts(
-    target: Target, blurred: BlurredPrint, at: Image, squares_per_px: FloatArray, ghosts: GhostImages
+    target: Target, blurred: BlurredPrint, sample_xy: Image, squares_per_px: FloatArray, ghosts: GhostImages
 ) -> list[Image]:
-    """Ghost images (n, m) of a print at places (n, m, 2) on it, summed for each kind."""
+    """Ghost images (n, m) of a print at points (n, m, 2) on it, summed for each kind."""
     shifts = px_per_pitch(target) * ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)
-    in_print = in_print_px(target, at)
+    print_px = image_px_of_print(target, sample_xy)
     images = [
-        strength[:, None] * sample(blurred.value, moved(in_print, -shift))
+        strength[:, None] * sample(blurred.value, shifted(print_px, -shift))
         for shift, strength in zip(np.moveaxis(shifts, 1, 0), ghosts.strengths.T.astype(np.float32), strict=True)
     ]
     kinds = range(max(ghosts.kind, default=-1) + 1)

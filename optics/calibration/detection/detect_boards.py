@@ -13,57 +13,63 @@ from mirrorcam.core.disk.results import Results
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.detection import charuco, detection_cache
 from mirrorcam.optics.calibration.detection.assignment import assign, likely_mirror, unassigned_px
-from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, spread_out
-from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, non_collinear
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, Target
 
 
-def find_boards(grey: Grey, target: Target, *, mirrored: bool, most: int) -> list[tuple[Corners, ...]]:
-    """Find up to `most` boards in a picture (h, w), the largest first, each in all of its possible numberings.
+def find_boards(grey: Grey, target: Target, *, mirrored: bool, max_boards: int) -> list[tuple[Corners, ...]]:
+    """Find up to `max_boards` boards in a picture (h, w), the largest first, each in all of its possible numberings.
 
-    `mirrored`: whether the boards are seen in mirrors. Boards with few or collinear corners are left out, because they
-    do not determine a pose, and so are parts of checkerboards that fit the target in several places.
+    `mirrored` states whether the boards appear in mirrors. Boards with few or collinear corners are left out, because
+    they do not determine a pose, and so are parts of checkerboards that fit the target at several positions.
     """
     if isinstance(target, Checkerboard):
         found = [tuple(grid.numberings(target, mirrored=mirrored)) for grid in find_checkerboards(grey, target)]
         found = [board for board in found if len(board) <= 1 + target.looks_same_upside_down]
     else:
-        found = [(board,) for board in charuco.find_marked_boards(grey, target, mirrored=mirrored, most=most)]
-    return [board for board in found if board and len(spread_out(board[0]))][:most]
+        found = [
+            (board,) for board in charuco.find_marked_boards(grey, target, mirrored=mirrored, max_boards=max_boards)
+        ]
+    return [board for board in found if board and len(non_collinear(board[0]))][:max_boards]
 
 
-def direct_view(grey: Grey, target: Target) -> Observations:
-    """Return the corners of the largest board that the bare camera sees, as frame 0."""
-    for numberings in find_boards(grey, target, mirrored=False, most=1):
+def detect_direct_view(grey: Grey, target: Target) -> Observations:
+    """Return the corners of the largest board in a picture of the bare camera, as frame 0."""
+    for numberings in find_boards(grey, target, mirrored=False, max_boards=1):
         return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels, numberings[0].sigma_px)
-    return Observations.none()
+    return Observations.empty()
 
 
-def sub_images(grey: Grey, layout: Layout, target: Target, results: Results | None = None) -> DetectedFrame:
+def detect_sub_images(grey: Grey, layout: Layout, target: Target, results: Results | None = None) -> DetectedFrame:
     """Return the corners in every mirror of a frame (h, w), as frame 0; views without a board add no rows.
 
     A results store caches the boards, which do not depend on the layout.
     """
-    most = 2 * len(layout.mirrors)  # more boards than mirrors, because some may be stray
+    max_boards = 2 * len(layout.mirrors)  # more boards than mirrors, because some may be stray
     if isinstance(target, Checkerboard):
-        cached = _cached(grey, target, most, results, lambda: _as_grids(find_checkerboards(grey, target)))
+        cached = _cached(grey, target, max_boards, results, lambda: _as_grids(find_checkerboards(grey, target)))
         return _checkerboards([grid for _, grid in cached.grids], layout, target)
     cached = _cached(
-        grey, target, most, results, lambda: _as_views(find_boards(grey, target, mirrored=True, most=most))
+        grey,
+        target,
+        max_boards,
+        results,
+        lambda: _as_views(find_boards(grey, target, mirrored=True, max_boards=max_boards)),
     )
     parts = [cached.corners.where(cached.corners.view == number) for number in np.unique(cached.corners.view)]
     boards = [(Corners(part.corner, part.pixels, part.sigma_px),) for part in parts]
     assigned = assign(boards, layout, target)
-    views = [Observations.of_view(0, index, seen.ids, seen.pixels, seen.sigma_px) for index, seen in assigned]
+    views = [Observations.of_view(0, index, found.ids, found.pixels, found.sigma_px) for index, found in assigned]
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
 
 
 def _cached(
     grey: Grey, target: Target, boards: int, results: Results | None, find: Callable[[], DetectedFrame]
 ) -> DetectedFrame:
-    """Return cached detections of a picture, or find and cache them; `boards` in mirrors, 0 for the direct view."""
+    """Return cached detections of a picture, or find and cache them; `boards` is 0 for the direct view."""
     if results is None:
         return find()
     name = detection_cache.name_of(grey, target, boards)
@@ -74,12 +80,12 @@ def _cached(
     return cached
 
 
-def _as_grids(grids: Sequence[SeenGrid]) -> DetectedFrame:
-    return DetectedFrame(Observations.none(), grids=tuple((0, grid) for grid in grids))
+def _as_grids(grids: Sequence[DetectedGrid]) -> DetectedFrame:
+    return DetectedFrame(Observations.empty(), grids=tuple((0, grid) for grid in grids))
 
 
 def _as_views(boards: Sequence[tuple[Corners, ...]]) -> DetectedFrame:
-    """Return boards of one numbering each as the views of a frame, numbered in order."""
+    """Return boards with one numbering each as the views of a frame, numbered in order."""
     parts = [
         Observations.of_view(0, number, board.ids, board.pixels, board.sigma_px)
         for number, (board,) in enumerate(boards)
@@ -87,14 +93,14 @@ def _as_views(boards: Sequence[tuple[Corners, ...]]) -> DetectedFrame:
     return DetectedFrame(Observations.join(parts))
 
 
-def _checkerboards(found: Sequence[SeenGrid], layout: Layout, target: Checkerboard) -> DetectedFrame:
-    """Return a frame's corners of the checkerboards that a single view can number, and all checkerboards as grids."""
-    grids = [grid for grid in found if len(spread_out(grid.corners))]
+def _checkerboards(detected: Sequence[DetectedGrid], layout: Layout, target: Checkerboard) -> DetectedFrame:
+    """Return the corners of checkerboards that can be numbered in a single view, and all checkerboards as grids."""
+    grids = [grid for grid in detected if len(non_collinear(grid.corners))]
     numbered = [(grid, tuple(grid.numberings(target, mirrored=True))) for grid in grids[: 2 * len(layout.mirrors)]]
     boards = [options for _, options in numbered if 0 < len(options) <= 1 + target.looks_same_upside_down]
     assigned = assign(boards, layout, target)
     chosen = {id(corners): mirror for mirror, corners in assigned}
-    views, seen_grids = [], []
+    views, mirror_grids = [], []
     for grid, options in numbered:
         corners = next((option for option in options if id(option) in chosen), options[0] if options else grid.corners)
         mirror = chosen.get(id(corners), likely_mirror(corners, layout))
@@ -103,8 +109,8 @@ def _checkerboards(found: Sequence[SeenGrid], layout: Layout, target: Checkerboa
         if id(corners) in chosen:
             views.append(Observations.of_view(0, mirror, corners.ids, corners.pixels, corners.sigma_px))
         if len(grid) >= MIN_CORNERS:
-            seen_grids.append((mirror, grid))
-    return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout), tuple(seen_grids))
+            mirror_grids.append((mirror, grid))
+    return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout), tuple(mirror_grids))
 
 
 def detect_frames(
@@ -123,13 +129,13 @@ def detect_frames(
     ----------
     pictures
         Grey pictures (h, w) of the size of the layout's camera; at most two per worker are in memory at a time. None
-        stands for an unreadable frame, which shows nothing.
+        replaces an unreadable frame, which shows nothing.
     layout
-        Nominal or calibrated layout: locates the sub-images.
+        Nominal or calibrated layout, which locates the sub-images.
     target
         The board.
     mirrored
-        Whether the pictures show the board through the mirrors (`sub_images`) or directly (`direct_view`).
+        Whether the pictures show the board through the mirrors (`detect_sub_images`), or directly.
     folder
         Folder that caches detections, if any.
     workers
@@ -152,10 +158,10 @@ def detect_frames(
 
     def detect(grey: Grey | None) -> DetectedFrame:
         if grey is None:
-            return DetectedFrame(Observations.none())
+            return DetectedFrame(Observations.empty())
         if mirrored:
-            return sub_images(grey, layout, target, results)
-        return _cached(grey, target, 0, results, lambda: DetectedFrame(direct_view(grey, target)))
+            return detect_sub_images(grey, layout, target, results)
+        return _cached(grey, target, 0, results, lambda: DetectedFrame(detect_direct_view(grey, target)))
 
     def checked() -> Iterator[Grey | None]:
         for number, grey in enumerate(pictures):

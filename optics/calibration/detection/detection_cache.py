@@ -13,7 +13,7 @@ from mirrorcam.core.disk.program import program_of
 from mirrorcam.core.disk.results import Results
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations
 from mirrorcam.optics.geometry.targets import Target
 
@@ -21,7 +21,7 @@ FIELDS = ("view", "corner", "pixels", "sigma_px")
 UNASSIGNED = "unassigned"
 GRIDS = ("grid_mirror", "grid_of", "grid_places", "grid_pixels", "grid_sigma_px", "grid_limits")
 MAX_BYTES = 10_000_000
-"""Largest size of a file; a corner takes 40 bytes."""
+"""Maximum size of a file; a corner takes 40 bytes."""
 
 
 CODE = "mirrorcam.optics.calibration.detection.detect_boards"
@@ -35,47 +35,52 @@ def name_of(grey: Grey, target: Target, boards: int) -> str:
 
 
 def load(results: Results, name: str, *, views: int, corners: int) -> DetectedFrame | None:
-    """Load the detections of a name, as frame 0; None if they are not cached or invalid.
+    """Load the detections of a name, as frame 0; None if they are not cached or are invalid.
 
     `views` and `corners` are the numbers of views, and of corners on the target.
     """
     cached = results.get(name, program_of(CODE))
     try:
         content = io.BytesIO(b"" if cached is None else cached[_FRAME])
-        if sum(each.file_size for each in zipfile.ZipFile(content).infolist()) > MAX_BYTES:
+        if sum(member.file_size for member in zipfile.ZipFile(content).infolist()) > MAX_BYTES:
             return None
         with np.load(content, allow_pickle=False) as file:
             view, corner, pixels, sigma_px = (np.asarray(file[field]) for field in FIELDS)
-            seen = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels, sigma_px)
-            frame = DetectedFrame(seen, file[UNASSIGNED], _grids(*(np.asarray(file[name]) for name in GRIDS)))
+            corners_found = Observations(np.zeros(view.size, dtype=np.int64), view, corner, pixels, sigma_px)
+            frame = DetectedFrame(corners_found, file[UNASSIGNED], _grids(*(np.asarray(file[name]) for name in GRIDS)))
     except (OSError, ValueError, TypeError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error):
         return None  # not cached, or written by another program
 
-    known = (seen.view >= DIRECT) & (seen.view < views) & (seen.corner >= 0) & (seen.corner < corners)
-    return frame if known.all() and all(0 <= mirror < views for mirror, _ in frame.grids) else None
+    valid = (
+        (corners_found.view >= DIRECT)
+        & (corners_found.view < views)
+        & (corners_found.corner >= 0)
+        & (corners_found.corner < corners)
+    )
+    return frame if valid.all() and all(0 <= mirror < views for mirror, _ in frame.grids) else None
 
 
 def _grids(
     mirrors: IntArray,
     grid_numbers: IntArray,
-    places: IntArray,
+    grid_xy: IntArray,
     pixels: FloatArray,
     sigma_px: FloatArray,
     limits: FloatArray,
-) -> tuple[tuple[int, SeenGrid], ...]:
-    """Build the grids (k), with corners (n) assigned by `grid_numbers` (n,); raises ValueError for other shapes."""
+) -> tuple[tuple[int, DetectedGrid], ...]:
+    """Build the grids (k), with corners (n) assigned by `grid_numbers` (n,); raises ValueError for wrong shapes."""
     count, rows = len(mirrors), len(grid_numbers)
-    shapes = [places.shape, pixels.shape, sigma_px.shape, limits.shape]
+    shapes = [grid_xy.shape, pixels.shape, sigma_px.shape, limits.shape]
     if shapes != [(rows, 2), (rows, 2), (rows,), (count, 2, 2)] or not (
         np.isfinite(pixels).all() and (sigma_px > 0).all()
     ):
         raise ValueError(f"grids of {count} mirrors and {rows} corners have arrays of shapes {shapes}")
-    found = []
+    grids = []
     for number, mirror in enumerate(mirrors.tolist()):
         in_grid = grid_numbers == number
         corners = Corners(np.arange(in_grid.sum()), pixels[in_grid], sigma_px[in_grid])
-        found.append((int(mirror), SeenGrid(places[in_grid].astype(np.int64), corners, limits[number])))
-    return tuple(found)
+        grids.append((int(mirror), DetectedGrid(grid_xy[in_grid].astype(np.int64), corners, limits[number])))
+    return tuple(grids)
 
 
 def save(results: Results, name: str, frame: DetectedFrame) -> None:
@@ -86,7 +91,7 @@ def save(results: Results, name: str, frame: DetectedFrame) -> None:
     arrays |= {
         "grid_mirror": np.array([mirror for mirror, _ in frame.grids], dtype=np.int64),
         "grid_of": np.repeat(np.arange(len(grids)), [len(grid) for grid in grids]),
-        "grid_places": np.concatenate([np.empty((0, 2), dtype=np.int64), *(grid.places for grid in grids)]),
+        "grid_places": np.concatenate([np.empty((0, 2), dtype=np.int64), *(grid.grid_xy for grid in grids)]),
         "grid_pixels": np.concatenate([np.empty((0, 2)), *(grid.corners.pixels for grid in grids)]),
         "grid_sigma_px": np.concatenate([np.empty(0), *(grid.corners.sigma_px for grid in grids)]),
         "grid_limits": np.array([grid.limits for grid in grids]).reshape(-1, 2, 2),

@@ -12,64 +12,66 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray, Observations
 from mirrorcam.optics.geometry.targets import Checkerboard
 
-TURNS = tuple(np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turn) for turn in range(4))
+QUARTER_ROTATIONS = tuple(np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turn) for turn in range(4))
 NO_LIMITS = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
 FLIP, RIGHT = np.array([[-1, 0], [0, 1]]), np.array([1, 0])
 
 
 @dataclass(frozen=True)
-class SeenGrid:
-    """Visible corners of a checkerboard, which may be any part of it.
+class DetectedGrid:
+    """Detected corners of a checkerboard, which may be any part of it.
 
     Attributes
     ----------
-    places
+    grid_xy
         Integer coordinates (n, 2) on a separate grid, as from `corner_grids`: the axes have the handedness of the
-        picture's x and y, and a corner with an even sum has white at its lower right.
+        picture's x and y, and a corner with an even coordinate sum has white at its lower right.
     corners
         The corners (n,) in the picture, with ids numbering them in this order.
     limits
-        Lowest and highest coordinates (2, 2), in rows, of corners at the board's visible ends; infinite where an end is
+        Coordinates of the corners at the board's visible edges (2, 2; rows: lowest, highest); infinite where an edge is
         not visible.
     """
 
-    places: IntArray
+    grid_xy: IntArray
     corners: Corners
     limits: FloatArray
 
     def __len__(self) -> int:
-        return len(self.places)
+        return len(self.grid_xy)
 
     @property
     def extent(self) -> tuple[int, int]:
         """Number of corners along each axis."""
-        across, down = np.ptp(self.places, axis=0) + 1
-        return int(across), int(down)
+        cols, rows = np.ptp(self.grid_xy, axis=0) + 1
+        return int(cols), int(rows)
 
     @property
-    def as_printed(self) -> SeenGrid:
+    def as_printed(self) -> DetectedGrid:
         """The grid of a mirrored board as on the print: with the print's handedness and colours."""
-        return replace(self, places=self.places @ FLIP + RIGHT, limits=_rotated_limits(self.limits, FLIP) + RIGHT)
+        return replace(self, grid_xy=self.grid_xy @ FLIP + RIGHT, limits=_rotated_limits(self.limits, FLIP) + RIGHT)
 
-    def moved(self, turn: int, shift: IntArray) -> SeenGrid:
-        """Rotate the coordinates by quarter turns, then add a shift (2,); turn and shift must have an even sum."""
-        matrix = TURNS[turn]
-        return replace(self, places=self.places @ matrix.T + shift, limits=_rotated_limits(self.limits, matrix) + shift)
+    def transformed(self, turn: int, shift: IntArray) -> DetectedGrid:
+        """Rotate the coordinates by quarter turns, then add a shift (2,); the sum of turn and shift must be even."""
+        matrix = QUARTER_ROTATIONS[turn]
+        return replace(
+            self, grid_xy=self.grid_xy @ matrix.T + shift, limits=_rotated_limits(self.limits, matrix) + shift
+        )
 
-    def where(self, mask: NDArray[np.bool_]) -> SeenGrid:
+    def where(self, mask: NDArray[np.bool_]) -> DetectedGrid:
         """Select the corners of a mask (n,)."""
         corners = self.corners.where(mask)
-        return replace(self, places=self.places[mask], corners=replace(corners, ids=np.arange(len(corners))))
+        return replace(self, grid_xy=self.grid_xy[mask], corners=replace(corners, ids=np.arange(len(corners))))
 
     def numberings(self, target: Checkerboard, *, mirrored: bool) -> list[Corners]:
-        """Return all numberings as the target's corners that match its colours, extent and ends.
+        """Return this grid's corners with all ids that are consistent with the target's colours, extent and edges.
 
         Parameters
         ----------
         target
             The board.
         mirrored
-            Whether the board is seen in a mirror.
+            Whether the board appears in a mirror.
 
         Returns
         -------
@@ -79,33 +81,33 @@ class SeenGrid:
         if mirrored:
             return self.as_printed.numberings(target, mirrored=False)
         last = np.array([target.cols - 2, target.rows - 2])
-        found = []
+        candidates = []
         for turn in range(4):
-            for shift in _shifts(self.moved(turn, np.zeros(2, dtype=np.int64)), last):
-                # On the print, black is right of and below corners with an even sum.
+            for shift in _shifts(self.transformed(turn, np.zeros(2, dtype=np.int64)), last):
+                # On the print, the square at the lower right of a corner with an even coordinate sum is black.
                 if (shift.sum() + turn) % 2 == 1:
-                    col, row = self.moved(turn, shift).places.T
-                    found.append(replace(self.corners, ids=(row * (last[0] + 1) + col).astype(np.int64)))
-        return found
+                    col, row = self.transformed(turn, shift).grid_xy.T
+                    candidates.append(replace(self.corners, ids=(row * (last[0] + 1) + col).astype(np.int64)))
+        return candidates
 
     @classmethod
-    def join(cls, grids: Sequence[SeenGrid]) -> SeenGrid:
-        """Join grids of one board with common coordinates; an end that another grid passes is dropped."""
-        places = np.concatenate([grid.places for grid in grids])
+    def join(cls, grids: Sequence[DetectedGrid]) -> DetectedGrid:
+        """Join grids of one board with common coordinates; an edge that another grid extends beyond is dropped."""
+        grid_xy = np.concatenate([grid.grid_xy for grid in grids])
         corners = Corners(
-            np.arange(len(places)),
+            np.arange(len(grid_xy)),
             np.concatenate([grid.corners.pixels for grid in grids]),
             np.concatenate([grid.corners.sigma_px for grid in grids]),
         )
-        low, high = places.min(axis=0), places.max(axis=0)
+        low, high = grid_xy.min(axis=0), grid_xy.max(axis=0)
         lows, highs = np.array([grid.limits for grid in grids]).transpose(1, 0, 2)
         lows, highs = np.where(lows <= low, lows, -np.inf), np.where(highs >= high, highs, np.inf)
-        return cls(places, corners, np.array([lows.max(axis=0), highs.min(axis=0)]))
+        return cls(grid_xy, corners, np.array([lows.max(axis=0), highs.min(axis=0)]))
 
 
-def _shifts(grid: SeenGrid, last: IntArray) -> list[IntArray]:
-    """Return the shifts (2,) that move a grid into the range from 0 to `last`, with its limits on the ends."""
-    first, final = -grid.places.min(axis=0), last - grid.places.max(axis=0)
+def _shifts(grid: DetectedGrid, last: IntArray) -> list[IntArray]:
+    """Return the shifts (2,) that move a grid into the range from 0 to `last`, and its limits onto the range's ends."""
+    first, final = -grid.grid_xy.min(axis=0), last - grid.grid_xy.max(axis=0)
     for axis in range(2):
         for limit, end in zip(grid.limits[:, axis], (0, last[axis]), strict=True):
             if np.isfinite(limit):
@@ -117,11 +119,11 @@ def _shifts(grid: SeenGrid, last: IntArray) -> list[IntArray]:
 
 def _rotated_limits(limits: FloatArray, matrix: IntArray) -> FloatArray:
     """Limits (2, 2) after a rotation or flip of the coordinates."""
-    turned = np.empty_like(limits)
+    rotated = np.empty_like(limits)
     for axis in range(2):
         source = int(np.flatnonzero(matrix[axis])[0])
-        turned[:, axis] = np.sort(matrix[axis, source] * limits[:, source])
-    return turned
+        rotated[:, axis] = np.sort(matrix[axis, source] * limits[:, source])
+    return rotated
 
 
 @dataclass(frozen=True)
@@ -133,9 +135,9 @@ class DetectedFrame:
     corners
         The corners, numbered as frame 0.
     unassigned_px
-        Centroids (k, 2) of boards that no mirror of the layout explains, px.
+        Centroids (k, 2) of boards that belong to no mirror of the layout, px.
     grids
-        Checkerboards, or parts of them, with the index of the mirror that shows each, numbered or not; empty if all
+        Checkerboards or parts of them, numbered or not, each with the index of the mirror that shows it; empty if all
         could be numbered.
 
     Raises
@@ -146,7 +148,7 @@ class DetectedFrame:
 
     corners: Observations
     unassigned_px: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    grids: tuple[tuple[int, SeenGrid], ...] = ()
+    grids: tuple[tuple[int, DetectedGrid], ...] = ()
 
     def __post_init__(self) -> None:
         centroids = np.array(self.unassigned_px, dtype=np.float64)

@@ -13,7 +13,7 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.solver.observations import Corners
 
 CELLS_ACROSS = 16
-"""Number of cells across a picture; corners in one cell count as the same place."""
+"""Number of cells across a picture; corners in one cell count as the same position."""
 ROTATION_BIN_DEG, FORESHORTENING_BIN, SIZE_BIN = 20.0, 0.12, 0.35
 """Bin sizes of board poses: direction, foreshortening, and logarithm of the size."""
 MIN_CORNERS = 4
@@ -34,13 +34,13 @@ class SharpFrame:
 
 
 class SharpestFrames:
-    """The sharpest frame of each of up to `most` stretches of equal length of a video of unknown length.
+    """The sharpest frame of each of up to `max_frames` equally long segments of a video of unknown length.
 
-    Frames are added one at a time. Whenever there are twice as many stretches, pairs of them are merged.
+    Frames are added one at a time. Whenever there are twice as many segments, pairs of them are merged.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most, self._length, self._count = most, 1, 0
+    def __init__(self, max_frames: int) -> None:
+        self._max_frames, self._length, self._count = max_frames, 1, 0
         self._best: list[SharpFrame] = []
 
     def add(self, frame: SharpFrame) -> None:
@@ -50,7 +50,7 @@ class SharpestFrames:
         elif frame.sharpness > self._best[-1].sharpness:
             self._best[-1] = frame
         self._count += 1
-        if len(self._best) == 2 * self._most and self._count % self._length == 0:
+        if len(self._best) == 2 * self._max_frames and self._count % self._length == 0:
             self._best = [
                 max(pair, key=lambda frame: frame.sharpness)
                 for pair in zip(self._best[::2], self._best[1::2], strict=True)
@@ -58,23 +58,24 @@ class SharpestFrames:
             self._length *= 2
 
     def chosen(self) -> list[SharpFrame]:
-        """Return at most `most` frames, by number: the sharpest of each stretch, after merging stretches as needed."""
-        if len(self._best) <= self._most:
+        """Return the sharpest frame of each segment, by number, after merging segments down to `max_frames`."""
+        if len(self._best) <= self._max_frames:
             return list(self._best)
-        stretches = np.arange(len(self._best)) * self._most // len(self._best)
+        segments = np.arange(len(self._best)) * self._max_frames // len(self._best)
         return [
-            max((self._best[k] for k in np.flatnonzero(stretches == stretch)), key=lambda frame: frame.sharpness)
-            for stretch in range(self._most)
+            max((self._best[k] for k in np.flatnonzero(segments == segment)), key=lambda frame: frame.sharpness)
+            for segment in range(self._max_frames)
         ]
 
 
 def most_informative(
-    boards: Sequence[Sequence[Corners]], corners_in_board_mm: FloatArray, *, width_px: int, most: int
+    boards: Sequence[Sequence[Corners]], corners_in_board_mm: FloatArray, *, width_px: int, max_frames: int
 ) -> list[int]:
-    """Choose at most `most` frames whose boards cover the picture and differ in pose; return their numbers.
+    """Choose at most `max_frames` frames whose boards cover the picture and differ in pose; return their numbers.
 
-    A frame's value is the sum over its features, the picture cells that each board covers (together weighted as much as
-    its pose) and its poses, of 1 / (1 + n), n chosen frames having the feature. Frames are chosen greedily by value.
+    A frame's features are the picture cells that each board covers (together weighted as much as its pose) and its
+    poses. Its value is the sum of 1 / (1 + n) over its features, each of which n chosen frames have. Frames are chosen
+    greedily by value.
 
     Parameters
     ----------
@@ -84,23 +85,23 @@ def most_informative(
         The board's corners (c, 3) in the board frame as drawn, mm.
     width_px
         Width of the pictures, px.
-    most
-        Largest number of frames; fewer are chosen if fewer show a board.
+    max_frames
+        Maximum number of frames; fewer are chosen if fewer show a board.
     """
     features = [dict(_features(frame, corners_in_board_mm, width_px / CELLS_ACROSS)) for frame in boards]
-    seen: dict[Hashable, int] = {}
-    candidates = [number for number, of_frame in enumerate(features) if of_frame]
+    counts: dict[Hashable, int] = {}
+    candidates = [number for number, frame_features in enumerate(features) if frame_features]
     chosen: list[int] = []
 
     def value(number: int) -> float:
-        return sum(share / (1 + seen.get(item, 0)) for item, share in features[number].items())
+        return sum(weight / (1 + counts.get(item, 0)) for item, weight in features[number].items())
 
-    while candidates and len(chosen) < most:
+    while candidates and len(chosen) < max_frames:
         best = max(candidates, key=value)
         candidates.remove(best)
         chosen.append(best)
         for item in features[best]:
-            seen[item] = seen.get(item, 0) + 1
+            counts[item] = counts.get(item, 0) + 1
     return sorted(chosen)
 
 
@@ -113,8 +114,8 @@ def _features(
             continue
         cells = np.unique((board.pixels // cell_px).astype(np.int64), axis=0)
         yield from ((("corner", *cell), 1.0 / len(cells)) for cell in cells.tolist())
-        drawn = corners_in_board_mm[board.ids, :2]
-        homogeneous = np.column_stack([drawn, np.ones(len(drawn))])
+        nominal = corners_in_board_mm[board.ids, :2]
+        homogeneous = np.column_stack([nominal, np.ones(len(nominal))])
         linear_map = np.linalg.lstsq(homogeneous, board.pixels, rcond=None)[0][:2]
         rotation, stretch, _ = np.linalg.svd(linear_map)
         x_axis = linear_map.T @ [1.0, 0.0]

@@ -1,13 +1,13 @@
 """Ghost images of second-surface mirrors, and corner refinement that accounts for them.
 
-The uncoated front of a second-surface mirror reflects a few percent of the incoming light, and the same share of the
-light coming back from the coating. So the picture has a faint ghost image on either side, a few pixels off in the plane
-of incidence. At an edge one ghost image is already white (or the other one still black), which shifts the edge by some
-hundredths of a pixel: in the same direction in all views, as if the plate were thicker.
+The uncoated front of a second-surface mirror reflects a few percent of the incoming light, and the same fraction of the
+light coming back from the coating. So the picture has a faint ghost image on either side, displaced by a few pixels in
+the plane of incidence. At an edge, one ghost image is already white (or the other still black), which shifts the edge
+by some hundredths of a pixel: in the same direction in all views, as if the plate were thicker.
 
 The layout and the board's pose give the offsets of the ghost images; Fresnel's equations give their strengths. One
-ghost image ends before the picture does, where its light would leave the plate beyond the edge. The exact place depends
-on how the plate was cut and glued, so corners near it are left out.
+ghost image ends before the picture does, where its light would leave the plate beyond the edge. The exact position
+depends on how the plate was cut and glued, so corners near it are left out.
 
 Offsets must be accurate: an error of a tenth of a pixel across an edge shifts the edge by some thousandths of a pixel.
 So the mirrors come from a first estimate, not from the nominal layout.
@@ -41,7 +41,7 @@ from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.board_growing import expected_corners, first_blur_px, smooth
-from mirrorcam.optics.calibration.detection.board_warp import corner_places
+from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import (
     MAX_HALF_PX,
@@ -59,21 +59,21 @@ from mirrorcam.optics.geometry.plate import surface_reflectance
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
-REFLECTANCE = 0.92  # assumed for the coating; `without_ghost_images` corrects it
-PASSES = (0, 2, 3)  # of each ghost image, to the coating and back; the picture itself has one
-KINDS = (0, 1, 1)  # reflected at the front from outside; reflected back to the coating
-COMPLETE = 2  # largest number of passes of a ghost image that must be complete; more carry 1/500 of the light
+REFLECTANCE = 0.92  # assumed for the coating; `refine_with_ghosts` corrects it
+PASSES = (0, 2, 3)  # of each ghost image's light, to the coating and back; the picture itself has one
+KINDS = (0, 1, 1)  # 0: reflected at the front from outside; 1: reflected back to the coating
+MAX_COMPLETE_PASSES = 2  # of ghost images that must be complete; those with more passes carry 1/500 of the light
 MARGIN_PX = 2.0
 EDGE_POINTS = 8  # along each edge of an outline, which lens distortion curves
 SAMPLE_CORNERS = 60  # corners of a view that determine its blur and strengths
 MAX_FRAMES = 4  # frames that determine the encoding and the strengths
 MIN_CORNERS_FOR_STRENGTH = 40  # with fewer in total, the strengths are those of Fresnel's equations
-BLUR_ROUNDS = 2  # of strengths and blur in turn: a wrong blur resembles stronger ghost images
+BLUR_ROUNDS = 2  # of estimating strengths and blur in turn: a wrong blur resembles stronger ghost images
 GAMMA_ROUNDS = 5
 FIRST_GAMMA, MAX_GAMMA = 1.5, 3.0
-GAIN = 0.7  # too large a power strengthens ghost images on white by about half the logarithm of white / black
+GAMMA_GAIN = 0.7  # too large a power strengthens ghost images on white by about half the logarithm of white / black
 MIN_STRENGTH = 0.5  # relative to Fresnel's equations: a fainter ghost image is treated as absent
-MAX_COATING_FACTOR = 1.15  # largest factor by which a coating strengthens or weakens a ghost image
+MAX_COATING_FACTOR = 1.15  # by which a coating strengthens or weakens a ghost image
 
 
 @dataclass(frozen=True)
@@ -94,16 +94,16 @@ class GhostedView:
         kept = np.arange(len(self)) % max(round(len(self) / SAMPLE_CORNERS), 1) == 0
         return replace(self, ids=self.ids[kept], expected=self.expected.where(kept), ghosts=self.ghosts.where(kept))
 
-    def of_ghosts(self, mask: NDArray[np.bool_]) -> GhostedView:
+    def with_kinds(self, mask: NDArray[np.bool_]) -> GhostedView:
         """Select some kinds of ghost images."""
         return replace(self, ghosts=self.ghosts.of_kinds(mask))
 
-    def times(self, factors: FloatArray) -> GhostedView:
+    def scaled(self, factors: FloatArray) -> GhostedView:
         """Scale the strengths of the ghost images by a factor for each kind."""
-        return replace(self, ghosts=self.ghosts.times(factors))
+        return replace(self, ghosts=self.ghosts.scaled(factors))
 
     def fitted(self, light: Image, target: Target, *, fit_encoding: bool = False) -> tuple[GhostedView, RefinedCorners]:
-        """Fit a picture of light; return the view at the fitted positions and blur, and the fit with the strengths."""
+        """Fit a picture in linear light; return the view at the fitted positions and blur, and the fit."""
         appearance = Appearance(target, self.blur_px, self.ghosts, fit_strengths=True, fit_encoding=fit_encoding)
         fit = refine(light, self.expected, appearance)
         pixels = np.where(np.isfinite(fit.pixels), fit.pixels, self.expected.pixels)
@@ -111,11 +111,11 @@ class GhostedView:
         return replace(self, expected=expected, blur_px=float(np.median(fit.blur_px))), fit
 
     def corners(self, light: Image, target: Target) -> Corners:
-        """Return the corners in a picture of light, without those off the smooth surface through the others."""
+        """Return the corners in a picture in linear light, without those off the smooth surface through the others."""
         fit = refine(light, self.expected, Appearance(target, self.blur_px, self.ghosts))
-        found = np.asarray(np.isfinite(fit.pixels).all(axis=1))
-        refined = Corners(self.ids, fit.pixels, fit.sigma_px).where(found)
-        return refined.where(smooth(corner_places(target)[refined.ids], refined.pixels, target.longest_step))
+        converged = np.asarray(np.isfinite(fit.pixels).all(axis=1))
+        refined = Corners(self.ids, fit.pixels, fit.sigma_px).where(converged)
+        return refined.where(smooth(corner_print_xy(target)[refined.ids], refined.pixels, target.longest_step))
 
 
 def ghosted_view(
@@ -125,14 +125,14 @@ def ghosted_view(
 
     None if too few remain.
     """
-    corners = corners.where(_inside(corners, camera, _passed(mirror, COMPLETE), target))
+    corners = corners.where(_inside(corners, camera, _unfolded(mirror, MAX_COMPLETE_PASSES), target))
     if len(corners) < MIN_CORNERS:
         return None
     ghosts = ghost_images_of(corners, rig_from_board, camera, mirror, target)
     expected = expected_corners(corners, target)
     if ghosts is None or expected is None:
         return None
-    return GhostedView(corners.ids, expected, ghosts, first_blur_px(expected.places, expected.pixels))
+    return GhostedView(corners.ids, expected, ghosts, first_blur_px(expected.print_xy, expected.pixels))
 
 
 def ghost_images_of(
@@ -141,8 +141,8 @@ def ghost_images_of(
     """Return the ghost images that a second-surface mirror adds at corners (n); None if it cannot show them."""
     points = transform(rig_from_board, target.corners_in_board_mm[corners.ids])
     picture = camera.project(mirror.image_of(points))
-    mirrors = [_passed(mirror, passes) for passes in PASSES]
-    offsets = np.stack([camera.project(each.image_of(points)) - picture for each in mirrors], axis=1)
+    mirrors = [_unfolded(mirror, passes) for passes in PASSES]
+    offsets = np.stack([camera.project(ghost.image_of(points)) - picture for ghost in mirrors], axis=1)
     if not np.isfinite(offsets).all():
         return None
     rays = camera.unproject(corners.pixels)
@@ -153,34 +153,34 @@ def ghost_images_of(
     return GhostImages(offsets, strengths, KINDS)
 
 
-def _passed(mirror: Mirror, passes: int) -> Mirror:
-    """Return the mirror that shows the image made by light with `passes` passes to the coating and back.
+def _unfolded(mirror: Mirror, passes: int) -> Mirror:
+    """Return the mirror that shows the image formed by light with `passes` passes to the coating and back.
 
     Unfolded, light with k passes crosses 2 k t of the plate, as in a plate k times as thick with the same front.
     """
-    deeper_mm = (passes - 1) * mirror.thickness_mm
+    extra_mm = (passes - 1) * mirror.thickness_mm
     return mirror.replaced(
-        virtual_centre_in_rig_mm=mirror.virtual_centre_in_rig_mm * (1.0 + deeper_mm / mirror.distance_mm),
-        outline_in_rig_mm=mirror.outline_in_rig_mm - deeper_mm * mirror.normal_in_rig,
+        virtual_centre_in_rig_mm=mirror.virtual_centre_in_rig_mm * (1.0 + extra_mm / mirror.distance_mm),
+        outline_in_rig_mm=mirror.outline_in_rig_mm - extra_mm * mirror.normal_in_rig,
         surface="second" if passes else "first",
         thickness_mm=passes * mirror.thickness_mm if passes else mirror.thickness_mm,
     )
 
 
 def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> NDArray[np.bool_]:
-    """Mask (n,) of the corners that a mirror shows including the patch used for refinement."""
+    """Mask (n,) of the corners that a mirror shows together with their patches used for refinement."""
     outline = mirror.usable_normalized
     if not len(outline) or len(corners) < 2:
         return np.zeros(len(corners), dtype=np.bool_)
     fraction = (np.arange(EDGE_POINTS) / EDGE_POINTS)[:, None]
     edges = outline[:, None] * (1.0 - fraction) + np.roll(outline, -1, axis=0)[:, None] * fraction
     pixels = camera.pixels_from_normalized(edges.reshape(-1, 2))
-    shown = shapely.Polygon(pixels[np.isfinite(pixels).all(axis=1)])
+    visible = shapely.Polygon(pixels[np.isfinite(pixels).all(axis=1)])
     points = shapely.points(corners.pixels)
     # Distance to the corners of the patch; the nearest neighbour is across a gap of an AprilGrid.
     half_px = half_cells(target) / (2.0 - target.longest_step) * cell_px(corners.pixels)
-    reach = np.sqrt(2.0) * np.minimum(half_px, MAX_HALF_PX) + MARGIN_PX
-    return np.asarray(shapely.contains(shown, points) & (shapely.distance(shown.exterior, points) > reach))
+    min_distance = np.sqrt(2.0) * np.minimum(half_px, MAX_HALF_PX) + MARGIN_PX
+    return np.asarray(shapely.contains(visible, points) & (shapely.distance(visible.exterior, points) > min_distance))
 
 
 @dataclass(frozen=True)
@@ -192,8 +192,8 @@ class _Rendering:
     blur_px: float | None = None
 
 
-def without_ghost_images(
-    seen: Sequence[Observations],
+def refine_with_ghosts(
+    detected: Sequence[Observations],
     pictures: Sequence[Grey | Path | None],
     rig_from_board: Mapping[int, FloatArray],
     layout: Layout,
@@ -201,16 +201,16 @@ def without_ghost_images(
     *,
     workers: int = 1,
 ) -> list[Observations]:
-    """Refine the corners of views in second-surface mirrors by the ghost images.
+    """Refine the corners of views in second-surface mirrors together with their ghost images.
 
     Only corners with complete ghost images are kept. Corners in first-surface mirrors are returned unchanged.
 
     Parameters
     ----------
-    seen
+    detected
         Corners of each frame, numbered as frame 0.
     pictures
-        The frames. None: not available, so its corners in second-surface mirrors are dropped.
+        The frames; None if not available, which drops the frame's corners in second-surface mirrors.
     rig_from_board
         Pose (4, 4) of the board in each frame with corners.
     layout
@@ -227,27 +227,27 @@ def without_ghost_images(
     """
     ghosted = {
         number: _ghosted(rows, rig_from_board[number], layout, target)
-        for number, rows in enumerate(seen)
+        for number, rows in enumerate(detected)
         if number in rig_from_board and pictures[number] is not None
     }
     largest = sorted((number for number, views in ghosted.items() if views), key=lambda n: _size_px(ghosted[n]))
     rendering = _rendering([(_grey(pictures[n]), list(ghosted[n].values())) for n in largest[-MAX_FRAMES:]], target)
 
     def refined(number: int) -> Observations:
-        light = in_light(_grey(pictures[number]), rendering.gamma)
+        light = linear_light(_grey(pictures[number]), rendering.gamma)
         views = ((mirror, _refined(light, view, rendering, target)) for mirror, view in ghosted[number].items())
         return Observations.join(
             [Observations.of_view(0, mirror, found.ids, found.pixels, found.sigma_px) for mirror, found in views]
         )
 
-    plain = [rows.where(~np.isin(rows.view, _second_surface(layout))) for rows in seen]
+    plain = [rows.where(~np.isin(rows.view, _second_surface(layout))) for rows in detected]
     with ThreadPoolExecutor(workers) as pool:
         found = dict(zip(largest, pool.map(refined, largest), strict=True))
     return [Observations.join([rows, found[n]]) if n in found else rows for n, rows in enumerate(plain)]
 
 
-def in_light(grey: Grey, gamma: float) -> Image:
-    """Decode grey values to light with the power `gamma`, keeping the white level."""
+def linear_light(grey: Grey, gamma: float) -> Image:
+    """Decode grey values to linear light with the power `gamma`, keeping the white level."""
     white = max(int(grey.max()), 1)
     return np.asarray(cv2.LUT(grey, (white * (np.arange(256) / white) ** gamma).astype(np.float32)))
 
@@ -285,8 +285,10 @@ def _rendering(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target)
     if sum(len(view) for _, views in samples for view in views) < MIN_CORNERS_FOR_STRENGTH:
         return _Rendering(1.0, present.astype(np.float64))
     while True:
-        gamma, fitted = _gamma([(grey, [view.of_ghosts(present) for view in views]) for grey, views in samples], target)
-        lights = [(in_light(grey, gamma), views) for grey, views in fitted]
+        gamma, fitted = _gamma(
+            [(grey, [view.with_kinds(present) for view in views]) for grey, views in samples], target
+        )
+        lights = [(linear_light(grey, gamma), views) for grey, views in fitted]
         fits = [_blurred(view, light, target) for light, views in lights for view in views]
         factors = np.zeros(2)
         factors[present] = np.nanmedian(np.concatenate([fit.ghost_strengths for _, fit in fits]), axis=0)
@@ -294,28 +296,28 @@ def _rendering(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target)
         present &= ~faint
         if not faint.any() or not present.any():
             blur_px = float(np.median([view.blur_px for view, _ in fits]))
-            return _Rendering(gamma, _of_one_coating(factors * present), blur_px)
+            return _Rendering(gamma, _coating_factors(factors * present), blur_px)
 
 
 def _gamma(
     frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target
 ) -> tuple[float, list[tuple[Grey, list[GhostedView]]]]:
-    """Return the power for which ghost images are equally strong on white and black, and views with fitted blur."""
+    """Return the power at which ghost images are equally strong on white and black, and views with fitted blur."""
     gamma, fitted = FIRST_GAMMA, list(frames)
     for _ in range(GAMMA_ROUNDS):
-        lights = [in_light(grey, gamma) for grey, _ in fitted]
+        lights = [linear_light(grey, gamma) for grey, _ in fitted]
         fits = [
             [view.fitted(light, target, fit_encoding=True) for view in views]
             for light, (_, views) in zip(lights, fitted, strict=True)
         ]
-        fitted = [(grey, [view for view, _ in of_frame]) for (grey, _), of_frame in zip(fitted, fits, strict=True)]
-        on_white = np.concatenate([fit.ghost_strengths[:, -1] for of_frame in fits for _, fit in of_frame])
-        gamma = float(np.clip(gamma * np.exp(-GAIN * np.nanmedian(on_white)), 1.0, MAX_GAMMA))
+        fitted = [(grey, [view for view, _ in frame_fits]) for (grey, _), frame_fits in zip(fitted, fits, strict=True)]
+        on_white = np.concatenate([fit.ghost_strengths[:, -1] for frame_fits in fits for _, fit in frame_fits])
+        gamma = float(np.clip(gamma * np.exp(-GAMMA_GAIN * np.nanmedian(on_white)), 1.0, MAX_GAMMA))
     return gamma, fitted
 
 
-def _of_one_coating(factors: FloatArray) -> FloatArray:
-    """Return the factors (2,) nearest to the estimated ones that some reflectance of the coating explains.
+def _coating_factors(factors: FloatArray) -> FloatArray:
+    """Return the factors (2,) that are nearest to the estimated ones and consistent with a coating's reflectance.
 
     Relative to the picture, light reflected at the front is inversely proportional to the reflectance, and light
     reflected back to the coating is proportional to it.
@@ -328,7 +330,7 @@ def _of_one_coating(factors: FloatArray) -> FloatArray:
 
 
 def _blurred(view: GhostedView, light: Image, target: Target) -> tuple[GhostedView, RefinedCorners]:
-    """Fit a view's blur to a picture of light; return the view and the last fit."""
+    """Fit a view's blur to a picture in linear light; return the view and the last fit."""
     for _ in range(BLUR_ROUNDS):
         view, fit = view.fitted(light, target)
     return view, fit
@@ -336,6 +338,6 @@ def _blurred(view: GhostedView, light: Image, target: Target) -> tuple[GhostedVi
 
 def _refined(light: Image, view: GhostedView, rendering: _Rendering, target: Target) -> Corners:
     """Return the corners of a view, with the blur estimated from some of them."""
-    view = view.times(rendering.factors)
+    view = view.scaled(rendering.factors)
     start = view.sample if rendering.blur_px is None else replace(view.sample, blur_px=rendering.blur_px)
     return replace(view, blur_px=_blurred(start, light, target)[0].blur_px).corners(light, target)

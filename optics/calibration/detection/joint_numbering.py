@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.detections import TURNS, DetectedFrame, SeenGrid
+from mirrorcam.optics.calibration.detection.detections import QUARTER_ROTATIONS, DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.geometry.camera import Camera
@@ -25,14 +25,14 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import inverse, transform
 
-MIN_CORNERS = 20  # corners of a part whose pose is used
+MIN_CORNERS = 20  # of a part whose pose is used
 MIN_FRAMES = 4  # frames that must agree on a motion
-MIN_AGREEING = 0.8  # share of the frames that show the board in both mirrors
-MAX_RIVAL = 0.5  # frames that agree on another motion, relative to those that agree on the best
+MIN_AGREEING = 0.8  # fraction of the frames that show the board in both mirrors
+MAX_RIVAL = 0.5  # number of frames that agree on another motion, relative to those that agree on the best
 MAX_DISTANCE = 0.2  # between two mirrors' images of one board, in squares
-MAX_SHIFT = 8  # apparent shift of a board by deviations of the mirrors from the layout, in squares
-MAX_ROTATION = np.deg2rad(20.0)  # apparent rotation by the same deviations
-SAME_MOTION = 0.5  # between the shifts of one motion proposed by two frames, in squares
+MAX_SHIFT = 8  # apparent shift of a board caused by deviations of the mirrors from the layout, in squares
+MAX_ROTATION = np.deg2rad(20.0)  # apparent rotation caused by the same deviations
+SAME_MOTION = 0.5  # between the board's positions under motions that count as equal, in squares
 CAMERA_VIEWS = 24  # parts, and other pictures, used to estimate the camera
 PROPOSING_FRAMES = 3  # frames that propose motions
 SAMPLED_CORNERS = 20  # corners of a part that vote
@@ -40,32 +40,32 @@ SAMPLED_CORNERS = 20  # corners of a part that vote
 
 @dataclass(frozen=True)
 class _Part:
-    """A mirror's part of the board in a frame: a grid as on the print, and the pose (4, 4) of its image.
+    """The part of the board that a mirror shows in a frame: a grid as on the print, and the pose (4, 4) of its image.
 
-    Lengths are in squares. `rays` (n, 3) and `places` (n, 2) belong to some of its corners.
+    Lengths are in squares. `rays` (n, 3) and `grid_xy` (n, 2) are those of sampled corners.
     """
 
-    grid: SeenGrid
+    grid: DetectedGrid
     camera_from_image: FloatArray
     rays: FloatArray
-    places: IntArray
+    grid_xy: IntArray
 
     @classmethod
-    def of(cls, seen: SeenGrid, camera: Camera) -> _Part | None:
-        """Return the part, or None if no pose explains the corners."""
-        grid = seen.as_printed
-        points = np.column_stack([grid.places, np.zeros(len(grid))]).astype(np.float64)
+    def of(cls, detected: DetectedGrid, camera: Camera) -> _Part | None:
+        """Return the part, or None if no pose fits the corners."""
+        grid = detected.as_printed
+        points = np.column_stack([grid.grid_xy, np.zeros(len(grid))]).astype(np.float64)
         pose = initial_estimates.camera_from_flat_board(camera, grid.corners, points)
         if pose is None:
             return None
-        some = np.linspace(0, len(grid) - 1, min(SAMPLED_CORNERS, len(grid))).astype(np.int64)
-        return cls(grid, pose, camera.unproject(grid.corners.pixels[some]), grid.places[some])
+        sampled = np.linspace(0, len(grid) - 1, min(SAMPLED_CORNERS, len(grid))).astype(np.int64)
+        return cls(grid, pose, camera.unproject(grid.corners.pixels[sampled]), grid.grid_xy[sampled])
 
     def __len__(self) -> int:
         return len(self.grid)
 
-    def seen_on(self, camera_from_board: FloatArray) -> FloatArray:
-        """Intersect the rays with boards at poses (..., 4, 4): places (..., n, 2)."""
+    def intersect(self, camera_from_board: FloatArray) -> FloatArray:
+        """Intersect the rays with boards at poses (..., 4, 4): points (..., n, 2) on the boards."""
         board_from_camera = inverse(camera_from_board)
         directions = self.rays @ board_from_camera[..., :3, :3].swapaxes(-1, -2)
         origin = board_from_camera[..., None, :3, 3]
@@ -75,7 +75,7 @@ class _Part:
 
 @dataclass(frozen=True)
 class _Fit:
-    """How a part continues another view's part: quarter turns (...), shifts (..., 2) and errors (...), in squares."""
+    """How parts continue another view's part: quarter turns (...), shifts (..., 2) and errors (...), in squares."""
 
     turn: IntArray
     shift: IntArray
@@ -83,20 +83,20 @@ class _Fit:
 
     @classmethod
     def of(cls, part: _Part, camera_from_board: FloatArray) -> _Fit:
-        """Fit a part as the image of a board, for poses (..., 4, 4) of the board."""
-        places = part.seen_on(camera_from_board)
-        finite = np.asarray(np.isfinite(places).all(axis=(-2, -1)))
-        places = np.where(finite[..., None, None], places, 0.0)
-        turned_places = part.places @ _ALL_TURNS  # (4, n, 2)
-        differences = places[..., None, :, :] - turned_places
+        """Fit the grid of a part to the board, for poses (..., 4, 4) of the board's image."""
+        grid_xy = part.intersect(camera_from_board)
+        finite = np.asarray(np.isfinite(grid_xy).all(axis=(-2, -1)))
+        grid_xy = np.where(finite[..., None, None], grid_xy, 0.0)
+        rotated_xy = part.grid_xy @ _TRANSPOSED_ROTATIONS  # (4, n, 2)
+        differences = grid_xy[..., None, :, :] - rotated_xy
         shifts = np.median(differences, axis=-2)
         turn = np.linalg.norm(differences - shifts[..., None, :], axis=-1).mean(axis=-1).argmin(axis=-1)
         shift = np.rint(np.take_along_axis(shifts, turn[..., None, None], axis=-2)[..., 0, :]).astype(np.int64)
-        error = np.linalg.norm(places - turned_places[turn] - shift[..., None, :], axis=-1).max(axis=-1)
+        error = np.linalg.norm(grid_xy - rotated_xy[turn] - shift[..., None, :], axis=-1).max(axis=-1)
         return cls(turn, shift, np.where(finite & ((shift.sum(axis=-1) + turn) % 2 == 0), error, np.inf))
 
 
-_ALL_TURNS = np.array([turn.T for turn in TURNS])
+_TRANSPOSED_ROTATIONS = np.array([rotation.T for rotation in QUARTER_ROTATIONS])
 
 
 def number_jointly(
@@ -138,14 +138,14 @@ def _camera(
     Each part is a view of a flat board; its numbering does not matter.
     """
     largest = sorted((grid for frame in frames for _, grid in frame.grids), key=len, reverse=True)[:CAMERA_VIEWS]
-    views = [(grid.places, grid.corners.pixels) for grid in largest]
-    for seen in [frame.corners for frame in base if len(frame.corners)][:CAMERA_VIEWS]:
-        row, col = np.divmod(seen.corner, target.cols - 1)
-        views.append((np.stack([col, row], axis=1), seen.pixels))
-    places = np.concatenate([at for at, _ in views])
-    lattice, ids = np.unique(places, axis=0, return_inverse=True)
-    frame = np.repeat(np.arange(len(views)), [len(at) for at, _ in views])
-    pixels = np.concatenate([seen for _, seen in views])
+    views = [(grid.grid_xy, grid.corners.pixels) for grid in largest]
+    for corners in [frame.corners for frame in base if len(frame.corners)][:CAMERA_VIEWS]:
+        row, col = np.divmod(corners.corner, target.cols - 1)
+        views.append((np.stack([col, row], axis=1), corners.pixels))
+    grid_xy = np.concatenate([xy for xy, _ in views])
+    lattice, ids = np.unique(grid_xy, axis=0, return_inverse=True)
+    frame = np.repeat(np.arange(len(views)), [len(xy) for xy, _ in views])
+    pixels = np.concatenate([view_pixels for _, view_pixels in views])
     corners = Observations(frame, np.full(len(frame), DIRECT), ids.ravel(), pixels)
     try:
         return initial_estimates.base_camera(corners, nominal, lattice @ np.eye(2, 3))
@@ -164,7 +164,7 @@ def _parts(frame: DetectedFrame, camera: Camera) -> dict[int, _Part]:
 
 
 def _motions(parts: list[dict[int, _Part]], layout: Layout, square_mm: float) -> dict[int, FloatArray]:
-    """Return the motions (4, 4) from images in one mirror to images in each other mirror on which the frames agree."""
+    """Return the motions (4, 4), agreed by the frames, from images in one mirror to images in each other mirror."""
     part_counts = [sum(len(p[m]) >= MIN_CORNERS for p in parts if m in p) for m in range(len(layout.mirrors))]
     order = np.argsort(part_counts)[::-1].tolist()
     reflections = [_reflection(mirror, square_mm) for mirror in layout.mirrors]
@@ -194,7 +194,7 @@ def _reflection(mirror: Mirror, square_mm: float) -> FloatArray:
 def _agreed_motion(
     parts: list[dict[int, _Part]], mirror: int, motions: dict[int, FloatArray], nominal: FloatArray
 ) -> FloatArray | None:
-    """Return the motion (4, 4) by which a mirror continues the other views in most frames; None if there is none."""
+    """Return the motion (4, 4) by which a mirror's parts continue the other views in most frames, or None."""
     pairs = [
         (pose, in_frame[mirror])
         for in_frame in parts
@@ -207,7 +207,7 @@ def _agreed_motion(
     proposed = np.array([motion for pose, part in largest for motion in _propose(pose, part, nominal)])
     if not len(proposed):
         return None
-    errors = np.array([_Fit.of(other, proposed @ at).error for at, other in pairs])
+    errors = np.array([_Fit.of(part, proposed @ pose).error for pose, part in pairs])
     votes = (errors < MAX_DISTANCE).sum(axis=0)
     best = int(np.lexsort((np.minimum(errors, MAX_DISTANCE).sum(axis=0), -votes))[0])
     rival = votes[~_same_motion(proposed, proposed[best], pairs)].max(initial=0)
@@ -219,37 +219,37 @@ def _same_motion(
     motions: FloatArray, other: FloatArray, pairs: Sequence[tuple[FloatArray, _Part]]
 ) -> NDArray[np.bool_]:
     """Mask of the motions (m, 4, 4) that move the boards' centroids to about the same points as `other`."""
-    centroids = np.array([transform(pose, part.places.mean(axis=0) @ np.eye(2, 3)) for pose, part in pairs])
-    moved = centroids @ motions[:, :3, :3].swapaxes(1, 2) + motions[:, None, :3, 3]
-    distances = np.linalg.norm(moved - transform(other, centroids), axis=2)
+    centroids = np.array([transform(pose, part.grid_xy.mean(axis=0) @ np.eye(2, 3)) for pose, part in pairs])
+    positions = centroids @ motions[:, :3, :3].swapaxes(1, 2) + motions[:, None, :3, 3]
+    distances = np.linalg.norm(positions - transform(other, centroids), axis=2)
     return np.asarray(np.median(distances, axis=1) < SAME_MOTION)
 
 
 def _first_mirror_pose(in_frame: dict[int, _Part], motions: dict[int, FloatArray]) -> FloatArray | None:
     """Return the pose (4, 4) of the board's image in the first mirror, from the largest part with a known motion."""
-    known = [m for m in in_frame if m in motions and len(in_frame[m]) >= MIN_CORNERS]
-    if not known:
+    located = [m for m in in_frame if m in motions and len(in_frame[m]) >= MIN_CORNERS]
+    if not located:
         return None
-    mirror = max(known, key=lambda m: len(in_frame[m]))
+    mirror = max(located, key=lambda m: len(in_frame[m]))
     return inverse(motions[mirror]) @ in_frame[mirror].camera_from_image
 
 
 def _propose(pose: FloatArray, part: _Part, nominal: FloatArray) -> list[FloatArray]:
-    """Propose motions that make a part an image of the board at a pose, for all shifts near the nominal one."""
+    """Propose motions by which a part becomes an image of the board at a pose, for all shifts near the nominal one."""
     motions: list[FloatArray] = []
-    places = part.seen_on(nominal @ pose)
-    if not np.isfinite(places).all():
+    grid_xy = part.intersect(nominal @ pose)
+    if not np.isfinite(grid_xy).all():
         return motions
-    reach = np.arange(-MAX_SHIFT, MAX_SHIFT + 1)
-    shifts = np.stack(np.meshgrid(reach, reach), axis=-1).reshape(-1, 2)
+    steps = np.arange(-MAX_SHIFT, MAX_SHIFT + 1)
+    shifts = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     shifts = shifts[np.linalg.norm(shifts, axis=1) <= MAX_SHIFT]
-    for turn, matrix in enumerate(TURNS):
+    for turn, matrix in enumerate(QUARTER_ROTATIONS):
         board_from_part = np.eye(4)
         board_from_part[:2, :2] = matrix
         rotation = (part.camera_from_image @ inverse(board_from_part) @ inverse(pose))[:3, :3] @ nominal[:3, :3].T
         if np.arccos(np.clip((np.trace(rotation) - 1.0) / 2.0, -1.0, 1.0)) > MAX_ROTATION:
             continue
-        nominal_shift = np.rint(np.median(places - part.places @ matrix.T, axis=0)).astype(np.int64)
+        nominal_shift = np.rint(np.median(grid_xy - part.grid_xy @ matrix.T, axis=0)).astype(np.int64)
         for shift in nominal_shift + shifts:
             if (shift.sum() + turn) % 2 == 0:
                 board_from_part[:2, 3] = shift
@@ -267,28 +267,28 @@ def _numbered(
     views = [m for m in sorted(fits) if fits[m].error < MAX_DISTANCE]
     if len(views) < 2:
         return frame
-    moved = [in_frame[m].grid.moved(int(fits[m].turn), fits[m].shift) for m in views]
-    joined = SeenGrid.join(moved)
-    view = np.repeat(views, [len(grid) for grid in moved])
+    grids = [in_frame[m].grid.transformed(int(fits[m].turn), fits[m].shift) for m in views]
+    joined = DetectedGrid.join(grids)
+    view = np.repeat(views, [len(grid) for grid in grids])
     numberings = [
         Observations(np.zeros(len(view), dtype=np.int64), view, corners.ids, corners.pixels, corners.sigma_px)
         for corners in joined.numberings(target, mirrored=False)
     ]
     if not numberings:
-        return replace(frame, corners=Observations.none())
+        return replace(frame, corners=Observations.empty())
     if len(numberings) > 1 + target.looks_same_upside_down:
         return frame
-    best = max(numberings, key=lambda found: _agreement(found, frame.corners))
+    best = max(numberings, key=lambda numbering: _agreement(numbering, frame.corners))
     unjoined = frame.corners.where(~np.isin(frame.corners.view, views))
     contradicted = len(unjoined) < len(frame.corners) and _agreement(best, frame.corners) == 0
     return replace(frame, corners=best if contradicted else Observations.join([best, unjoined]))
 
 
-def _agreement(found: Observations, other: Observations) -> int:
-    """Number of common corners of two numberings of a frame."""
+def _agreement(numbering: Observations, other: Observations) -> int:
+    """Number of corners on which two numberings of a frame agree."""
     common = 0
-    for view in np.unique(found.view):
-        found_rows, other_rows = found.where(found.view == view), other.where(other.view == view)
+    for view in np.unique(numbering.view):
+        found_rows, other_rows = numbering.where(numbering.view == view), other.where(other.view == view)
         _, first, second = np.intersect1d(found_rows.corner, other_rows.corner, return_indices=True)
         common += int((np.abs(found_rows.pixels[first] - other_rows.pixels[second]) < 1.0).all(axis=1).sum())
     return common

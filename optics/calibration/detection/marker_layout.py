@@ -15,42 +15,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, covers, sample
+from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, coverage, sample
 from mirrorcam.optics.calibration.detection.board_warp import BoardWarp
 from mirrorcam.optics.calibration.detection.charuco import (
     PREDICTION_ERROR,
     find_markers,
     groups,
     linked_tags,
+    marker_corners,
     marker_maps,
-    marker_places,
 )
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, linked_grids
-from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, SeenGrid
+from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, DetectedGrid
 from mirrorcam.optics.calibration.detection.marker_numbering import Markers, ReadMarkers, read_markers, standardised
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 from mirrorcam.optics.geometry.targets import SQUARES, TAG_FAMILY, TAGS, AprilGrid, Charuco
 
-ROUGH = tuple(np.arange(0.3, 0.96, 0.06).tolist())  # trial sides of markers, in squares, for reading pictures
-FINE, REACH = 0.01, 0.09  # step of the compared sides, and their range about the best rough one
+TRIAL_SIDES = tuple(np.arange(0.3, 0.96, 0.06).tolist())  # trial sides of markers, in squares, for reading pictures
+SIDE_STEP, SIDE_RANGE = 0.01, 0.09  # step of the compared sides, and their range about the best trial side
 BLURS = (0.015, 0.03, 0.045, 0.06, 0.08, 0.1, 0.125, 0.155)  # sigma in squares
-LIKELY = 0.85  # correlation with the stated side above which it is about right
-MAX_MOVES = 4  # of the range of compared sides, while the best one is at its end
+MIN_LIKELY_CORRELATION = 0.85  # above which the stated side is about right
+MAX_SHIFTS = 4  # of the range of compared sides, while the best side is at its end
 ROUNDS = 2  # of alternating between the likeliest blur and side
 MAX_SQUARES = 16  # compared in each grid
 MIN_SQUARES = 8  # in all grids
-AS_CLEAR = 0.85  # least correlation relative to the clearest grid; others are from other boards, or flipped
+MIN_RELATIVE_CORRELATION = 0.85  # relative to the clearest grid; grids with less show other boards, or are flipped
 MIN_CORRELATION = 0.7  # correlation of the squares with markers of the best side and blur
-AROUND = np.array([[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]])  # squares, from a middle to the corners
-PADDING = 8  # px of the black squares around a white one
+CENTRE_TO_CORNERS = np.array(
+    [[-0.5, -0.5], [0.5, -0.5], [-0.5, 0.5], [0.5, 0.5]]
+)  # squares, from a square's centre to its corners
+PADDING = 8  # px of the black squares around a white square
 MIN_PAIRS = 12
-"""Number of pairs straight above each other in grids below which single markers are also searched."""
+"""Number of vertically adjacent pairs in grids below which single markers are also searched."""
 MAX_OFFSET = 2.0 * PREDICTION_ERROR + 0.1
-"""Squares between a marker and its prediction from a marker two squares above; less for a nearer one."""
-BELOW = ((0, 2), (1, 1), (-1, 1))
-"""Squares from a marker of a checkerboard to its nearest neighbours below; AprilGrids have only the first."""
-NO_PLACES = np.empty((0, 2), dtype=np.int64)
+"""Squares between a marker and its prediction from a marker two squares above; less for a nearer marker."""
+NEIGHBOUR_OFFSETS = ((0, 2), (1, 1), (-1, 1))
+"""Squares from a marker of a ChArUco board to its nearest neighbours below; AprilGrids have only the first."""
+NO_GRID_XY = np.empty((0, 2), dtype=np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,7 @@ class _MarkedSquares:
     quads: FloatArray
 
 
-def marker_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> float | None:
+def marker_side(pictures: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> float | None:
     """Estimate the side of the markers in pictures, in squares; None if too few markers can be read.
 
     `mirrored` states whether the pictures show the board in mirrors; None: both directly and in mirrors.
@@ -70,14 +72,16 @@ def marker_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: b
     square and of the marker equally, so they do not bias the side.
     """
     flips = (False, True) if mirrored is None else (mirrored,)
-    side, squares = _squares_in_grids(shown, target, flips)
+    side, squares = _squares_in_grids(pictures, target, flips)
     if sum(len(marked.ids) for marked in squares) < MIN_SQUARES:
-        side, squares = _between_markers(shown, target, flips)
+        side, squares = _between_markers(pictures, target, flips)
     count = sum(len(marked.ids) for marked in squares)
     if count < MIN_SQUARES:
         return None
-    for _ in range(MAX_MOVES):
-        sides = np.arange(-REACH, REACH + FINE / 2.0, FINE) + np.clip(side, 0.1 + REACH, 0.99 - REACH)
+    for _ in range(MAX_SHIFTS):
+        sides = np.arange(-SIDE_RANGE, SIDE_RANGE + SIDE_STEP / 2.0, SIDE_STEP) + np.clip(
+            side, 0.1 + SIDE_RANGE, 0.99 - SIDE_RANGE
+        )
         correlations = np.sum([_correlations(marked, target, sides) for marked in squares], axis=0) / count
         best = int(correlations.argmax())
         if 0 < best < len(sides) - 1:
@@ -89,7 +93,7 @@ def marker_side(shown: Sequence[GriddedPicture], target: Charuco, *, mirrored: b
         return None
     before, peak, after = correlations[best - 1 : best + 2]
     curvature = before - 2.0 * peak + after
-    return float(sides[best] + (FINE * 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0))
+    return float(sides[best] + (SIDE_STEP * 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0))
 
 
 def _sized(target: Charuco, side: float) -> Charuco:
@@ -97,55 +101,59 @@ def _sized(target: Charuco, side: float) -> Charuco:
 
 
 def _squares_in_grids(
-    shown: Sequence[GriddedPicture], target: Charuco, flips: Sequence[bool]
+    pictures: Sequence[GriddedPicture], target: Charuco, flips: Sequence[bool]
 ) -> tuple[float, list[_MarkedSquares]]:
     """Return a rough side of the markers, and the squares of grids of corners that hold them."""
 
     def read(side: float) -> list[tuple[GriddedPicture, ReadMarkers]]:
         sized = _sized(target, side)
-        grids = [(one, grid) for one in shown for flipped in flips for grid in one.read(sized, mirrored=flipped)]
-        return [(one, grid) for one, grid in grids if len(grid.ids)]
+        grids = [
+            (gridded, grid) for gridded in pictures for flip in flips for grid in gridded.read(sized, mirrored=flip)
+        ]
+        return [(gridded, grid) for gridded, grid in grids if len(grid.ids)]
 
     def likelihood(grids: list[tuple[GriddedPicture, ReadMarkers]]) -> float:
         return sum(grid.correlation * len(grid.ids) for _, grid in grids)
 
     side = target.marker_mm / target.square_mm
     grids = read(side)
-    if likelihood(grids) < LIKELY * sum(len(grid.ids) for _, grid in grids):
-        others = [(other, read(other)) for other in ROUGH]
-        side, grids = max([(side, grids), *others], key=lambda one: likelihood(one[1]))
+    if likelihood(grids) < MIN_LIKELY_CORRELATION * sum(len(grid.ids) for _, grid in grids):
+        others = [(trial, read(trial)) for trial in TRIAL_SIDES]
+        side, grids = max([(side, grids), *others], key=lambda candidate: likelihood(candidate[1]))
     clearest = max((grid.correlation for _, grid in grids), default=0.0)
     return side, [
-        _MarkedSquares(one.picture, grid.ids[:MAX_SQUARES], grid.quads[:MAX_SQUARES])
-        for one, grid in grids
-        if grid.correlation > AS_CLEAR * clearest
+        _MarkedSquares(gridded.picture, grid.ids[:MAX_SQUARES], grid.quads[:MAX_SQUARES])
+        for gridded, grid in grids
+        if grid.correlation > MIN_RELATIVE_CORRELATION * clearest
     ]
 
 
 def _between_markers(
-    shown: Sequence[GriddedPicture], target: Charuco, flips: Sequence[bool]
+    pictures: Sequence[GriddedPicture], target: Charuco, flips: Sequence[bool]
 ) -> tuple[float, list[_MarkedSquares]]:
     """Like `_squares_in_grids`, for squares located by the centres of single markers."""
-    seen = [(one, *find_markers(one.grey, target, mirrored=flipped)) for one in shown for flipped in flips]
+    detections = [
+        (gridded, *find_markers(gridded.grey, target, mirrored=flip)) for gridded in pictures for flip in flips
+    ]
 
     def grouped(side: float) -> list[list[IntArray]]:
-        places = marker_places(_sized(target, side))
-        return [groups(places[ids], quads) for _, ids, quads in seen]
+        print_quads = marker_corners(_sized(target, side))
+        return [groups(print_quads[ids], quads) for _, ids, quads in detections]
 
     def count(parts: list[list[IntArray]]) -> int:
-        return sum(len(part) for some in parts for part in some)
+        return sum(len(part) for picture_parts in parts for part in picture_parts)
 
-    sides = (target.marker_mm / target.square_mm, *ROUGH)
-    side, parts = max(((side, grouped(side)) for side in sides), key=lambda one: count(one[1]))
+    sides = (target.marker_mm / target.square_mm, *TRIAL_SIDES)
+    side, parts = max(((side, grouped(side)) for side in sides), key=lambda candidate: count(candidate[1]))
     squares = []
-    for (one, ids, quads), some in zip(seen, parts, strict=True):
-        centres, centres_px = marker_places(target).mean(axis=1)[ids], quads.mean(axis=1)
-        for part in some:
-            warp = BoardWarp.through(centres[part], centres_px[part])
+    for (gridded, ids, quads), picture_parts in zip(detections, parts, strict=True):
+        centres, centres_px = marker_corners(target).mean(axis=1)[ids], quads.mean(axis=1)
+        for part in picture_parts:
+            warp = BoardWarp.fit(centres[part], centres_px[part])
             if warp is not None:
                 first = part[:MAX_SQUARES]
-                corners = warp.at((centres[first, None] + AROUND).reshape(-1, 2)).reshape(-1, 4, 2)
-                squares.append(_MarkedSquares(one.picture, target.first_marker + ids[first], corners))
+                corners = warp.map((centres[first, None] + CENTRE_TO_CORNERS).reshape(-1, 2)).reshape(-1, 4, 2)
+                squares.append(_MarkedSquares(gridded.picture, target.first_marker + ids[first], corners))
     return side, squares
 
 
@@ -153,13 +161,13 @@ def _correlations(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -
     """Sum (s,) of the correlations of squares with their markers at sides (s,), at the likeliest blur."""
     positions = (np.arange(PX_PER_SQUARE) + 0.5) / PX_PER_SQUARE
     v, u = (axis.ravel() for axis in np.meshgrid(positions, positions, indexing="ij"))
-    shares = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
-    sampled = standardised(sample(squares.picture, shares @ squares.quads).astype(np.float64))
+    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
+    sampled = standardised(sample(squares.picture, weights @ squares.quads).astype(np.float64))
     white = dictionaries.white_modules(target.dictionary)[squares.ids]
 
     def with_side(side: float, blur: float) -> float:
         edges = PX_PER_SQUARE * (0.5 + side * (np.arange(white.shape[1] + 1) / white.shape[1] - 0.5))
-        cover = covers(edges, PX_PER_SQUARE).astype(np.float32)
+        cover = coverage(edges, PX_PER_SQUARE).astype(np.float32)
         printed = 1.0 - cover.T @ (~white).astype(np.float32) @ cover
         padded = np.pad(printed, ((0, 0), (PADDING, PADDING), (PADDING, PADDING))).transpose(1, 2, 0)
         blurred = np.asarray(cv2.GaussianBlur(np.ascontiguousarray(padded), (0, 0), blur * PX_PER_SQUARE))
@@ -176,34 +184,34 @@ def _correlations(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -
 
 @dataclass(frozen=True)
 class MarkerPairs:
-    """Adjacent markers.
+    """Pairs of adjacent markers.
 
     Attributes
     ----------
     upper, lower
         Numbers (n,) of both markers of each pair.
-    by
-        Squares (n, 2) from the upper to the lower marker, along x and y of the print: one of `BELOW`.
+    offset
+        Squares (n, 2) from the upper to the lower marker, along x and y of the print: one of `NEIGHBOUR_OFFSETS`.
     inner
-        Whether both (n,) lie among inner corners, so that another row of squares follows.
+        Whether both markers (n,) lie among inner corners, so that another row of squares follows.
     """
 
     upper: IntArray
     lower: IntArray
-    by: IntArray
+    offset: IntArray
     inner: NDArray[np.bool_]
 
     @classmethod
     def join(cls, parts: Sequence[MarkerPairs]) -> MarkerPairs:
         """Join the pairs of several pictures."""
-        return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
+        return cls(*(np.concatenate([getattr(part, column.name) for part in parts]) for column in fields(cls)))
 
     @classmethod
     def of(cls, pairs: Sequence[tuple[int, int, tuple[int, int]]], *, inner: bool) -> MarkerPairs:
         """Build pairs from upper and lower numbers and the offsets between them."""
         numbers = np.array([pair[:2] for pair in pairs], dtype=np.int64).reshape(-1, 2)
-        by = np.array([pair[2] for pair in pairs], dtype=np.int64).reshape(-1, 2)
-        return cls(numbers[:, 0], numbers[:, 1], by, np.full(len(pairs), inner))
+        offsets = np.array([pair[2] for pair in pairs], dtype=np.int64).reshape(-1, 2)
+        return cls(numbers[:, 0], numbers[:, 1], offsets, np.full(len(pairs), inner))
 
     def __len__(self) -> int:
         return len(self.upper)
@@ -213,44 +221,44 @@ class MarkerPairs:
         """All numbers, without repetitions."""
         return np.unique(np.concatenate([self.upper, self.lower]))
 
-    def where(self, kept: NDArray[np.bool_]) -> MarkerPairs:
+    def where(self, mask: NDArray[np.bool_]) -> MarkerPairs:
         """Select the pairs of a mask (n,)."""
-        return MarkerPairs(*(getattr(self, each.name)[kept] for each in fields(self)))
+        return MarkerPairs(*(getattr(self, column.name)[mask] for column in fields(self)))
 
-    def steps(self, target: Charuco | AprilGrid) -> Steps:
-        """Return the pairs straight above each other."""
-        straight = self.where(self.by[:, 0] == 0)
+    def vertical(self, target: Charuco | AprilGrid) -> VerticalPairs:
+        """Return the vertically adjacent pairs."""
+        vertical = self.where(self.offset[:, 0] == 0)
         tags = isinstance(target, AprilGrid)
-        columns = (straight.upper - straight.lower) if tags else (straight.lower - straight.upper)
-        highest, follows = np.maximum(straight.upper, straight.lower), straight.inner & (not tags)
+        columns = (vertical.upper - vertical.lower) if tags else (vertical.lower - vertical.upper)
+        highest, has_next_row = np.maximum(vertical.upper, vertical.lower), vertical.inner & (not tags)
         possible = columns > 1
-        return Steps(columns[possible], highest[possible], follows[possible].astype(np.int64))
+        return VerticalPairs(columns[possible], highest[possible], has_next_row[possible].astype(np.int64))
 
-    def explained(self, cols: int, first: int, *, white_first: bool) -> int:
-        """Count the diagonal pairs that match a ChArUco board with `cols` columns.
+    def count_consistent(self, cols: int, first: int, *, white_first: bool) -> int:
+        """Count the diagonal pairs that are consistent with a ChArUco board with `cols` columns.
 
-        `first` is the number of its first marker, and `white_first` whether its top-left square is white. Numbers
+        `first` is the number of its first marker; `white_first` states whether its top-left square is white. Numbers
         continue above and below the board. Markers among inner corners do not lie in the first or last column.
         """
         # Of two rows, the first holds fewer markers if the number of columns is odd and its first square is black.
-        of_first = (cols + white_first) // 2
+        in_first = (cols + white_first) // 2
 
-        def place(numbers: IntArray) -> IntArray:
+        def grid_xy(numbers: IntArray) -> IntArray:
             two_rows, rest = np.divmod(numbers - first, cols)
-            second = rest >= of_first
-            along = 2 * np.where(second, rest - of_first, rest) + (second == white_first)
-            return np.stack([along, 2 * two_rows + second], axis=1)
+            second = rest >= in_first
+            column = 2 * np.where(second, rest - in_first, rest) + (second == white_first)
+            return np.stack([column, 2 * two_rows + second], axis=1)
 
-        upper, lower = place(self.upper), place(self.lower)
-        along = np.stack([upper[:, 0], lower[:, 0]])
-        possible = ~self.inner | ((along > 0) & (along < cols - 1)).all(axis=0)
-        slanted = self.by[:, 0] != 0
-        return int((slanted & possible & (lower - upper == self.by).all(axis=1)).sum())
+        upper, lower = grid_xy(self.upper), grid_xy(self.lower)
+        columns = np.stack([upper[:, 0], lower[:, 0]])
+        possible = ~self.inner | ((columns > 0) & (columns < cols - 1)).all(axis=0)
+        diagonal = self.offset[:, 0] != 0
+        return int((diagonal & possible & (lower - upper == self.offset).all(axis=1)).sum())
 
 
 @dataclass(frozen=True)
-class Steps:
-    """Pairs of markers straight above each other.
+class VerticalPairs:
+    """Pairs of vertically adjacent markers.
 
     Attributes
     ----------
@@ -258,16 +266,16 @@ class Steps:
         Number of columns (n,) implied by each pair.
     highest
         Higher marker number (n,) of each pair.
-    follows
+    has_next_row
         1 (n,) if the lower marker lies among inner corners, so that another row of squares follows, else 0.
     """
 
     columns: IntArray
     highest: IntArray
-    follows: IntArray
+    has_next_row: IntArray
 
     @property
-    def likely(self) -> tuple[int, Steps]:
+    def majority(self) -> tuple[int, VerticalPairs]:
         """The number of columns that more than half of the pairs imply, and these pairs; 0 without a majority."""
         if len(self.columns):
             numbers, counts = np.unique(self.columns, return_counts=True)
@@ -276,16 +284,16 @@ class Steps:
                 return columns, self._where(self.columns == columns)
         return 0, self._where(self.columns < 0)
 
-    def _where(self, kept: NDArray[np.bool_]) -> Steps:
-        return Steps(self.columns[kept], self.highest[kept], self.follows[kept])
+    def _where(self, mask: NDArray[np.bool_]) -> VerticalPairs:
+        return VerticalPairs(self.columns[mask], self.highest[mask], self.has_next_row[mask])
 
 
 @dataclass(frozen=True, eq=False)
 class GriddedPicture:
-    """A picture (h, w) and its grids of corners, for a board of any size but otherwise like a target."""
+    """A picture (h, w) and its grids of corners, for a board of any size that is otherwise like a target."""
 
     grey: Grey
-    grids: tuple[SeenGrid, ...]
+    grids: tuple[DetectedGrid, ...]
 
     @classmethod
     def of(cls, grey: Grey, target: Charuco | AprilGrid) -> GriddedPicture:
@@ -293,7 +301,9 @@ class GriddedPicture:
         linked = linked_tags(grey, target) if isinstance(target, AprilGrid) else linked_grids(grey)
         return cls(
             grey,
-            tuple(SeenGrid(places, Corners(np.arange(len(places)), pixels), NO_LIMITS) for places, pixels in linked),
+            tuple(
+                DetectedGrid(grid_xy, Corners(np.arange(len(grid_xy)), pixels), NO_LIMITS) for grid_xy, pixels in linked
+            ),
         )
 
     @property
@@ -307,14 +317,14 @@ class GriddedPicture:
         return [read_markers(picture, grid.as_printed if mirrored else grid, markers) for grid in self.grids]
 
 
-def marker_pairs(shown: GriddedPicture, target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
+def marker_pairs(gridded: GriddedPicture, target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
     """Return pairs of markers of all boards in a picture, of any size but otherwise like the target.
 
-    Markers are read in grids of corners or, if these show few, one by one by OpenCV.
+    Markers are read in grids of corners or, if these contain few, individually by OpenCV.
     """
-    pairs = _pairs_in_grids(shown.read(target, mirrored=mirrored))
-    if len(pairs.steps(target).columns) < MIN_PAIRS:
-        pairs = MarkerPairs.join([pairs, _one_by_one(shown.grey, target, mirrored=mirrored)])
+    pairs = _pairs_in_grids(gridded.read(target, mirrored=mirrored))
+    if len(pairs.vertical(target).columns) < MIN_PAIRS:
+        pairs = MarkerPairs.join([pairs, _pairs_of_single_markers(gridded.grey, target, mirrored=mirrored)])
     return pairs
 
 
@@ -323,24 +333,27 @@ def _pairs_in_grids(grids: Sequence[ReadMarkers]) -> MarkerPairs:
     for grid in grids:
         read = {(x, y): number for (x, y), number in zip(grid.low.tolist(), grid.ids.tolist(), strict=True)}
         for (x, y), number in read.items():
-            pairs += [(number, read[x + dx, y + dy], (dx, dy)) for dx, dy in BELOW if (x + dx, y + dy) in read]
+            pairs += [
+                (number, read[x + dx, y + dy], (dx, dy)) for dx, dy in NEIGHBOUR_OFFSETS if (x + dx, y + dy) in read
+            ]
     return MarkerPairs.of(pairs, inner=True)
 
 
-def _one_by_one(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
+def _pairs_of_single_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
     """Return pairs of single markers whose maps from the print predict each other."""
     ids, quads = find_markers(grey, _with_every_marker(target), mirrored=mirrored)
     if not len(ids):
         return MarkerPairs.of([], inner=False)
-    centres, maps = quads.mean(axis=1), marker_maps(marker_places(target)[0], quads)
+    centres, maps = quads.mean(axis=1), marker_maps(marker_corners(target)[0], quads)
     # The mean of two maps is the map halfway, up to second order of the perspective.
     between = (maps[:, None] + maps) / 2.0
     side = np.sqrt(np.abs(np.linalg.det(between)))
     pairs = []
-    for by in BELOW[:1] if isinstance(target, AprilGrid) else BELOW:
-        distances = np.linalg.norm(centres - centres[:, None] - between @ np.array(by, dtype=np.float64), axis=2)
+    for offset in NEIGHBOUR_OFFSETS[:1] if isinstance(target, AprilGrid) else NEIGHBOUR_OFFSETS:
+        distances = np.linalg.norm(centres - centres[:, None] - between @ np.array(offset, dtype=np.float64), axis=2)
         pairs += [
-            (int(ids[a]), int(ids[b]), by) for a, b in np.argwhere(distances < MAX_OFFSET / 2.0 * np.hypot(*by) * side)
+            (int(ids[a]), int(ids[b]), offset)
+            for a, b in np.argwhere(distances < MAX_OFFSET / 2.0 * np.hypot(*offset) * side)
         ]
     return MarkerPairs.of(pairs, inner=False)
 
@@ -356,9 +369,9 @@ def _with_every_marker(target: Charuco | AprilGrid) -> Charuco | AprilGrid:
 def _every_marker(target: Charuco | AprilGrid) -> Markers:
     """Return all markers of a target's family or dictionary."""
     if isinstance(target, AprilGrid):
-        return Markers(_codes_of_tags(), NO_PLACES, 1.0, parity=0, every_other=True)
+        return Markers(_codes_of_tags(), NO_GRID_XY, 1.0, parity=0, every_other=True)
     codes = dictionaries.white_modules(target.dictionary)[:, 1:-1, 1:-1]
-    return Markers(codes, NO_PLACES, target.marker_mm / target.square_mm, parity=1)
+    return Markers(codes, NO_GRID_XY, target.marker_mm / target.square_mm, parity=1)
 
 
 @lru_cache(maxsize=1)

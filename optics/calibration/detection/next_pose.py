@@ -24,13 +24,13 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 
 TILT_DEG = 30.0
 TILTS = ((0.0, 0.0), (TILT_DEG, 0.0), (-TILT_DEG, 0.0), (0.0, TILT_DEG), (0.0, -TILT_DEG))
-SHIFTS = (-0.6, 0.0, 0.6)  # in half sizes of the board
-NOISE_PX = 0.1  # of a corner, in frames of a webcam
-CENTRE_SIGMA_MM = 3.5  # prior sigma of a virtual centre about the nominal one: 2 degrees or 2 mm of the mirror
-INTRINSIC_SIGMAS = 0.02, 0.02, 0.2  # prior: relative focal length and centre, distortion coefficients
-ENOUGH_DEG, ENOUGH_PICTURES = 0.01, 8  # sigma of every mirror's normal; and pictures, so that frames can be held out
+SHIFTS = (-0.6, 0.0, 0.6)  # relative to half the board's size
+NOISE_PX = 0.1  # standard deviation of a corner in frames of a webcam
+CENTRE_SIGMA_MM = 3.5  # prior sigma of a virtual centre: an error of the mirror of 2 degrees or 2 mm
+INTRINSIC_SIGMAS = 0.02, 0.02, 0.2  # prior: focal length and centre, relative; distortion coefficients
+ENOUGH_DEG, ENOUGH_PICTURES = 0.01, 8  # sigma of every mirror's normal; number of pictures, to allow hold-out tests
 COMMON_ROTATION_DEG = 1e-3  # prior sigma of two mirrors' common rotation, which no picture determines
-P_NORM = 8  # p-norm instead of the maximum, so that a picture that helps the second worst mirror counts as well
+P_NORM = 8  # p-norm instead of the maximum, so that a picture that helps the second least certain mirror counts as well
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class NextPose:
     sentence
         The recommendation as text.
     rig_from_board
-        Pose (4, 4) of the board in rig, mm.
+        Pose (4, 4) of the board in the rig frame, mm.
     depth_mm
         Depth of the board's centre, mm.
     tilt_deg
@@ -74,29 +74,29 @@ class Placement:
     Attributes
     ----------
     rig_from_board
-        Pose (4, 4) of the board in rig, mm.
+        Pose (4, 4) of the board in the rig frame, mm.
     depth_mm
         Depth of the board's centre, mm.
     tilt_deg
         Tilts about the view's x and y axes, degrees.
-    words
+    description
         The pose as text.
-    seen
+    observations
         The corners that a picture would show, as frame 0.
     """
 
     rig_from_board: FloatArray
     depth_mm: float
     tilt_deg: tuple[float, float]
-    words: str
-    seen: Observations
+    description: str
+    observations: Observations
 
 
 class NextPosePlanner:
     """Plans the next pose of the board while pictures are taken one by one.
 
-    Among candidate poses, the planner picks the pose that most lowers the standard deviations of the mirrors' normals,
-    the largest first. They are predicted for a joint fit of intrinsics, mirrors and poses to corners with noise
+    Among candidate poses, the planner picks the one that most reduces the standard deviations of the mirrors' normals,
+    chiefly the largest. They are predicted for a joint fit of intrinsics, mirrors and poses to corners with noise
     `NOISE_PX`, starting from prior standard deviations of the device.
 
     Parameters
@@ -106,9 +106,9 @@ class NextPosePlanner:
     model
         Model to be estimated.
     sigmas
-        Standard deviations of the model's globals before the first picture.
+        Standard deviations of the model's global parameters before the first picture.
     mirrors
-        Names of the mirrors in texts.
+        Names of the mirrors for messages.
     placements
         The candidate poses.
     """
@@ -124,13 +124,17 @@ class NextPosePlanner:
         self._estimate, self._model, self._mirrors = estimate, model, mirrors
         self._information = np.diag(np.square(sigmas) ** -1.0)
         self._placements = list(placements)
-        self._added = np.array([self._information_in(each.rig_from_board, each.seen) for each in self._placements])
+        self._added = np.array(
+            [self._information_in(pose.rig_from_board, pose.observations) for pose in self._placements]
+        )
         self._pictures = 0
         if not self._placements:
-            raise InputError("the mirrors show the board in no pose, expected mirrors on the sensor")
+            raise InputError(
+                "no mirror shows the board in any pose, expected mirrors whose sub-images lie on the sensor"
+            )
 
     @classmethod
-    def designed(cls, layout: Layout, target: Target) -> Self:
+    def for_layout(cls, layout: Layout, target: Target) -> Self:
         """Return a planner for a device built to a layout within `CENTRE_SIGMA_MM`."""
         camera, (focal, centre, distortion) = layout.camera, INTRINSIC_SIGMAS
         intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
@@ -141,7 +145,7 @@ class NextPosePlanner:
             ),
             [*intrinsics, *[distortion] * (len(camera.intrinsics) - 4), *[CENTRE_SIGMA_MM] * (3 * len(layout.mirrors))],
             [
-                f"mirror {name} ({place_in_words(camera, np.nanmean(layout.outline_px(index), axis=0))})"
+                f"mirror {name} ({position_in_words(camera, np.nanmean(layout.outline_px(index), axis=0))})"
                 for index, name in enumerate(layout.mirror_names)
             ],
             _placements(layout, target),
@@ -162,13 +166,15 @@ class NextPosePlanner:
         enough = bool(sigma_deg[mirror] <= ENOUGH_DEG and self._pictures >= ENOUGH_PICTURES)
         if enough:
             sentence = (
-                f"enough: every mirror within ±{sigma_deg[mirror]:.2g}°; the most useful further pose is {chosen.words}"
+                f"enough: every mirror within ±{sigma_deg[mirror]:.2g}°; "
+                f"the most useful further pose is {chosen.description}"
             )
         elif not self._pictures:
-            sentence = f"next: {chosen.words}"
+            sentence = f"next: {chosen.description}"
         else:
             sentence = (
-                f"next: {chosen.words}; it would improve {self._mirrors[mirror]}, the least certain one, from {change}"
+                f"next: {chosen.description}; it would improve {self._mirrors[mirror]}, the least certain one, "
+                f"from {change}"
             )
         return NextPose(
             sentence,
@@ -182,7 +188,7 @@ class NextPosePlanner:
         )
 
     def _information_in(self, pose: FloatArray, picture: Observations) -> FloatArray:
-        """Fisher information (g, g) on the globals from a picture at about this pose, with the pose itself unknown."""
+        """Fisher information (g, g) about the global parameters from a picture at about this pose, itself unknown."""
         noisy = replace(picture, sigma_px=np.full(len(picture), NOISE_PX))
         estimate = self._estimate.with_poses(pose[None])
         return normal_equations(estimate, Grouped.of(noisy, self._model), self._model).reduced(0.0)[0]
@@ -190,13 +196,13 @@ class NextPosePlanner:
     def _sigma_deg(self, information: FloatArray) -> FloatArray:
         """Standard deviations (..., mirrors) of the normals in their weakest directions, from information (..., g, g).
 
-        A normal n = -c / |c| rotates by the displacement of the virtual centre c across it, over |c|.
+        A normal n = -c / |c| rotates by the displacement of the virtual centre c perpendicular to it, divided by |c|.
         """
         covariance, sigma = np.linalg.inv(information), []
         for index, centre in enumerate(self._estimate.virtual_centres_in_rig_mm):
             length, first = float(np.linalg.norm(centre)), len(self._model.intrinsics) + 3 * index
-            across = np.linalg.svd(centre[None])[2][1:].T
-            block = across.T @ covariance[..., first : first + 3, first : first + 3] @ across
+            tangents = np.linalg.svd(centre[None])[2][1:].T
+            block = tangents.T @ covariance[..., first : first + 3, first : first + 3] @ tangents
             sigma.append(np.sqrt(np.linalg.eigvalsh(block)[..., -1]) / length)
         return np.degrees(np.stack(sigma, axis=-1))
 
@@ -207,13 +213,13 @@ def planning_model(intrinsics: Sequence[str], target: Target) -> Model:
     return Model(tuple(intrinsics), thickness=False, curvature=False, board=board)
 
 
-def pose_by_layout(layout: Layout, target: Target, picture: Observations) -> FloatArray | None:
+def board_pose(layout: Layout, target: Target, picture: Observations) -> FloatArray | None:
     """Return the board's pose (4, 4) in a picture; None if no view shows enough corners."""
     views = []
     for mirror in np.unique(picture.view).tolist():
-        of_view = picture.view == mirror
-        if of_view.sum() >= MIN_CORNERS:
-            corners = Corners(picture.corner[of_view], picture.pixels[of_view])
+        rows = picture.view == mirror
+        if rows.sum() >= MIN_CORNERS:
+            corners = Corners(picture.corner[rows], picture.pixels[rows])
             views.append((layout.mirrors[mirror].apparent, corners))
     if not views:
         return None
@@ -221,7 +227,7 @@ def pose_by_layout(layout: Layout, target: Target, picture: Observations) -> Flo
 
 
 def _placements(layout: Layout, target: Target) -> Iterator[Placement]:
-    """Yield the poses, at three depths, five tilts and nine places, in which a mirror shows enough of the board."""
+    """Yield the poses, at three depths, five tilts and nine positions, in which a mirror shows enough of the board."""
     corners = target.corners_in_board_mm
     sensor = shapely.box(0.0, 0.0, layout.camera.width_px - 1.0, layout.camera.height_px - 1.0)
     regions = []
@@ -232,39 +238,41 @@ def _placements(layout: Layout, target: Target) -> Iterator[Placement]:
         points, views = transform(pose, corners), []
         for index, region in enumerate(regions):
             pixels = layout.project(points, index)
-            ids = shown_in(region, pixels)
+            ids = indices_inside(region, pixels)
             if len(ids) >= MIN_CORNERS:
                 views.append(Observations.of_view(0, index, ids, pixels[ids]))
         if views:
-            words = f"the board at about {round(depth_mm, -1):.0f} mm, {_in_words(layout, target, pose, tilt_deg)}"
-            yield Placement(pose, depth_mm, tilt_deg, words, Observations.join(views))
+            description = (
+                f"the board at about {round(depth_mm, -1):.0f} mm, {_in_words(layout, target, pose, tilt_deg)}"
+            )
+            yield Placement(pose, depth_mm, tilt_deg, description, Observations.join(views))
 
 
-def shown_in(region: shapely.Geometry, pixels: FloatArray) -> IntArray:
-    """Return which pixels (n, 2) lie in a region of the sensor; NaN do not."""
+def indices_inside(region: shapely.Geometry, pixels: FloatArray) -> IntArray:
+    """Indices of the pixels (n, 2) inside a region of the sensor; NaN pixels are outside."""
     return np.flatnonzero(shapely.contains_xy(region, *np.nan_to_num(pixels, nan=-1e9).T))
 
 
 def _in_words(layout: Layout, target: Target, pose: FloatArray, tilt_deg: tuple[float, float]) -> str:
-    """Describe tilt and place, as seen by the camera."""
+    """Describe tilt and position, as seen by the camera."""
     half = np.array([*target.size_mm, 0.0])[None] / 2.0
     centre = layout.view_from_rig @ transform(pose, half)[0]
     x, y = (centre - layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0))[:2]
     tilt = tilt_in_words(tilt_deg, "the mirrors") or "facing the mirrors"
-    place = moved_in_words(x if abs(x) > 1.0 else 0.0, y if abs(y) > 1.0 else 0.0)
-    return tilt + (f", {place}" if place else "")
+    shift = shift_in_words(x if abs(x) > 1.0 else 0.0, y if abs(y) > 1.0 else 0.0)
+    return tilt + (f", {shift}" if shift else "")
 
 
-def moved_in_words(x: float, y: float) -> str:
+def shift_in_words(x: float, y: float) -> str:
     """Describe a shift to the right and down; empty without a shift."""
     column = "left" if x < 0.0 else "right" if x > 0.0 else ""
     row = "up" if y < 0.0 else "down" if y > 0.0 else ""
-    place = " and ".join(word for word in (row, column) if word)
-    return f"moved {place}" if place else ""
+    direction = " and ".join(word for word in (row, column) if word)
+    return f"moved {direction}" if direction else ""
 
 
 def poses_of(layout: Layout, target: Target) -> Iterator[tuple[FloatArray, float, tuple[float, float]]]:
-    """Yield poses, rig_from_board (4, 4), with the depth of their centre in mm and their tilts in degrees."""
+    """Yield poses rig_from_board (4, 4), with the depth of the board's centre in mm and the tilts in degrees."""
     depths = (300.0, 500.0) if layout.spec is None else (min(layout.spec.depths_mm), max(layout.spec.depths_mm))
     half = np.array([*target.size_mm, 0.0]) / 2.0
     view_centre = layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0)
@@ -278,20 +286,22 @@ def poses_of(layout: Layout, target: Target) -> Iterator[tuple[FloatArray, float
                     yield pose, depth_mm, tilt
 
 
-def tilt_in_words(tilt_deg: tuple[float, float], what: str) -> str:
+def tilt_in_words(tilt_deg: tuple[float, float], target_name: str) -> str:
     """Describe a tilt about x or y towards the mirrors or the camera; empty without a tilt."""
     about_x, about_y = tilt_deg
     if about_x == about_y == 0.0:
         return ""
     edges = ("upper", "lower") if about_x else ("right", "left")
     edge = edges[0 if about_x + about_y > 0 else 1]
-    return f"its {edge} edge (as the camera sees it) tilted {max(abs(about_x), abs(about_y)):.0f}° towards {what}"
+    return (
+        f"its {edge} edge (as the camera sees it) tilted {max(abs(about_x), abs(about_y)):.0f}° towards {target_name}"
+    )
 
 
-def place_in_words(camera: Camera, pixel: FloatArray) -> str:
+def position_in_words(camera: Camera, pixel: FloatArray) -> str:
     """Describe the position of a pixel (2,), such as "upper left of the picture" or "top of the picture"."""
     x, y = pixel / [camera.width_px, camera.height_px]
     row = -1 if y < 0.38 else 1 if y > 0.62 else 0
     column = "left" if x < 0.38 else "right" if x > 0.62 else ""
-    place = ("upper ", "", "lower ")[row + 1] + column if column else ("top", "middle", "bottom")[row + 1]
-    return f"{place} of the picture"
+    position = ("upper ", "", "lower ")[row + 1] + column if column else ("top", "middle", "bottom")[row + 1]
+    return f"{position} of the picture"

@@ -1,9 +1,9 @@
-"""Recognition of boards other than the stated one: of another size or dictionary, or in a flipped picture.
+"""Recognition of boards other than the stated one: of a different size or dictionary, or in a flipped picture.
 
 To limit the cost, only a few pictures are examined. A recognised board is refused with its likely cause.
 
-The markers' numbers reveal a board of another size, with OpenCV's old pattern, or with another first marker. If they
-cannot be read, flipped and inverted pictures, other marker sizes and other dictionaries are tried.
+The markers' numbers reveal a board of a different size, with OpenCV's old pattern, or with a different first marker. If
+they cannot be read, flipped and inverted pictures, other marker sizes and other dictionaries are tried.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mirrorcam.optics.calibration.detection.charuco import families_seen, find_marked_boards
+from mirrorcam.optics.calibration.detection.charuco import count_by_family, find_marked_boards
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
-from mirrorcam.optics.calibration.detection.detections import SeenGrid
+from mirrorcam.optics.calibration.detection.detections import DetectedGrid
 from mirrorcam.optics.calibration.detection.marker_layout import (
     GriddedPicture,
     MarkerPairs,
-    Steps,
+    VerticalPairs,
     marker_pairs,
     marker_side,
 )
@@ -28,18 +28,18 @@ from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 MAX_PICTURES = 2  # pictures examined of each kind
-MIN_FILLED = 0.9  # share of the corners of a grid's rectangle, for a completely visible board
-MIN_SHARE = 0.5  # least share of the boards for a size to count: parts of a board look like smaller boards
-MIN_BEYOND = 2  # per picture, pairs with a marker that the stated board lacks
-MIN_STEPS = 3  # per picture, pairs of markers that give the same number of columns
-MAX_SHORTFALL = 0.05  # of the explained pairs, relative to the best numbering, for a numbering that is still plausible
+MIN_FILLED = 0.9  # fraction of a grid's bounding rectangle that has corners, for a completely visible board
+MIN_FRACTION = 0.5  # of the boards, for a size to count: parts of a board look like smaller boards
+MIN_BEYOND = 2  # pairs per picture with a marker that the stated board lacks
+MIN_VERTICAL = 3  # pairs of markers per picture that give the same number of columns
+MAX_SHORTFALL = 0.05  # of consistent pairs, relative to the best numbering, for a numbering that is still plausible
 MAX_SIDE_DIFFERENCE = 0.035  # between the stated and the visible side of markers, in squares
 
 
 def other_board(
     pictures: Sequence[Grey], target: Target, *, mirrored: bool | None, found: bool, fits: bool = True
 ) -> str | None:
-    """Explain how pictures show a board other than the stated one, or are flipped; None if they seem right.
+    """Describe how pictures show a board other than the stated one, or are flipped; None if they seem right.
 
     Parameters
     ----------
@@ -48,11 +48,11 @@ def other_board(
     target
         The stated board.
     mirrored
-        Whether they show the board in mirrors; None: both directly and in mirrors.
+        Whether they show the board in mirrors; None if both directly and in mirrors.
     found
-        Whether the stated board was found in any picture of either kind. Otherwise more is tried.
+        Whether the stated board was found in any picture, with or without mirrors. Otherwise, more checks are made.
     fits
-        Whether it was found in pictures of this kind and fits so far. Otherwise, the detected board may be part of a
+        Whether it was found in such pictures and fits so far. Otherwise, the detected board may be part of a
         larger one.
     """
     pictures = pictures[:MAX_PICTURES]
@@ -73,7 +73,7 @@ def _other_checkerboard(
     if stated or found:
         counts = Counter({size: n for size, n in counts.items() if size[0] >= target.cols and size[1] >= target.rows})
     # Occasionally, a board and its mirror image together look like a larger board.
-    min_count = max(len(pictures), MIN_SHARE * max([*counts.values(), stated], default=0))
+    min_count = max(len(pictures), MIN_FRACTION * max([*counts.values(), stated], default=0))
     frequent = [size for size, count in counts.items() if count >= min_count]
     if frequent:
         cols, rows = max(frequent, key=lambda size: size[0] * size[1])
@@ -84,14 +84,14 @@ def _other_checkerboard(
     if stated >= len(pictures) and not any(grid.numberings(target, mirrored=mirrored) for grid in complete):
         return (
             f"the {_size(target)} checkerboard in the pictures has black where it should be white: they are mirrored, "
-            "as those of a selfie camera (switch that off, or flip them left to right), or cols and rows are exchanged "
-            "in board.toml"
+            "like those of a selfie camera (switch that off, or flip them left to right), or cols and rows are "
+            "exchanged in board.toml"
         )
     return None
 
 
-def _size_like(target: Checkerboard, grid: SeenGrid) -> tuple[int, int]:
-    """Columns and rows of squares of a board that ends where a grid does, in the order closer to the target."""
+def _size_like(target: Checkerboard, grid: DetectedGrid) -> tuple[int, int]:
+    """Columns and rows of squares of a board that ends where the grid does, in the order closer to the target's."""
     long, short = max(grid.extent) + 1, min(grid.extent) + 1
     sizes = [(long, short), (short, long)] if target.cols >= target.rows else [(short, long), (long, short)]
     return min(sizes, key=lambda size: abs(size[0] - target.cols) + abs(size[1] - target.rows))
@@ -104,32 +104,32 @@ def _size(target: Target) -> str:
 def other_markers(
     pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool | None, found: bool
 ) -> str | None:
-    """Explain how pictures (h, w) show a marked board other than the stated one; None if they seem right.
+    """Describe how pictures (h, w) show a marked board other than the stated one; None if they seem right.
 
     For `mirrored` and `found`, see `other_board`.
     """
     gridded = [GriddedPicture.of(picture, target) for picture in pictures]
-    min_steps = MIN_STEPS * len(gridded)
+    min_pairs = MIN_VERTICAL * len(gridded)
     pairs = _pairs(gridded, target, mirrored=bool(mirrored))
-    columns, steps = pairs.steps(target).likely
-    if len(steps.highest) < min_steps:
+    columns, vertical = pairs.vertical(target).majority
+    if len(vertical.highest) < min_pairs:
         if not found:
             return _unreadable(gridded, target, mirrored=mirrored)
         if not isinstance(target, Charuco):
             return None
-        # Markers with another side are rarely readable.
+        # Markers of a different size are rarely readable.
         other = _pattern_with_more_corners(pictures, target, mirrored=mirrored)
-        return other or _other_side(gridded, target, mirrored=mirrored)
+        return other or _other_marker_side(gridded, target, mirrored=mirrored)
     tags = isinstance(target, AprilGrid)
     board, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
     size = f"{target.cols} x {target.rows}"
-    highest = steps.highest - (target.first_marker if isinstance(target, Charuco) else 0)
-    rows = (highest if tags else 2 * highest + 1) // columns + 1 + steps.follows  # at least
+    highest = vertical.highest - (target.first_marker if isinstance(target, Charuco) else 0)
+    rows = (highest if tags else 2 * highest + 1) // columns + 1 + vertical.has_next_row  # at least
     if columns != target.cols:
         sentence = f"the pictures show {board} of {columns} columns of {cells}, board.toml says {size} {cells}"
         exchanged = columns == target.rows and rows.max() <= target.cols
         return sentence + (": are cols and rows exchanged?" if exchanged else "")
-    if isinstance(target, Charuco) and (other := _other_numbers(pairs, steps, target, len(gridded))):
+    if isinstance(target, Charuco) and (other := _other_numbers(pairs, vertical, target, len(gridded))):
         return other
     if (rows > target.rows).sum() >= MIN_BEYOND * len(gridded):
         return f"the pictures show {board} of more rows of {cells}, board.toml says {size} {cells}"
@@ -137,28 +137,30 @@ def other_markers(
         return None
     white = not target.black[0, 0]
     stated_pairs, other_pairs = (
-        pairs.explained(columns, target.first_marker, white_first=bool(first)) for first in (white, not white)
+        pairs.count_consistent(columns, target.first_marker, white_first=bool(first)) for first in (white, not white)
     )
-    unclear = stated_pairs - other_pairs < min_steps
+    unclear = stated_pairs - other_pairs < min_pairs
     other = _pattern_with_more_corners(pictures, target, mirrored=mirrored) if unclear else None
-    return other or _other_side(gridded, target, mirrored=mirrored)
+    return other or _other_marker_side(gridded, target, mirrored=mirrored)
 
 
-def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: int) -> str | None:
-    """Explain whether markers are in other places than on the target, or have other numbers."""
+def _other_numbers(pairs: MarkerPairs, vertical: VerticalPairs, target: Charuco, pictures: int) -> str | None:
+    """Describe how markers are arranged or numbered differently from the target; None if they are not."""
     first, count = target.first_marker, len(target.markers)
     white = bool(not target.black[0, 0])
-    votes = [pairs.explained(target.cols, phase, white_first=white) for phase in range(first, first + target.cols)]
-    lowest, highest = int(steps.highest.min()) - target.cols, int(steps.highest.max())
-    beyond = int(((steps.highest >= first + count) | (steps.highest - target.cols < first)).sum())
+    votes = [
+        pairs.count_consistent(target.cols, phase, white_first=white) for phase in range(first, first + target.cols)
+    ]
+    lowest, highest = int(vertical.highest.min()) - target.cols, int(vertical.highest.max())
+    pairs_beyond = int(((vertical.highest >= first + count) | (vertical.highest - target.cols < first)).sum())
     # With an odd number of columns, a wrong numbering fails only at the sides of the board.
-    min_votes = max(votes) - max(MIN_STEPS * pictures, MAX_SHORTFALL * max(votes))
+    min_votes = max(votes) - max(MIN_VERTICAL * pictures, MAX_SHORTFALL * max(votes))
     if min_votes < 0:
         return None
-    as_stated, few_beyond = votes[0] > min_votes, beyond < MIN_BEYOND * pictures
+    as_stated, few_beyond = votes[0] > min_votes, pairs_beyond < MIN_BEYOND * pictures
     if as_stated and few_beyond:
         return None
-    other_pattern = not as_stated and pairs.explained(target.cols, first, white_first=not white) > min_votes
+    other_pattern = not as_stated and pairs.count_consistent(target.cols, first, white_first=not white) > min_votes
     phase = 0 if as_stated else int(np.argmax(votes))
     # The numbers of complete pairs of rows, from the pair that holds the lowest number.
     begin = first + phase + (lowest - first - phase) // target.cols * target.cols
@@ -167,17 +169,17 @@ def _other_numbers(pairs: MarkerPairs, steps: Steps, target: Charuco, pictures: 
         return _other_pattern(target)
     if not fits:
         return None
-    # If neither side of the board is visible, several numberings are equally likely.
-    known = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
+    # If neither the left nor the right side of the board is visible, several numberings are equally likely.
+    first_id = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
     return (
         f"the pictures show markers {lowest} to {highest}, the {target.cols} x {target.rows} ChArUco board of "
         f"board.toml has {first} to {first + count - 1}: set "
-        f"first_marker = {known} there, unless the board has more rows"
+        f"first_marker = {first_id} there, unless the board has more rows"
     )
 
 
 def _pattern_with_more_corners(pictures: Sequence[Grey], target: Charuco, *, mirrored: bool | None) -> str | None:
-    """Explain whether the other pattern gives more corners: the wrong pattern lacks a side of the board.
+    """Name the other pattern if it gives more corners: the wrong pattern lacks the corners along a side of the board.
 
     With an odd number of columns, the patterns differ by a shift, so only the corners at the sides differ.
     """
@@ -187,12 +189,12 @@ def _pattern_with_more_corners(pictures: Sequence[Grey], target: Charuco, *, mir
     more = []
     for picture, flipped in itertools.product(pictures, (False, True) if mirrored is None else (mirrored,)):
         corners_stated, corners_other = (
-            max(map(len, find_marked_boards(picture, candidate, mirrored=flipped, most=1)), default=0)
+            max(map(len, find_marked_boards(picture, candidate, mirrored=flipped, max_boards=1)), default=0)
             for candidate in (target, other)
         )
         if corners_stated and corners_other:
             more.append(corners_other - corners_stated)
-    if not more or min(more) < 0 or sum(more) < max(MIN_STEPS, target.rows // 2) * len(pictures):
+    if not more or min(more) < 0 or sum(more) < max(MIN_VERTICAL, target.rows // 2) * len(pictures):
         return None
     return _other_pattern(target)
 
@@ -200,8 +202,8 @@ def _pattern_with_more_corners(pictures: Sequence[Grey], target: Charuco, *, mir
 def _other_pattern(target: Charuco) -> str:
     if target.rows % 2:
         return (
-            f"the ChArUco board in the pictures has a white square at its top left, which none of {target.rows} rows "
-            "has: are cols and rows right in board.toml?"
+            f"the ChArUco board in the pictures has a white square at its top left, which no board of {target.rows} "
+            "rows has: are cols and rows right in board.toml?"
         )
     sentence = "the markers of the ChArUco board in the pictures are arranged as OpenCV"
     if target.legacy:
@@ -209,7 +211,7 @@ def _other_pattern(target: Charuco) -> str:
     return f"{sentence} before 4.6 printed them (its old pattern): add legacy = true to board.toml"
 
 
-def _other_side(gridded: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> str | None:
+def _other_marker_side(gridded: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> str | None:
     side = marker_side(gridded, target, mirrored=mirrored)
     if side is None or abs(side - target.marker_mm / target.square_mm) < MAX_SIDE_DIFFERENCE:
         return None
@@ -226,41 +228,43 @@ def _unreadable(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, 
     flipped = bool(mirrored)
     if mirrored is not None and _readable(gridded, target, mirrored=not flipped):
         return (
-            "the markers of the board can be read only when the pictures are flipped: they are mirrored, as those of a "
-            "selfie camera; switch that off, or flip them left to right"
+            "the markers of the board can be read only when the pictures are flipped: they are mirrored, like those of "
+            "a selfie camera; switch that off, or flip them left to right"
         )
     if isinstance(target, AprilGrid):
         return None
-    negatives = [GriddedPicture.of(np.asarray(255 - one.grey, dtype=np.uint8), target) for one in gridded]
+    negatives = [GriddedPicture.of(np.asarray(255 - picture.grey, dtype=np.uint8), target) for picture in gridded]
     if _readable(negatives, target, mirrored=flipped):
         return (
             "the ChArUco board in the pictures is printed white on black: print it black on white, or exchange black "
             "and white in all pictures"
         )
-    return _other_side(gridded, target, mirrored=mirrored) or _other_dictionary(gridded, target, mirrored=flipped)
+    return _other_marker_side(gridded, target, mirrored=mirrored) or _other_dictionary(
+        gridded, target, mirrored=flipped
+    )
 
 
 def _other_dictionary(gridded: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool) -> str | None:
     stated = dictionaries.family(target.dictionary)
     others = [name for name in dictionaries.FAMILIES if name != stated]
     counts = np.sum(
-        [families_seen(one.grey, others, len(target.markers), mirrored=mirrored) for one in gridded], axis=0
+        [count_by_family(picture.grey, others, len(target.markers), mirrored=mirrored) for picture in gridded], axis=0
     )
     name = others[int(counts.argmax())]
-    if counts.max() < MIN_STEPS * len(gridded) or dictionaries.count(name) < len(target.markers):
+    if counts.max() < MIN_VERTICAL * len(gridded) or dictionaries.count(name) < len(target.markers):
         return None
     other = target.replaced(dictionary=name, first_marker=0)
-    steps = _pairs(gridded, other, mirrored=mirrored).steps(other).likely[1]
-    if len(steps.highest) < MIN_STEPS * len(gridded):
+    vertical = _pairs(gridded, other, mirrored=mirrored).vertical(other).majority[1]
+    if len(vertical.highest) < MIN_VERTICAL * len(gridded):
         return None
-    named = dictionaries.smallest(name, max(len(target.markers), int(steps.highest.max()) + 1))
-    return f"the pictures show markers of {named}, board.toml says dictionary {target.dictionary}"
+    dictionary = dictionaries.smallest(name, max(len(target.markers), int(vertical.highest.max()) + 1))
+    return f"the pictures show markers of {dictionary}, board.toml says dictionary {target.dictionary}"
 
 
 def _readable(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> bool:
-    steps = _pairs(gridded, target, mirrored=mirrored).steps(target).likely[1]
-    return len(steps.highest) >= MIN_STEPS * len(gridded)
+    vertical = _pairs(gridded, target, mirrored=mirrored).vertical(target).majority[1]
+    return len(vertical.highest) >= MIN_VERTICAL * len(gridded)
 
 
 def _pairs(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
-    return MarkerPairs.join([marker_pairs(one, target, mirrored=mirrored) for one in gridded])
+    return MarkerPairs.join([marker_pairs(picture, target, mirrored=mirrored) for picture in gridded])

@@ -1,8 +1,8 @@
-"""Segmentation of the sub-images: where each mirror's sub-image ends on the sensor, and outlines moved there.
+"""Segmentation of the sub-images: detects their edges on the sensor, and moves the mirrors' outlines there.
 
 The image in a mirror changes from frame to frame; the gaps between mirrors and the holder do not. A mirror that was cut
 too short or glued out of place shows the same corners, but less or more of the scene: its plane is right, its outline
-is wrong. Its edges lie where the change ends.
+is wrong. Its edges lie where pixels stop changing.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import solve_tangent_in_air
 
-REACH_PX = 40.0  # search range on either side of an edge; 2 mm within the plane are 32 px on a C920
+SEARCH_PX = 40.0  # search range on either side of an edge; 2 mm within the plane are 32 px on a C920
 STEP_PX = 4.0  # along an edge
-FINE_PX = 0.5  # across it
+FINE_PX = 0.5  # across an edge
 MIN_CHANGE = 25.0  # grey levels between a pixel's darkest and brightest value, within a sub-image
-MIN_VISIBLE = 0.5, 0.2, 0.2  # visible share of an edge's length: in all frames, and in each half
+MIN_VISIBLE = 0.5, 0.2, 0.2  # visible fraction of an edge's length: in all frames, and in each half of them
 MIN_LENGTH_PX = 40.0
 TOLERANCE_PX = 1.5  # between a point and the straight line through the others
-MIN_COSINE = 0.97  # cosine between the edge of a mirror and the edge of its sub-image
-MAX_HALF_DIFFERENCE_PX = 1.5  # largest difference of an edge between halves of the frames
-MIN_MOVE_PX = 3.0  # of an edge: dim or static parts of a scene shift it by 2 px
+MIN_COSINE = 0.97  # of the angle between the edge of a mirror and the edge of its sub-image
+MAX_HALF_DIFFERENCE_PX = 1.5  # of an edge between halves of the frames
+MIN_MOVE_PX = 3.0  # of an edge: dim or static parts of a scene shift its detected position by 2 px
 
 
 class Extremes:
@@ -51,7 +51,7 @@ class Extremes:
             np.maximum(brightest, grey, out=brightest)
 
     def changes(self) -> tuple[Grey, Grey, Grey] | None:
-        """Range of each pixel in grey levels, in all frames and in either half; None for fewer than four frames."""
+        """Range of each pixel in grey levels, over all frames and over each half; None for fewer than four frames."""
         if self._count < 4:
             return None
         (dark, bright), (other_dark, other_bright) = self._halves
@@ -60,15 +60,15 @@ class Extremes:
 
 
 @dataclass(frozen=True)
-class SeenEdge:
-    """Position of a mirror's edge as the frames show it.
+class DetectedEdge:
+    """Position of a mirror's edge, detected in the frames.
 
     Attributes
     ----------
     line
-        (3,): nx x + ny y = d in the mirror's own frame, mm.
+        Coefficients (nx, ny, d) of nx x + ny y = d in the mirror's own frame, mm.
     offset_px
-        Outward offsets (2,) of its ends from the layout's edge, px.
+        Outward offsets (2,) of the edge's ends from the layout's edge, px.
     offset_mm
         Mean outward offset within the mirror's plane, mm.
     midpoint_in_rig_mm, outward_in_rig
@@ -82,12 +82,12 @@ class SeenEdge:
     outward_in_rig: FloatArray
 
 
-def seen_edges(layout: Layout, extremes: Extremes) -> list[dict[int, SeenEdge]]:
-    """Return the edges of each mirror that the frames show, by their number in the outline.
+def detected_edges(layout: Layout, extremes: Extremes) -> list[dict[int, DetectedEdge]]:
+    """Detect the edges of each mirror in the frames; return them by their number in the outline.
 
-    Edges are searched within `REACH_PX`. An edge is left out if it is not visible (off the sensor, or adjacent to
-    another sub-image without a gap), or if it differs between the halves of the frames, as when a board was held in
-    front of the mirror's edge.
+    Edges are searched within `SEARCH_PX`. An edge is left out if it is not visible (off the sensor, or adjacent to
+    another sub-image without a gap), or if it differs between the halves of the frames, for example because a board was
+    held in front of the mirror's edge.
 
     Parameters
     ----------
@@ -105,8 +105,8 @@ def seen_edges(layout: Layout, extremes: Extremes) -> list[dict[int, SeenEdge]]:
             _edges(change, layout, index, min_visible) for change, min_visible in zip(changes, MIN_VISIBLE, strict=True)
         )
         agreeing = {
-            edge: seen
-            for edge, seen in in_all_frames.items()
+            edge: detected
+            for edge, detected in in_all_frames.items()
             if edge in in_even and edge in in_odd
             if np.abs(in_even[edge].offset_px - in_odd[edge].offset_px).max() < MAX_HALF_DIFFERENCE_PX
         }
@@ -114,10 +114,10 @@ def seen_edges(layout: Layout, extremes: Extremes) -> list[dict[int, SeenEdge]]:
     return found
 
 
-def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict[int, SeenEdge]:
+def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict[int, DetectedEdge]:
     """Return the visible edges of an outline, by number."""
     mirror, camera = layout.mirrors[index], layout.camera
-    apparent, usable = mirror.apparent, shown_in_plane_mm(mirror)
+    apparent, usable = mirror.apparent, visible_part_in_plane_mm(mirror)
     found = {}
     sides = [Side.of(usable, edge) for edge in range(len(usable))]
     for edge in range(len(mirror.outline_in_rig_mm)):
@@ -129,7 +129,7 @@ def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict
 
         def pixels(s: FloatArray, d: FloatArray, side: Side = side) -> FloatArray:
             """Pixels (..., 2) at `s` along a side and `d` outwards, mm."""
-            flat = side.start + s[..., None] * side.along + d[..., None] * side.outward
+            flat = side.start + s[..., None] * side.direction + d[..., None] * side.outward
             points = apparent.rig_from_plane[:3, 3] + flat @ apparent.rig_from_plane[:3, :2].T
             return camera.project(points + apparent.sag_mm(points)[..., None] * apparent.normal_in_rig)
 
@@ -142,9 +142,9 @@ def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict
             continue
         # Skip the ends, where the adjacent edges are.
         s = side.length_mm * np.linspace(0.06, 0.94, count)
-        d = np.arange(-REACH_PX, REACH_PX + FINE_PX / 2.0, FINE_PX) / px_per_mm
-        at = pixels(s[:, None] + 0.0 * d, d + 0.0 * s[:, None])
-        offsets = _ends_of_change(change, at, d * px_per_mm)
+        d = np.arange(-SEARCH_PX, SEARCH_PX + FINE_PX / 2.0, FINE_PX) / px_per_mm
+        profiles = pixels(s[:, None] + 0.0 * d, d + 0.0 * s[:, None])
+        offsets = _ends_of_change(change, profiles, d * px_per_mm)
         line = _consensus_line(s, offsets, min_agreeing=max(MIN_LENGTH_PX, min_visible * 0.88 * length_px) / STEP_PX)
         if line is None:
             continue
@@ -152,25 +152,26 @@ def _edges(change: Grey, layout: Layout, index: int, min_visible: float) -> dict
         offset_mm = (line[0] * ends + line[1]) / px_per_mm
         offset_px = np.sign(offset_mm) * np.linalg.norm(pixels(ends, offset_mm) - pixels(ends, np.zeros(2)), axis=1)
         frame = mirror.rig_from_plane
-        found[edge] = SeenEdge(
-            line=nominal.moved(side, offset_mm),
+        found[edge] = DetectedEdge(
+            line=nominal.displaced_line(side, offset_mm),
             offset_px=offset_px,
             offset_mm=float(offset_mm.mean()),
-            midpoint_in_rig_mm=frame[:3, 3] + frame[:3, :2] @ (nominal.start + nominal.length_mm / 2.0 * nominal.along),
+            midpoint_in_rig_mm=frame[:3, 3]
+            + frame[:3, :2] @ (nominal.start + nominal.length_mm / 2.0 * nominal.direction),
             outward_in_rig=frame[:3, :2] @ nominal.outward,
         )
     return found
 
 
 def _consensus_line(positions: FloatArray, offsets: FloatArray, *, min_agreeing: float) -> tuple[float, float] | None:
-    """Slope and constant of the consensus line of offsets (n,), if at least `min_agreeing` agree; NaN are ignored."""
-    known = np.flatnonzero(np.isfinite(offsets))
-    if len(known) < min_agreeing:
+    """Slope and constant of the consensus line of offsets (n,), if at least `min_agreeing` agree; NaNs are ignored."""
+    finite = np.flatnonzero(np.isfinite(offsets))
+    if len(finite) < min_agreeing:
         return None
-    sample, span = known[:: max(len(known) // 24, 1)], np.ptp(positions)
+    pairs, span = finite[:: max(len(finite) // 24, 1)], np.ptp(positions)
     best = np.zeros(len(offsets), dtype=bool)
-    for i in sample:
-        for j in sample:
+    for i in pairs:
+        for j in pairs:
             if positions[j] - positions[i] > 0.25 * span:
                 slope = (offsets[j] - offsets[i]) / (positions[j] - positions[i])
                 near = np.abs(offsets - offsets[i] - slope * (positions - positions[i])) < TOLERANCE_PX
@@ -182,23 +183,23 @@ def _consensus_line(positions: FloatArray, offsets: FloatArray, *, min_agreeing:
     return float(slope), float(constant)
 
 
-def _ends_of_change(change: Grey, at: FloatArray, depths_px: FloatArray) -> FloatArray:
-    """Depth (n,) at which the change ends along profiles of pixels (n, m, 2), at depths (m,); NaN if not visible."""
+def _ends_of_change(change: Grey, pixels: FloatArray, offsets_px: FloatArray) -> FloatArray:
+    """Offset (n,) at which change ends on profiles of pixels (n, m, 2) with offsets (m,); NaN if not visible."""
     size = np.array(change.shape[::-1], dtype=np.float64)
-    on_sensor = (np.isfinite(at) & (at >= 0) & (at <= size - 1.0)).all(axis=2)
-    uv = np.nan_to_num(at, nan=-1.0).astype(np.float32)
+    on_sensor = (np.isfinite(pixels) & (pixels >= 0) & (pixels <= size - 1.0)).all(axis=2)
+    uv = np.nan_to_num(pixels, nan=-1.0).astype(np.float32)
     profiles = cv2.remap(
         change.astype(np.float32), uv[..., 0], uv[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    return np.array([_end_of_change(profile, depths_px) for profile in np.where(on_sensor, profiles, np.nan)])
+    return np.array([_end_of_change(profile, offsets_px) for profile in np.where(on_sensor, profiles, np.nan)])
 
 
-def _end_of_change(profile: FloatArray, depths: FloatArray) -> float:
-    """Depth where a profile from inside to outside falls below half of its value inside; NaN if it does not."""
+def _end_of_change(profile: FloatArray, offsets_px: FloatArray) -> float:
+    """Offset where a profile from inside to outside falls below half of its value inside; NaN if it does not."""
     usable = np.isfinite(profile)
     if usable.sum() < 20:
         return float("nan")
-    profile, depths = profile[usable], depths[usable]
+    profile, offsets_px = profile[usable], offsets_px[usable]
     inside = float(np.median(profile[: max(len(profile) // 4, 8)]))
     if inside < MIN_CHANGE:
         return float("nan")
@@ -209,11 +210,11 @@ def _end_of_change(profile: FloatArray, depths: FloatArray) -> float:
         return float("nan")
     first = int(np.argmax(run))
     before, after = profile[first - 1], profile[first]
-    return float(depths[first - 1] + FINE_PX * (before - 0.5 * inside) / max(before - after, 1e-6))
+    return float(offsets_px[first - 1] + FINE_PX * (before - 0.5 * inside) / max(before - after, 1e-6))
 
 
-def outlined(layout: Layout, edges: Sequence[dict[int, SeenEdge]]) -> tuple[Layout, tuple[str, ...]]:
-    """Move the mirrors' outlines to the edges that the frames show.
+def with_detected_outlines(layout: Layout, edges: Sequence[dict[int, DetectedEdge]]) -> tuple[Layout, tuple[str, ...]]:
+    """Move the mirrors' outlines to the detected edges.
 
     An edge that is not visible stays. A mirror keeps its outline if the new edges would make the layout invalid.
 
@@ -222,7 +223,7 @@ def outlined(layout: Layout, edges: Sequence[dict[int, SeenEdge]]) -> tuple[Layo
     layout
         A layout with calibrated mirror planes.
     edges
-        Result of `seen_edges`.
+        Result of `detected_edges`.
 
     Returns
     -------
@@ -230,20 +231,22 @@ def outlined(layout: Layout, edges: Sequence[dict[int, SeenEdge]]) -> tuple[Layo
         The layout with moved outlines, and a note on each mirror with displaced edges.
     """
     new_lines = {}
-    for index, (mirror, seen) in enumerate(zip(layout.mirrors, edges, strict=True)):
-        moves = {number: edge for number, edge in seen.items() if np.abs(edge.offset_px).max() > MIN_MOVE_PX}
-        if moves:
-            largest_px = max(float(np.abs(edge.offset_px).max()) for edge in moves.values())
-            count = f"{len(moves)} of {len(mirror.outline_in_rig_mm)}"
+    for index, (mirror, detected) in enumerate(zip(layout.mirrors, edges, strict=True)):
+        displaced = {number: edge for number, edge in detected.items() if np.abs(edge.offset_px).max() > MIN_MOVE_PX}
+        if displaced:
+            largest_px = max(float(np.abs(edge.offset_px).max()) for edge in displaced.values())
+            count = f"{len(displaced)} of {len(mirror.outline_in_rig_mm)}"
             text = f"mirror {layout.mirror_names[index]}: {count} edges are displaced by up to {largest_px:.0f} px"
-            new_lines[index] = {number: edge.line for number, edge in moves.items()}, text
-    return _moved(layout, new_lines)
+            new_lines[index] = {number: edge.line for number, edge in displaced.items()}, text
+    return _with_moved_edges(layout, new_lines)
 
 
-def _moved(layout: Layout, new_lines: dict[int, tuple[dict[int, FloatArray], str]]) -> tuple[Layout, tuple[str, ...]]:
-    """Move edges of mirrors to other lines where the layout stays valid, and return a note on each mirror."""
+def _with_moved_edges(
+    layout: Layout, new_lines: dict[int, tuple[dict[int, FloatArray], str]]
+) -> tuple[Layout, tuple[str, ...]]:
+    """Move edges of mirrors to new lines where the layout stays valid; return the layout and a note on each mirror."""
     notes = []
-    # A mirror whose new outline overlaps another one is tried again once the other one has moved.
+    # A mirror whose new outline overlaps another mirror is tried again after that mirror has moved.
     refused = dict.fromkeys(new_lines, "")
     for _ in range(len(new_lines)):
         for index in list(refused):
@@ -262,10 +265,12 @@ def _moved(layout: Layout, new_lines: dict[int, tuple[dict[int, FloatArray], str
 
 
 def with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
-    """Return the mirror with some edges on other lines of its plane frame; raises InvalidValue if impossible."""
+    """Return the mirror with some edges moved to lines in its plane frame; raises InvalidValue if impossible."""
     corners = mirror.outline_in_plane_mm
-    unmoved = [side.moved(side, np.zeros(2)) for side in (Side.of(corners, edge) for edge in range(len(corners)))]
-    edges = [lines.get(edge, line) for edge, line in enumerate(unmoved)]
+    present_lines = [
+        side.displaced_line(side, np.zeros(2)) for side in (Side.of(corners, edge) for edge in range(len(corners)))
+    ]
+    edges = [lines.get(edge, line) for edge, line in enumerate(present_lines)]
     pairs = zip([edges[-1], *edges[:-1]], edges, strict=True)
     found = np.array([np.linalg.solve([before[:2], line[:2]], [before[2], line[2]]) for before, line in pairs])
     frame = mirror.rig_from_plane
@@ -289,10 +294,10 @@ def with_edges(mirror: Mirror, lines: dict[int, FloatArray]) -> Mirror:
 
 @dataclass(frozen=True)
 class Side:
-    """An edge of a polygon in a mirror's own frame, mm, from `start` (2,); `outward` (2,) is its normal."""
+    """An edge of a polygon in a mirror's own frame, mm, from `start` (2,) along `direction` (2,), and its normal."""
 
     start: FloatArray
-    along: FloatArray
+    direction: FloatArray
     outward: FloatArray
     length_mm: float
 
@@ -300,21 +305,21 @@ class Side:
     def of(cls, polygon: FloatArray, edge: int) -> Side:
         start, end = polygon[edge], polygon[(edge + 1) % len(polygon)]
         length_mm = float(np.linalg.norm(end - start))
-        along = (end - start) / length_mm
-        outward = np.array([along[1], -along[0]])
-        return cls(start, along, outward * np.sign(outward @ (start - polygon.mean(axis=0))), length_mm)
+        direction = (end - start) / length_mm
+        outward = np.array([direction[1], -direction[0]])
+        return cls(start, direction, outward * np.sign(outward @ (start - polygon.mean(axis=0))), length_mm)
 
-    def moved(self, other: Side, offset_mm: FloatArray) -> FloatArray:
-        """The line (3,), nx x + ny y = d, of this edge after moves (2,) at the ends of the nearby edge `other`."""
-        ends = np.array([other.start, other.start + other.length_mm * other.along])
-        at = (ends - self.start) @ self.along
-        first, second = self.start + at[:, None] * self.along + offset_mm[:, None] * self.outward
+    def displaced_line(self, other: Side, offset_mm: FloatArray) -> FloatArray:
+        """The line (nx, ny, d) of this edge after outward displacements (2,) at the ends of the nearby edge `other`."""
+        ends = np.array([other.start, other.start + other.length_mm * other.direction])
+        positions = (ends - self.start) @ self.direction
+        first, second = self.start + positions[:, None] * self.direction + offset_mm[:, None] * self.outward
         normal = np.array([second[1] - first[1], first[0] - second[0]]) / np.linalg.norm(second - first)
         return np.array([*normal, normal @ first])
 
 
-def shown_in_plane_mm(mirror: Mirror) -> FloatArray:
-    """Return the part (n, 2) of a mirror that shows the scene, as seen by the camera on the `apparent` mirror's plane.
+def visible_part_in_plane_mm(mirror: Mirror) -> FloatArray:
+    """Return the polygon (n, 2) on the `apparent` mirror's plane within which the camera sees the scene, mm.
 
     For a first-surface mirror, this is the entire mirror. For a second-surface mirror, whose front is cut like its
     coating, it is where light both enters and leaves through the front. `Mirror.usable_normalized` approximates this by
@@ -326,11 +331,11 @@ def shown_in_plane_mm(mirror: Mirror) -> FloatArray:
         return apparent.outline_in_plane_mm
     air_mm = mirror.distance_mm - mirror.thickness_mm
     foot = -air_mm * mirror.normal_in_rig
-    across = mirror.outline_in_rig_mm + mirror.distance_mm * mirror.normal_in_rig
-    across_mm = np.linalg.norm(across, axis=1, keepdims=True)
-    tangent = solve_tangent_in_air(across_mm, air_mm, 2.0 * mirror.thickness_mm, mirror.refractive_index)
-    nearer = np.divide(air_mm * tangent, across_mm, out=np.ones_like(tangent), where=across_mm > 0.0)
-    front, entry = foot + across, foot + nearer * across
+    lateral = mirror.outline_in_rig_mm + mirror.distance_mm * mirror.normal_in_rig
+    lateral_mm = np.linalg.norm(lateral, axis=1, keepdims=True)
+    tangent = solve_tangent_in_air(lateral_mm, air_mm, 2.0 * mirror.thickness_mm, mirror.refractive_index)
+    entry_ratio = np.divide(air_mm * tangent, lateral_mm, out=np.ones_like(tangent), where=lateral_mm > 0.0)
+    front, entry = foot + lateral, foot + entry_ratio * lateral
     overlap = Polygon(front[:, :2] / front[:, 2:]).intersection(Polygon(entry[:, :2] / entry[:, 2:]))
     if overlap.area <= 0.0:
         return np.zeros((0, 2))

@@ -24,7 +24,7 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     outline_px,
     points_at_pixels,
     project_points,
-    propagated,
+    propagate,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray
 from mirrorcam.optics.calibration.solver.residuals import global_names
@@ -32,12 +32,12 @@ from mirrorcam.optics.geometry.layout import VOLUME, Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 NOISE_RATIO = 2.5
-"""Ratio of difference to sigma in the worst view that noise alone exceeds in at most 1 % of comparisons."""
+"""Ratio of difference to sigma that noise alone exceeds in the worst view of at most 1 % of comparisons."""
 OUTLIER_RATIO = 3.0
 """Multiple of the median view's difference above which a view gets little weight in the motion."""
 MAX_STEPS, CONVERGED_MM, ROUNDING_PX = 100, 1e-8, 1e-9
 ProjectPoints = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Maps points (n, 3), mm, each in its view, to pixels (n, 2) and their derivatives (n, 2, 3), px/mm."""
+"""Maps points (n, 3), mm, each in its own view, to pixels (n, 2) and their derivatives (n, 2, 3), px/mm."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class ViewDifference:
     difference_px
         Pixels (n, 2) at which B shows the same points, minus `pixels`.
     difference_mm
-        Shortest shift (n,) of a point that has the same effect in A.
+        Shortest shift (n,) of the point that has the same effect in A.
     covariance_px
         Predicted covariance (n, 2, 2) of `difference_px`; zero if neither calibration has one.
     sigma_mm
@@ -89,8 +89,8 @@ class CalibrationDifference:
     range_mm
         Distance of the points from the centre of projection of each view.
     b_from_a
-        The removed rigid motion (4, 4), mm, from A's rig to B's.
-    turn_deg
+        The removed rigid motion (4, 4) from A's rig frame to B's, mm.
+    rotation_deg
         Its rotation vector (3,), degrees.
     shift_mm
         Its displacement (3,) of the points' centroid, mm.
@@ -101,22 +101,22 @@ class CalibrationDifference:
     views: tuple[ViewDifference, ...]
     range_mm: float
     b_from_a: FloatArray
-    turn_deg: FloatArray
+    rotation_deg: FloatArray
     shift_mm: FloatArray
     predicted: tuple[bool, bool]
 
     def figures(self, views: Sequence[ViewDifference]) -> dict[str, Metric]:
         """Rms and largest difference over some views; with a covariance, also sigma and their ratio."""
-        rms, sigma = _rms([each.length_px for each in views]), _rms([each.sigma_px for each in views])
+        rms, sigma = _rms([view.length_px for view in views]), _rms([view.sigma_px for view in views])
         figures = {
             "rms_px": (rms, "px"),
-            "max_px": (max(float(each.length_px.max()) for each in views), "px"),
-            "rms_mm": (_rms([each.difference_mm for each in views]), "mm"),
-            "max_mm": (max(float(each.difference_mm.max()) for each in views), "mm"),
+            "max_px": (max(float(view.length_px.max()) for view in views), "px"),
+            "rms_mm": (_rms([view.difference_mm for view in views]), "mm"),
+            "max_mm": (max(float(view.difference_mm.max()) for view in views), "mm"),
         }
         if any(self.predicted):
             figures["sigma_px"] = (sigma, "px")
-            figures["sigma_mm"] = (_rms([each.sigma_mm for each in views]), "mm")
+            figures["sigma_mm"] = (_rms([view.sigma_mm for view in views]), "mm")
         if sigma > 0.0:
             figures["ratio"] = (rms / sigma, "1")
         return {name: Metric(value=_rounded_to_zero(value), unit=unit) for name, (value, unit) in figures.items()}
@@ -124,14 +124,14 @@ class CalibrationDifference:
     @property
     def worst(self) -> tuple[ViewDifference, float] | None:
         """The view with the largest ratio of difference to sigma, and that ratio; None without a covariance."""
-        ratios = [(each, figures["ratio"].value) for each in self.views if "ratio" in (figures := self.figures([each]))]
+        ratios = [(view, figures["ratio"].value) for view in self.views if "ratio" in (figures := self.figures([view]))]
         return max(ratios, key=lambda pair: pair[1], default=None)
 
     @property
     def motion(self) -> dict[str, Metric]:
         """Size and components of the removed motion."""
         figures = {}
-        for name, unit, vector in (("turn_deg", "deg", self.turn_deg), ("shift_mm", "mm", self.shift_mm)):
+        for name, unit, vector in (("turn_deg", "deg", self.rotation_deg), ("shift_mm", "mm", self.shift_mm)):
             figures[f"motion_{name}"] = Metric(value=_rounded_to_zero(float(np.linalg.norm(vector))), unit=unit)
             stem = name.removesuffix(f"_{unit}")
             for axis, value in zip("xyz", vector.tolist(), strict=True):
@@ -140,7 +140,7 @@ class CalibrationDifference:
 
 
 def _rounded_to_zero(value: float) -> float:
-    """Return a figure, or 0 if rounding of equal layouts explains it."""
+    """Return a figure, or 0 if rounding alone explains it."""
     return value if abs(value) > ROUNDING_PX else 0.0
 
 
@@ -170,48 +170,51 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     points, weights = points.where(visible), weights[visible]
     in_b = transform(b_from_a, points.in_a)
     projected_a, projected_b = project_points(a, points.view, points.in_a), project_points(b, points.view, in_b)
-    motion_columns = by_motion(projected_b.by_point, in_b, range_mm)
+    motion_columns = motion_jacobian(projected_b.d_point, in_b, range_mm)
     covariance = sum(
-        (_predicted(layout, shown, motion_columns, weights) for layout, shown in ((a, projected_a), (b, projected_b))),
+        (
+            _predicted(layout, projected, motion_columns, weights)
+            for layout, projected in ((a, projected_a), (b, projected_b))
+        ),
         start=np.zeros((len(in_b), 2, 2)),
     )
     rows = [(view, points.on_map & (points.view == view)) for view in _views(a)]
     difference, centroid = projected_b.pixels - projected_a.pixels, points.in_a.mean(axis=0)
     return CalibrationDifference(
         views=tuple(
-            _of_view(
-                view, points.pixels[in_view], difference[in_view], projected_a.by_point[in_view], covariance[in_view]
+            _view_difference(
+                view, points.pixels[in_view], difference[in_view], projected_a.d_point[in_view], covariance[in_view]
             )
             for view, in_view in rows
         ),
         range_mm=range_mm,
         b_from_a=b_from_a,
-        turn_deg=np.degrees(Rotation.from_matrix(b_from_a[:3, :3]).as_rotvec()),
+        rotation_deg=np.degrees(Rotation.from_matrix(b_from_a[:3, :3]).as_rotvec()),
         shift_mm=transform(b_from_a, centroid) - centroid,
         predicted=(a.uncertainty is not None, b.uncertainty is not None),
     )
 
 
 def _predicted(layout: Layout, projected: ProjectedPoints, columns: FloatArray, weights: FloatArray) -> FloatArray:
-    """Covariances (n, 2, 2) of the differences from one layout, with the motion refitted; zero without a covariance."""
+    """Covariances (n, 2, 2) of the differences due to one layout, motion refitted; zero without a covariance."""
     if layout.uncertainty is None:
         return np.zeros((len(weights), 2, 2))
-    derivatives = without_motion(projected.by_parameter, columns, weights)
-    return propagated(derivatives, layout.uncertainty.covariance)
+    derivatives = remove_motion(projected.d_parameter, columns, weights)
+    return propagate(derivatives, layout.uncertainty.covariance)
 
 
-def _of_view(
-    view: int, pixels: FloatArray, difference: FloatArray, by_point: FloatArray, covariance: FloatArray
+def _view_difference(
+    view: int, pixels: FloatArray, difference: FloatArray, d_point: FloatArray, covariance: FloatArray
 ) -> ViewDifference:
-    """Build the difference in one view, also as shifts of the points, given A's pixel derivatives `by_point`."""
-    by_pixel: FloatArray = np.linalg.pinv(by_point).astype(np.float64)
-    shifts = np.linalg.norm(np.einsum("nij,nj->ni", by_pixel, difference), axis=1)
-    variances = np.trace(propagated(by_pixel, covariance), axis1=1, axis2=2)
+    """Build the difference in one view, also as shifts of the points, given A's derivatives `d_point` of pixels."""
+    d_pixel: FloatArray = np.linalg.pinv(d_point).astype(np.float64)
+    shifts = np.linalg.norm(np.einsum("nij,nj->ni", d_pixel, difference), axis=1)
+    variances = np.trace(propagate(d_pixel, covariance), axis1=1, axis2=2)
     return ViewDifference(view, pixels, difference, shifts, covariance, np.sqrt(np.maximum(variances, 0.0)))
 
 
 def view_label(layout: Layout, view: int) -> str:
-    """Name of a view in texts."""
+    """Name of a view for messages."""
     return "direct view" if view == DIRECT else f"mirror {layout.mirror_names[view]}"
 
 
@@ -223,16 +226,16 @@ def _views(layout: Layout) -> tuple[int, ...]:
 
 def _refuse_other_device(a: Layout, b: Layout) -> None:
     """Raise InputError if two layouts cannot be calibrations of one device."""
-    sizes = [f"{each.camera.width_px}x{each.camera.height_px} px" for each in (a, b)]
+    sizes = [f"{layout.camera.width_px}x{layout.camera.height_px} px" for layout in (a, b)]
     if sizes[0] != sizes[1]:
-        raise InputError(f"the second layout's pictures have {sizes[1]}, expected {sizes[0]} as the first's")
+        raise InputError(f"the second layout's pictures have {sizes[1]}, expected {sizes[0]} like the first's")
     if (a.rows, a.cols, a.pattern) != (b.rows, b.cols, b.pattern):
         raise InputError(
-            f"the second layout has {b.arrangement.text} mirrors, expected {a.arrangement.text} as the first"
+            f"the second layout has {b.arrangement.text} mirrors, expected {a.arrangement.text} like the first"
         )
     for layout, which in ((a, "first"), (b, "second")):
-        known = () if layout.uncertainty is None else layout.uncertainty.parameters
-        unknown = set(known).difference(global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0))
+        parameters = () if layout.uncertainty is None else layout.uncertainty.parameters
+        unknown = set(parameters).difference(global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0))
         if unknown:
             raise InputError(
                 f"the {which} layout's covariance has the parameter {min(unknown)[:40]!r}, "
@@ -242,10 +245,10 @@ def _refuse_other_device(a: Layout, b: Layout) -> None:
         (low, high), other = _extent(a, view), _extent(b, view)
         centre, other_centre = (low + high) / 2.0, other.mean(axis=0)
         if (np.abs(other_centre - centre) > (high - low) / 2.0).any():
-            places = [f"({x:.0f}, {y:.0f})" for x, y in (centre, other_centre)]
+            positions = [f"({x:.0f}, {y:.0f})" for x, y in (centre, other_centre)]
             raise InputError(
-                f"{view_label(a, view)} is at pixel {places[0]} in the first layout and at {places[1]} in the second, "
-                "expected two calibrations of one device"
+                f"{view_label(a, view)} is at pixel {positions[0]} in the first layout and at {positions[1]} in the "
+                "second, expected two calibrations of one device"
             )
 
 
@@ -257,7 +260,7 @@ def _extent(layout: Layout, view: int) -> FloatArray:
 
 @dataclass(frozen=True)
 class _Points:
-    """Points of the working volume: views (n,), pixels (n, 2), and positions (n, 3) in the rigs of A and of B, mm."""
+    """Points of the working volume: views (n,), pixels (n, 2), and positions (n, 3) in A's and B's rig frames, mm."""
 
     view: IntArray
     pixels: FloatArray
@@ -267,14 +270,14 @@ class _Points:
 
     @classmethod
     def in_volume(cls, a: Layout, b: Layout, range_mm: float) -> _Points:
-        """Sample points that A shows; B sees its points at the same pixels and distances."""
+        """Sample points in the views of A; B's points have the same pixels and distances."""
         parts = []
         for view in _views(a):
             pixels = grid_px(a, view)
             for factor in VOLUME:
-                in_a, in_b = (points_at_pixels(each, view, pixels, factor * range_mm) for each in (a, b))
+                in_a, in_b = (points_at_pixels(layout, view, pixels, factor * range_mm) for layout in (a, b))
                 parts.append((np.full(len(pixels), view), pixels, in_a, in_b, np.full(len(pixels), factor == 1.0)))
-        points = cls(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+        points = cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
         points = points.where(_visible(a, points.view, points.in_a) & _visible(b, points.view, points.in_b))
         for view in _views(a):
             if not (points.on_map & (points.view == view)).any():
@@ -289,10 +292,10 @@ class _Points:
 def _visible(layout: Layout, view: IntArray, points_in_rig: FloatArray) -> NDArray[np.bool_]:
     """Mask of points (n, 3) that their views (n,) show: in front of mirror and camera, and within the lens's range."""
     visible = np.array(np.isfinite(project_points(layout, view, points_in_rig).pixels).all(axis=1))
-    for each in np.unique(view):
-        in_view = view == each
+    for index in np.unique(view):
+        in_view = view == index
         points = points_in_rig[in_view]
-        pixels = layout.camera.project(points) if each == DIRECT else layout.project(points, each)
+        pixels = layout.camera.project(points) if index == DIRECT else layout.project(points, index)
         visible[in_view] &= np.isfinite(pixels).all(axis=1)
     return visible
 
@@ -302,13 +305,14 @@ def _rigid_motion(a: Layout, b: Layout, points: _Points) -> tuple[FloatArray, Fl
 
     It starts from the motion that best aligns the points themselves.
     """
+    view = points.view
 
-    def project_in_b(points_in_b: FloatArray) -> tuple[FloatArray, FloatArray]:
-        found = project_points(b, points.view, points_in_b)
-        return found.pixels, found.by_point
+    def project_in_b(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+        projected = project_points(b, view, points)
+        return projected.pixels, projected.d_point
 
-    shown_px = project_points(a, points.view, points.in_a).pixels
-    return best_motion(shown_px, points.view, points.in_a, project_in_b, _nearest_motion(points))
+    pixels_in_a = project_points(a, view, points.in_a).pixels
+    return best_motion(pixels_in_a, view, points.in_a, project_in_b, _nearest_motion(points))
 
 
 def _nearest_motion(points: _Points) -> FloatArray:
@@ -319,7 +323,7 @@ def _nearest_motion(points: _Points) -> FloatArray:
 
 
 def best_motion(
-    shown_px: FloatArray,
+    pixels_in_a: FloatArray,
     view: NDArray[np.int64],
     points_in_a: FloatArray,
     project_in_b: ProjectPoints,
@@ -327,40 +331,40 @@ def best_motion(
     *,
     scaled: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the motion b_from_a (4, 4) with which B best shows points (n, 3) at A's pixels, and the weights (n,).
+    """Return the motion b_from_a (4, 4) with which B best projects points (n, 3) to A's pixels, and weights (n,).
 
     Weighted least squares of pixels by Gauss-Newton. Geman-McClure weights of the views' rms differences limit the
-    effect of a mirror that moved to its own view.
+    effect of a moved mirror to its own view.
 
     Parameters
     ----------
-    shown_px
+    pixels_in_a
         Pixels (n, 2) at which A shows the points.
     view
         The view (n,) of each point.
     points_in_a
-        Points (n, 3) in A's rig, mm.
+        Points (n, 3) in A's rig frame, mm.
     project_in_b
-        B's projection of points in its own rig, each in its view; NaN where B does not show one.
+        B's projection of points in its own rig frame, each in its own view; NaN where B does not show one.
     start
         Motion (4, 4) to start from.
     scaled
         Whether B's scale is free, so that the motion is a similarity.
     """
-    b_from_a, weights = start, np.ones(len(shown_px))
+    b_from_a, weights = start, np.ones(len(pixels_in_a))
     lever_mm = float(np.linalg.norm(points_in_a - points_in_a.mean(axis=0), axis=1).max())
     for _ in range(MAX_STEPS):
-        moved = transform(b_from_a, points_in_a)
-        pixels, by_point = project_in_b(moved)
-        residuals = pixels - shown_px
-        finite = np.isfinite(residuals).all(axis=1) & np.isfinite(by_point).all(axis=(1, 2))
-        residuals[~finite], by_point[~finite] = 0.0, 0.0  # during iterations, points may lie behind a mirror
+        points_in_b = transform(b_from_a, points_in_a)
+        pixels, d_point = project_in_b(points_in_b)
+        residuals = pixels - pixels_in_a
+        finite = np.isfinite(residuals).all(axis=1) & np.isfinite(d_point).all(axis=(1, 2))
+        residuals[~finite], d_point[~finite] = 0.0, 0.0  # during iterations, points may lie behind a mirror
         weights = view_weights(residuals, view)
         root_weights = np.sqrt(weights)[:, None]
-        columns = by_motion(by_point, moved, lever_mm, scaled=scaled)
+        columns = motion_jacobian(d_point, points_in_b, lever_mm, scaled=scaled)
         system = (root_weights[:, :, None] * columns).reshape(-1, columns.shape[2])
         step = np.linalg.lstsq(system, -(root_weights * residuals).ravel(), rcond=None)[0]
-        rotation, centroid = Rotation.from_rotvec(step[:3] / lever_mm).as_matrix(), moved.mean(axis=0)
+        rotation, centroid = Rotation.from_rotvec(step[:3] / lever_mm).as_matrix(), points_in_b.mean(axis=0)
         if scaled:
             rotation *= np.exp(step[6] / lever_mm)
         b_from_a = rigid(rotation, centroid + step[3:6] - rotation @ centroid) @ b_from_a
@@ -371,29 +375,29 @@ def best_motion(
 
 def view_weights(residuals_px: FloatArray, view: NDArray[np.int64]) -> FloatArray:
     """Weights (n,) of points with differences (n, 2); all points of a view have the same weight."""
-    views, index = np.unique(view, return_inverse=True)
-    rms = np.array([np.sqrt(np.mean(residuals_px[view == each] ** 2)) for each in views])
+    views, row = np.unique(view, return_inverse=True)
+    rms = np.array([np.sqrt(np.mean(residuals_px[view == index] ** 2)) for index in views])
     scale = OUTLIER_RATIO * max(float(np.median(rms)), ROUNDING_PX)
-    return np.asarray((1.0 / (1.0 + (rms / scale) ** 2) ** 2)[index])
+    return np.asarray((1.0 / (1.0 + (rms / scale) ** 2) ** 2)[row])
 
 
-def by_motion(by_point: FloatArray, points: FloatArray, lever_mm: float, *, scaled: bool = False) -> FloatArray:
-    """Derivatives (n, 2, 6) of pixels by a motion of their points (n, 3), all in px/mm; (n, 2, 7) with a scale.
+def motion_jacobian(d_point: FloatArray, points: FloatArray, lever_mm: float, *, scaled: bool = False) -> FloatArray:
+    """Derivatives (n, 2, 6) of pixels with respect to a motion of their points (n, 3), px/mm; (n, 2, 7) with a scale.
 
     The first three columns rotate about the points' centroid, in mm at the lever, the next three shift, and the last
     scales about the centroid, in mm at the lever.
     """
     from_centroid = (points - points.mean(axis=0)) / lever_mm
-    by_rotation = np.cross(from_centroid[:, None, :], by_point)  # J (w x p) = w . (p x J)
-    parts = [by_rotation, by_point]
+    d_rotation = np.cross(from_centroid[:, None, :], d_point)  # J (w x p) = w . (p x J)
+    parts = [d_rotation, d_point]
     if scaled:
-        parts.append(np.einsum("nij,nj->ni", by_point, from_centroid)[:, :, None])
+        parts.append(np.einsum("nij,nj->ni", d_point, from_centroid)[:, :, None])
     return np.concatenate(parts, axis=2)
 
 
-def without_motion(by_parameter: FloatArray, columns: FloatArray, weights: FloatArray) -> FloatArray:
-    """Derivatives (n, 2, g) of differences by parameters, with the motion (n, 2, 6 or 7) refitted to the change."""
+def remove_motion(d_parameter: FloatArray, columns: FloatArray, weights: FloatArray) -> FloatArray:
+    """Derivatives (n, 2, g) of differences with respect to parameters, with the motion (n, 2, 6 or 7) refitted."""
     root_weights = np.repeat(np.sqrt(weights), 2)[:, None]
-    flat = by_parameter.reshape(-1, by_parameter.shape[-1])
+    flat = d_parameter.reshape(-1, d_parameter.shape[-1])
     refit = np.linalg.lstsq(root_weights * columns.reshape(-1, columns.shape[-1]), root_weights * flat, rcond=None)[0]
-    return by_parameter - columns @ refit
+    return d_parameter - columns @ refit

@@ -13,7 +13,7 @@ from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
-from mirrorcam.optics.calibration.diagnostics.model_comparison import held_out
+from mirrorcam.optics.calibration.diagnostics.model_comparison import predict_held_out
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
@@ -43,13 +43,13 @@ class Calibration:
     metrics
         Scalar results, as in `metrics.json`.
     notes
-        What was not found or not used, one sentence each.
+        Anything not found or not used, one sentence each.
     diagnostics
         Uncertainty of the result, and tests of its model.
     pictures
-        Name of the picture of each frame (f).
+        Name of each frame's picture (f).
     residual_scale
-        Standard deviation of residuals relative to the stated ones; None if it can only be estimated from residuals.
+        Standard deviation of residuals relative to the stated ones; None if it must be estimated from the residuals.
     """
 
     layout: Layout
@@ -112,7 +112,7 @@ class Calibration:
 
 
 def uncertainty(solution: Solution) -> Uncertainty:
-    """Return the named covariance of camera and mirrors, marginalised over the board's modes."""
+    """Return the covariance of camera and mirrors with parameter names, marginalised over the board's modes."""
     columns = [column for column, name in enumerate(solution.parameters) if not name.startswith("board ")]
     covariance = solution.covariance[np.ix_(columns, columns)]
     names = tuple(solution.parameters[column] for column in columns)
@@ -122,7 +122,7 @@ def uncertainty(solution: Solution) -> Uncertainty:
 def mirror_sigmas(layout: Layout) -> list[tuple[float, float]]:
     """Standard deviations of each mirror's normal along its worst direction (rad), and of its distance (mm)."""
     if layout.uncertainty is None:
-        raise ValueError("the layout has no uncertainty, expected a calibrated one")
+        raise ValueError("the layout has no uncertainty, expected a calibrated layout")
     centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
     tilts, distances = normal_and_distance_sigmas(centres, mirror_covariance(layout.uncertainty))
     return list(zip(tilts.tolist(), distances.tolist(), strict=True))
@@ -153,7 +153,7 @@ def angle_between_mirrors(centre_a: FloatArray, centre_b: FloatArray, covariance
 
 
 def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Metric]:
-    """Rms residuals per axis and per view, counts, and standard deviations of the mirrors."""
+    """Rms residuals per axis and per view, counts, and standard deviations of the mirrors' planes."""
     used = solution.residuals[solution.inliers]
     rms = solution.rms_px
     metrics = {
@@ -185,8 +185,8 @@ def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Met
 def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: BoolArray, board: Board) -> float:
     """Rms distance of each corner from the ray traced from its pixel, mm.
 
-    This is the paper's spatial reprojection error. Mirrors preserve distances, so it is computed at the corner's image
-    in front of the base camera.
+    This is the spatial reprojection error of the original paper. Mirrors preserve distances, so it is computed at the
+    corner's image in front of the base camera.
     """
     rows = observations.where(inliers)
     _, _, images = points_at_camera(estimate, rows, board)
@@ -198,7 +198,7 @@ def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: Bool
 def held_out_metrics(
     solution: Solution, observations: Observations, model: Model, *, mirrored_frames: int
 ) -> dict[str, Metric]:
-    """Errors of every fifth mirrored frame as predicted by a fit without these; only their poses are fitted.
+    """Errors of every fifth mirrored frame, predicted by a fit without these frames; only their poses are fitted.
 
     Empty if there are too few frames to hold one out.
     """
@@ -206,7 +206,7 @@ def held_out_metrics(
         return {}
     held_out_frames = np.zeros(len(solution.estimate.rig_from_board), dtype=bool)
     held_out_frames[HOLD_OUT_EVERY - 1 : mirrored_frames : HOLD_OUT_EVERY] = True
-    predicted = held_out(solution.estimate, observations, model, held_out_frames)
+    predicted = predict_held_out(solution.estimate, observations, model, held_out_frames)
     rms_sigmas = float(np.sqrt(np.mean(solution.standardised[solution.inliers] ** 2)))
     spatial = spatial_rms_mm(predicted.estimate, predicted.observations, predicted.inliers, predicted.board)
     return {
@@ -218,14 +218,14 @@ def held_out_metrics(
     }
 
 
-def as_estimated(layout: Layout, estimate: Estimate) -> Layout:
+def with_estimate(layout: Layout, estimate: Estimate) -> Layout:
     """Return a nominal layout with an estimate's camera, planes, plates and curvatures, and without metrics.
 
-    A plate thickness at or below zero, which raises an alarm, is replaced by the least valid one.
+    A plate thickness at or below zero, which raises an alarm, is replaced by the smallest valid one.
     """
     thickness_mm = np.maximum(estimate.thickness_mm, LENGTH_MM.min)
     mirrors = tuple(
-        moved_to(mirror, centre).replaced(
+        tilted_to(mirror, centre).replaced(
             thickness_mm=thickness if mirror.is_second_surface else mirror.thickness_mm, curvature_per_m=curvature
         )
         for mirror, centre, thickness, curvature in zip(
@@ -239,8 +239,8 @@ def as_estimated(layout: Layout, estimate: Estimate) -> Layout:
     return layout.replaced(kind="calibrated", camera=estimate.camera, mirrors=mirrors, metrics={}, verdict={})
 
 
-def moved_to(mirror: Mirror, virtual_centre: FloatArray) -> Mirror:
-    """Move a mirror rigidly to a measured plane by the least motion: a tilt, then a shift along the normal."""
+def tilted_to(mirror: Mirror, virtual_centre: FloatArray) -> Mirror:
+    """Move a mirror rigidly to a measured plane by the smallest motion: a tilt, then a shift along the normal."""
     normal = -virtual_centre / np.linalg.norm(virtual_centre)
     axis = np.cross(mirror.normal_in_rig, normal)
     cosine = float(mirror.normal_in_rig @ normal)

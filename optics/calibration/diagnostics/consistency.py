@@ -1,6 +1,6 @@
 """Consistency of the observed corners before a calibration, and plausibility of the finished fit.
 
-A refusal is an InputError with the observation, its place, and a remedy. Everything else is returned as notes.
+A refusal is an InputError that states the observation, where it was made, and a remedy. Anything else is a note.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 
 MIN_CORNERS_PER_MIRROR = 20
-MAX_SHIFT_CELLS = 0.5  # a corner farther than this from its prediction is closer to another corner's
+MAX_SHIFT_CELLS = 0.5  # a corner farther from its prediction is closer to another corner's prediction
 MAX_SHIFTED_VIEWS = 0.2  # fraction of all views above which all pictures are refused
 MAX_SHIFTED_IN_MIRROR = 0.5  # the same for the views of one mirror
-MAX_ODD_CORNERS = 0.1  # the same for corners
-MAX_CAMERA_SIGMAS = 5.0  # rms over the intrinsics, between frames with and without mirrors
-# Sigmas between them above which error bounds are widened (by chance once in 1,000 sets), and above which a note is
+MAX_OFF_PLANE = 0.1  # the same for corners
+MAX_CAMERA_SIGMAS = 5.0  # disagreement of frames with and without mirrors: rms over the intrinsics
+# Sigmas of disagreement above which error bounds are widened (by chance once in 1,000 sets), and a note is
 # added: errors of corners in one view are correlated, so good sets reach about 2.5.
-DRIFT_WIDENS, DRIFT_NOTED = 1.8, 3.0
+WIDENED_SIGMAS, NOTED_SIGMAS = 1.8, 3.0
 PLAIN_INTRINSICS = 9  # of a Brown-Conrady lens
 MAX_OUTLIERS = 0.1  # fraction of all corners
 MAX_NORMAL_DEG, MAX_DISTANCE = 1.0, 0.05  # sigmas above which linear error bounds are invalid
@@ -34,7 +34,7 @@ MIN_TILT_DEG = 5.0
 MAX_FOCAL_DIFFERENCE = 0.05  # relative
 
 
-def every_mirror_shown(mirrored: Observations, frames: int, mirrors: Sequence[str]) -> None:
+def check_mirror_counts(mirrored: Observations, frames: int, mirrors: Sequence[str]) -> None:
     """Raise InputError if a named mirror shows too few corners in all `frames` frames together."""
     if not len(mirrored):
         raise InputError(f"no corner of the board found in any of {frames} frames")
@@ -47,26 +47,27 @@ def every_mirror_shown(mirrored: Observations, frames: int, mirrors: Sequence[st
         )
 
 
-def unseen_rows(frames: Sequence[Observations], corners_in_board_mm: FloatArray) -> tuple[str, ...]:
-    """Note rows at the end of the board that no picture shows: the board may be shorter, with its corners unchanged.
+def unobserved_rows(frames: Sequence[Observations], corners_in_board_mm: FloatArray) -> tuple[str, ...]:
+    """Note rows at the end of the board that no picture shows: the board may be shorter and otherwise the same.
 
     For a board of tags, which are numbered from below, these are the first rows.
     """
     heights = np.unique(corners_in_board_mm[:, 1])
-    seen = np.concatenate([corners_in_board_mm[o.corner, 1] for o in frames])
-    if not len(seen):
+    observed = np.concatenate([corners_in_board_mm[o.corner, 1] for o in frames])
+    if not len(observed):
         return ()
     if np.allclose(np.diff(heights), heights[1] - heights[0]):
-        unseen, rows = int((heights > seen.max()).sum()), len(heights) + 1
-        which, of, cells = "last", f"{rows - 1} rows of corners", "squares"
+        missing, rows = int((heights > observed.max()).sum()), len(heights) + 1
+        end, part, cells = "last", f"{rows - 1} rows of corners", "squares"
     else:
-        unseen, rows = int((heights < seen.min()).sum()) // 2, len(heights) // 2
-        which, of, cells = "first", f"{rows} rows of tags", "tags"
-    if not unseen:
+        missing, rows = int((heights < observed.min()).sum()) // 2, len(heights) // 2
+        end, part, cells = "first", f"{rows} rows of tags", "tags"
+    if not missing:
         return ()
-    ends = which if unseen == 1 else f"{which} {unseen}"
+    ends = end if missing == 1 else f"{end} {missing}"
     return (
-        f"no picture shows the {ends} of the board's {of}: does it have {rows - unseen} rows of {cells}, not {rows}?",
+        f"no picture shows the {ends} of the board's {part}: does it have {rows - missing} rows of {cells}, "
+        f"not {rows}?",
     )
 
 
@@ -77,56 +78,58 @@ def repeated_frames(frames: Sequence[Observations]) -> dict[int, int]:
     too narrow.
     """
     first: dict[bytes, int] = {}
-    found = {}
+    repeats = {}
     for number, o in enumerate(frames):
         if not len(o):
             continue
         key = o.view.tobytes() + o.corner.tobytes() + o.pixels.tobytes()
         if key in first:
-            found[number] = first[key]
+            repeats[number] = first[key]
         first.setdefault(key, number)
-    return found
+    return repeats
 
 
-def odd_corners(observations: Observations, camera: Camera, corners_in_board_mm: FloatArray) -> BoolArray:
+def off_plane_corners(observations: Observations, camera: Camera, corners_in_board_mm: FloatArray) -> BoolArray:
     """Mask (n,) of corners that contradict the homography through the other corners of their view.
 
-    An undistorted picture of a flat board is a homography of it, in any mirror. In a view where fewer than half of the
+    An undistorted picture of a flat board is a homography of it, in any mirror. In a view where at most half of the
     corners agree, all are marked.
     """
     normalized = camera.normalized_from_pixels(observations.pixels)
     ideal = normalized * [camera.fx_px, camera.fy_px]
-    odd: BoolArray = np.isnan(ideal[:, 0])
-    for rows in _by_view(observations):
-        rows = rows[~odd[rows]]
+    off_plane: BoolArray = np.isnan(ideal[:, 0])
+    for rows in _view_rows(observations):
+        rows = rows[~off_plane[rows]]
         if len(rows) < MIN_CORNERS:
-            odd[rows] = True
+            off_plane[rows] = True
             continue
         board = corners_in_board_mm[observations.corner[rows], :2]
-        reach = MAX_SHIFT_CELLS * float(np.median(cell_px(ideal[rows])))
-        matrix, fitting = cv2.findHomography(board, ideal[rows], cv2.RANSAC, reach)
+        max_distance = MAX_SHIFT_CELLS * float(np.median(cell_px(ideal[rows])))
+        matrix, fitting = cv2.findHomography(board, ideal[rows], cv2.RANSAC, max_distance)
         fits = np.zeros(len(rows), dtype=bool) if matrix is None else fitting.ravel().astype(bool)
-        odd[rows] = ~fits if fits.mean() > 0.5 else True
-    return odd
+        off_plane[rows] = ~fits if fits.mean() > 0.5 else True
+    return off_plane
 
 
-def board_fits(
-    observations: Observations, odd: BoolArray, names: Sequence[str], mirrors: Sequence[str]
+def board_notes(
+    observations: Observations, off_plane: BoolArray, names: Sequence[str], mirrors: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return notes on the corners marked by `odd_corners`; `names` are the frames' names.
+    """Return notes on the corners marked by `off_plane_corners`; `names` are the frames' names.
 
-    Raises InputError if they are so many that the pictures must show another board.
+    Raises InputError if there are so many that the pictures must show a different board.
     """
-    if len(odd) and odd.mean() > MAX_ODD_CORNERS:
+    if len(off_plane) and off_plane.mean() > MAX_OFF_PLANE:
         raise InputError(
-            f"{odd.mean():.0%} of the corners lie where no flat board of this drawing has them, expected under "
-            f"{MAX_ODD_CORNERS:.0%}: are rows, columns and markers as in board.toml, and is one board in view?"
+            f"{off_plane.mean():.0%} of the corners lie where a flat board of this drawing has none, expected under "
+            f"{MAX_OFF_PLANE:.0%}: are rows, columns and markers as in board.toml, and is one board in view?"
         )
     notes = []
-    for rows in _by_view(observations):
-        if odd[rows].any():
-            where = _place(observations, rows, names, mirrors)
-            notes.append(f"{where}: {int(odd[rows].sum())} of {len(rows)} corners off the board's plane, not used")
+    for rows in _view_rows(observations):
+        if off_plane[rows].any():
+            where = _view_name(observations, rows, names, mirrors)
+            notes.append(
+                f"{where}: {int(off_plane[rows].sum())} of {len(rows)} corners off the board's plane, not used"
+            )
     return tuple(notes)
 
 
@@ -148,7 +151,7 @@ def consistent_views(
 
     Returns
     -------
-    kept, notes
+    consistent, notes
         Mask (n,) of the rows to keep, and a note on each dropped view or frame.
 
     Raises
@@ -156,7 +159,7 @@ def consistent_views(
     InputError
         If many views, or most views of one mirror, disagree.
     """
-    groups = _by_view(observations)
+    groups = _view_rows(observations)
     if not groups:
         return np.ones(0, dtype=bool), ()
     shift = np.array([_shift_in_cells(observations.pixels[rows], residuals_px[rows]) for rows in groups])
@@ -167,34 +170,34 @@ def consistent_views(
     shifted |= np.isin(frame, contradictory)
     _refuse_many_shifted(shifted, shift, view, mirrors)
     notes = [f"{names[number]}: its views disagree on the board's pose, not used" for number in contradictory]
-    kept = np.ones(len(observations), dtype=bool)
+    consistent = np.ones(len(observations), dtype=bool)
     for rows, is_shifted, cells in zip(groups, shifted, shift, strict=True):
         if is_shifted:
-            kept[rows] = False
+            consistent[rows] = False
             if observations.frame[rows[0]] not in contradictory:
-                where = _place(observations, rows, names, mirrors)
+                where = _view_name(observations, rows, names, mirrors)
                 notes.append(f"{where}: shows the board elsewhere than other views ({cells:.1f} squares), not used")
-    return kept, tuple(notes)
+    return consistent, tuple(notes)
 
 
 def _refuse_many_shifted(shifted: BoolArray, shift: FloatArray, view: IntArray, mirrors: Sequence[str]) -> None:
-    """Raise InputError if too many of all views (k,), or of one mirror's, show the board `shifted`."""
-    cause = "two boards in view, a board that moved, or pictures of another device?"
+    """Raise InputError if too many of all views (k,), or of one mirror's views, show the board `shifted`."""
+    cause = "two boards in view, a board that moved, or pictures of a different device?"
     if shifted.mean() > MAX_SHIFTED_VIEWS:
         raise InputError(
-            f"{int(shifted.sum())} of {len(view)} views disagree with others of their frames on the board's place "
+            f"{int(shifted.sum())} of {len(view)} views disagree with others of their frames on the board's position "
             f"by {np.median(shift[shifted]):.1f} squares: {cause}"
         )
     for mirror in np.unique(view[shifted]):
         in_mirror = view == mirror
         if shifted[in_mirror].mean() > MAX_SHIFTED_IN_MIRROR:
             raise InputError(
-                f"mirror {mirrors[mirror]} disagrees with the other views on the board's place in "
+                f"mirror {mirrors[mirror]} disagrees with the other views on the board's position in "
                 f"{int(shifted[in_mirror].sum())} of {int(in_mirror.sum())} frames: {cause}"
             )
 
 
-def _by_view(observations: Observations) -> list[IntArray]:
+def _view_rows(observations: Observations) -> list[IntArray]:
     """Row indices of each view of each frame, ordered by frame and view."""
     order = np.lexsort((observations.view, observations.frame))
     changes = np.flatnonzero(np.diff(observations.frame[order]) | np.diff(observations.view[order])) + 1
@@ -208,13 +211,15 @@ def _shift_in_cells(pixels: FloatArray, residuals_px: FloatArray) -> float:
     return float(size / np.median(cell_px(pixels))) if np.isfinite(size) else float("inf")
 
 
-def _place(observations: Observations, rows: IntArray, names: Sequence[str], mirrors: Sequence[str]) -> str:
+def _view_name(observations: Observations, rows: IntArray, names: Sequence[str], mirrors: Sequence[str]) -> str:
     view = observations.view[rows[0]]
     name = names[observations.frame[rows[0]]]
     return name if view == DIRECT else f"{name}, mirror {mirrors[view]}"
 
 
-def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, unknowns: int, common: int) -> float:
+def camera_disagreement(
+    separate_residuals: Sequence[FloatArray], common_residuals: FloatArray, *, unknowns: int, common: int
+) -> float:
     """Disagreement of two sets of frames on the camera, in sigmas (about 1 if they agree).
 
     The square is the F statistic of G. C. Chow's test (Econometrica 28, 591, 1960) for nine intrinsics. For more
@@ -222,27 +227,27 @@ def camera_disagreement(apart: Sequence[FloatArray], together: FloatArray, *, un
 
     Parameters
     ----------
-    apart
+    separate_residuals
         Residuals (n, 2) of a fit to each set alone.
-    together
+    common_residuals
         Residuals (n, 2) of a common fit to the same corners.
     unknowns
         Number of parameters of the separate fits.
     common
-        Number of parameters that the common fit has once: the intrinsics.
+        Number of parameters shared in the common fit: the intrinsics.
     """
-    separate = np.concatenate([r.ravel() for r in apart])
+    separate = np.concatenate([r.ravel() for r in separate_residuals])
     noise = float(separate @ separate) / max(separate.size - unknowns, 1)
-    increase = float(np.sum(together**2)) - float(separate @ separate)
-    # Otherwise, the agreeing parameters of a lens with many would hide the few that disagree.
+    increase = float(np.sum(common_residuals**2)) - float(separate @ separate)
+    # Otherwise, for a lens with many parameters, those that agree would hide the few that disagree.
     excess = increase / noise - common
     return float(np.sqrt(max(1.0 + excess / PLAIN_INTRINSICS, 0.0)))
 
 
 def drift_note(disagreement: float, focal_px: tuple[float, float]) -> tuple[str, ...]:
-    """Note a disagreement on the camera between frames with and without mirrors beyond chance.
+    """Note a disagreement about the camera, beyond chance, between frames with and without mirrors.
 
-    `focal_px` are the focal lengths from either kind. Raises InputError if it cannot be one camera.
+    `focal_px` are the focal lengths with and without mirrors. Raises InputError if one camera cannot have both.
     """
     if disagreement > MAX_CAMERA_SIGMAS:
         raise InputError(
@@ -250,7 +255,7 @@ def drift_note(disagreement: float, focal_px: tuple[float, float]) -> tuple[str,
             f"one camera does not explain both ({disagreement:.0f} sigmas); take both with one camera, focus and zoom "
             "fixed"
         )
-    if disagreement <= DRIFT_NOTED:
+    if disagreement <= NOTED_SIGMAS:
         return ()
     return (
         f"frames with and without mirrors disagree about the camera by {disagreement:.1f} sigmas, as if its focus had "
@@ -266,7 +271,7 @@ def pose_notes(rig_from_board: FloatArray) -> tuple[str, ...]:
     cosines = normals @ np.linalg.svd(normals)[2][0]
     widest = float(np.degrees(np.arccos(np.clip(np.abs(cosines).min(), 0.0, 1.0))))
     if widest < MIN_TILT_DEG:
-        return (f"all boards are parallel to {widest:.1f} deg: tilt some by 20 deg or more for tighter bounds",)
+        return (f"all boards are parallel to within {widest:.1f} deg: tilt some by 20 deg or more for tighter bounds",)
     return ()
 
 
@@ -277,7 +282,7 @@ def camera_note(layout: Layout, camera: Camera) -> tuple[str, ...]:
         return ()
     return (
         f"focal length {camera.fx_px:.1f} px, {ratio - 1.0:+.0%} from the layout's {layout.camera.fx_px:.1f}: "
-        "another camera, zoom or crop than the layout was designed for",
+        "a different camera, zoom or crop from the one that the layout was designed for",
     )
 
 
@@ -291,17 +296,19 @@ def refuse_implausible(solution: Solution, mirrors: Sequence[str]) -> None:
         )
     for m, centre in enumerate(solution.estimate.virtual_centres_in_rig_mm):
         rows = [
-            place for place, name in enumerate(solution.parameters) if name in {f"mirror {m} {a}_mm" for a in "xyz"}
+            index for index, name in enumerate(solution.parameters) if name in {f"mirror {m} {a}_mm" for a in "xyz"}
         ]
         length = float(np.linalg.norm(centre))
         unit, block = centre / length, solution.covariance[np.ix_(rows, rows)]
-        along = np.sqrt(max(float(unit @ block @ unit), 0.0)) / length
-        across_deg = np.degrees(np.sqrt(max(float(np.trace(block)) - (along * length) ** 2, 0.0) / 2.0) / length)
-        if not (across_deg < MAX_NORMAL_DEG and along < MAX_DISTANCE):
+        distance_sigma = np.sqrt(max(float(unit @ block @ unit), 0.0)) / length
+        normal_deg = np.degrees(
+            np.sqrt(max(float(np.trace(block)) - (distance_sigma * length) ** 2, 0.0) / 2.0) / length
+        )
+        if not (normal_deg < MAX_NORMAL_DEG and distance_sigma < MAX_DISTANCE):
             raise InputError(
-                f"the pictures determine mirror {mirrors[m]} only to {across_deg:.2g} deg and {along:.2g} of its "
-                f"distance, expected under {MAX_NORMAL_DEG:g} deg and {MAX_DISTANCE:g}: show it the board tilted and "
-                "nearer"
+                f"the pictures determine mirror {mirrors[m]} only to {normal_deg:.2g} deg and {distance_sigma:.2g} "
+                f"of its distance, expected under {MAX_NORMAL_DEG:g} deg and {MAX_DISTANCE:g}: show it the board "
+                "tilted and nearer"
             )
 
 

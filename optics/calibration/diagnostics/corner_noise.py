@@ -1,9 +1,9 @@
 """Noise of corners: per view, from the scatter about a smooth field of residuals, and its correlation within frames.
 
-The fit of a corner gives its standard deviation from the noise of the pixels around it. It misses errors that these
-share: motion blur, resampling, compression, edges along the sensor's rows. These differ severalfold between the views
-of a frame, and appear as scatter of its corners. Errors of the model do not: they are smooth over a view and are
-subtracted.
+The fit of a corner gives its standard deviation from the noise of the pixels around it. It misses errors common to
+these pixels: motion blur, resampling, compression, edges along the sensor's rows. These differ severalfold between the
+views of a frame, and appear as scatter of a view's corners. Errors of the model do not: they are smooth over a view and
+are subtracted.
 
 The remaining scatter has longer tails than a normal distribution: dust, glare, a corner near an edge. It is modelled by
 Student's t distribution with degrees of freedom estimated from the corners, and each corner gets its maximum-likelihood
@@ -29,10 +29,10 @@ from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import global_names, residuals_with_jacobians
 
 MIN_CORNERS_BY_DEGREE = ((3, 40), (2, 16), (1, 8))
-"""Degree of the smooth field by the least number of a view's corners; below the last, it is constant."""
-REACH_SIGMAS = 2.5  # larger residuals are clipped to this: outliers
-CLIPPED_VARIANCE = float(chi2.cdf(REACH_SIGMAS**2, 3) + REACH_SIGMAS**2 * chi2.sf(REACH_SIGMAS**2, 1))
-"""Mean of min(x^2, REACH_SIGMAS^2) for a normal variable x."""
+"""Degrees of the smooth field, each with the minimum number of a view's corners; with fewer, it is constant."""
+CLIP_SIGMAS = 2.5  # larger residuals are outliers and are clipped to this
+CLIPPED_VARIANCE = float(chi2.cdf(CLIP_SIGMAS**2, 3) + CLIP_SIGMAS**2 * chi2.sf(CLIP_SIGMAS**2, 1))
+"""Mean of min(x^2, CLIP_SIGMAS^2) for a normal variable x."""
 PRIOR_DEGREES_OF_FREEDOM = 8.0
 """Degrees of freedom of the prior from all views: a view with few corners gets nearly the median variance."""
 STEPS = 20
@@ -41,13 +41,13 @@ TAILS = (3.0, 5.0, 9.0, 17.0, 33.0, np.inf)
 SIGNIFICANT_CHANCE = 1e-3
 
 
-def with_noise_of_views(observations: Observations, residuals_px: FloatArray) -> Observations:
+def with_view_noise(observations: Observations, residuals_px: FloatArray) -> Observations:
     """Scale the standard deviations of observations, view by view, to the scatter of their corners.
 
     The variance of a view is estimated about a polynomial field, and shrunk towards the median of all views according
     to its degrees of freedom (posterior mean under a scaled inverse chi-squared prior). Corners in the tails get larger
-    standard deviations by their own deviation, up to `FIND_SIGMAS`; beyond it they do not, so that a fit can reject
-    them as outliers.
+    standard deviations according to their own deviation, up to `FIND_SIGMAS`; beyond it, they do not, so that a fit can
+    reject them as outliers.
 
     Parameters
     ----------
@@ -61,20 +61,20 @@ def with_noise_of_views(observations: Observations, residuals_px: FloatArray) ->
     _, group = np.unique(np.stack([observations.frame, observations.view]), axis=1, return_inverse=True)
     masks = [group == number for number in range(int(group.max()) + 1)]
     scatters = [_scatter(observations.where(mask), residuals_px[mask]) for mask in masks]
-    variance, freedom = np.array([[each.variance, each.freedom] for each in scatters]).T
+    variance, freedom = np.array([[scatter.variance, scatter.freedom] for scatter in scatters]).T
     if not (freedom > 0.0).any():
         return observations
     typical = max(float(np.median(variance[freedom > 0.0])), NEGLIGIBLE_PX**2)
     shrunk = (freedom * variance + PRIOR_DEGREES_OF_FREEDOM * typical) / (freedom + PRIOR_DEGREES_OF_FREEDOM)
     sigma_px = observations.sigma_px * np.sqrt(shrunk)[group]
     scatter_px = np.empty_like(residuals_px)
-    for mask, each in zip(masks, scatters, strict=True):
-        scatter_px[mask] = each.scatter_px * np.sqrt(2.0 * mask.sum() / max(each.freedom, 1.0))
-    sigma_px *= _tails(scatter_px / sigma_px[:, None])
+    for mask, scatter in zip(masks, scatters, strict=True):
+        scatter_px[mask] = scatter.scatter_px * np.sqrt(2.0 * mask.sum() / max(scatter.freedom, 1.0))
+    sigma_px *= _tail_factors(scatter_px / sigma_px[:, None])
     return replace(observations, sigma_px=np.maximum(sigma_px, NEGLIGIBLE_PX))
 
 
-def _tails(standardised: FloatArray) -> FloatArray:
+def _tail_factors(standardised: FloatArray) -> FloatArray:
     """Factors (n,) on the standard deviations of residuals (n, 2), from the most likely t distribution."""
     inner = np.abs(standardised).max(axis=1) <= FIND_SIGMAS
     squared = np.sum(standardised[inner] ** 2, axis=1)
@@ -86,14 +86,14 @@ def _tails(standardised: FloatArray) -> FloatArray:
 
 
 def _t_distribution(squared: FloatArray, freedom: float) -> tuple[float, FloatArray]:
-    """Log likelihood of squared lengths (n,) of pairs under a scaled t distribution, and factors (n,) from it."""
+    """Log likelihood of squared lengths (n,) of vectors under a scaled t distribution, and its factors (n,)."""
     scale2 = float(np.mean(squared)) / 2.0
     if np.isinf(freedom) or scale2 == 0.0:
         return -len(squared) * (float(np.log(max(scale2, 1e-300))) + 1.0), np.full(len(squared), np.sqrt(scale2))
     for _ in range(STEPS):
         variance = (freedom + squared / scale2) / (freedom + 2.0)
         scale2 = float(np.mean(squared / variance)) / 2.0
-    # The density of a pair of squared length s is (1 + s / (f scale2))^(-f / 2 - 1) / (2 pi scale2).
+    # The density of a vector of squared length s is (1 + s / (f scale2))^(-f / 2 - 1) / (2 pi scale2).
     likelihood = -np.sum(np.log(scale2) + (freedom / 2.0 + 1.0) * np.log1p(squared / (freedom * scale2)))
     return float(likelihood), np.sqrt(scale2 * (freedom + squared / scale2) / (freedom + 2.0))
 
@@ -110,7 +110,7 @@ class _Scatter:
 def _scatter(view: Observations, residuals_px: FloatArray) -> _Scatter:
     """Estimate the scatter of a view's residuals (n, 2) about a smooth field.
 
-    Uses Huber's proposal 2: squares are clipped at a reach that is proportional to the estimated scale.
+    Uses Huber's proposal 2: squares are clipped at a limit that is proportional to the estimated scale.
     """
     terms = _terms(view.pixels)
     freedom = 2.0 * (len(view) - terms.shape[1])
@@ -122,18 +122,18 @@ def _scatter(view: Observations, residuals_px: FloatArray) -> _Scatter:
     for _ in range(STEPS):
         basis, _ = np.linalg.qr(terms * weights * root_weights)
         residuals = standardised - (basis @ (basis.T @ (standardised * root_weights))) / root_weights
-        squared = np.minimum(residuals**2, (REACH_SIGMAS * scale) ** 2)
+        squared = np.minimum(residuals**2, (CLIP_SIGMAS * scale) ** 2)
         expected_square = CLIPPED_VARIANCE if np.isfinite(scale) else 1.0
         previous, scale = scale, float(np.sqrt(squared.sum() / (expected_square * freedom)))
         if scale == 0.0 or abs(scale - previous) < 1e-3 * scale:
             break
         size = np.abs(residuals).max(axis=1, keepdims=True)
-        root_weights = np.sqrt(REACH_SIGMAS * scale / np.maximum(size, REACH_SIGMAS * scale))
+        root_weights = np.sqrt(CLIP_SIGMAS * scale / np.maximum(size, CLIP_SIGMAS * scale))
     return _Scatter(residuals / weights, scale**2, freedom)
 
 
 def _terms(pixels: FloatArray) -> FloatArray:
-    """Powers (n, k) of pixels (n, 2), up to a degree that follows from their number."""
+    """Monomials (n, k) of pixels (n, 2), up to a degree that depends on their number."""
     degree = next((degree for degree, corners in MIN_CORNERS_BY_DEGREE if len(pixels) >= corners), 0)
     centred = pixels - pixels.mean(axis=0)
     x, y = (centred / max(float(np.abs(centred).max()), 1e-9)).T
@@ -158,7 +158,7 @@ class CorrelatedErrors:
     chance: float
 
     @property
-    def widening(self) -> float:
+    def inflation(self) -> float:
         """Factor by which standard deviations are too small: the ratio if significant, else 1."""
         return max(self.ratio, 1.0) if self.chance < SIGNIFICANT_CHANCE else 1.0
 
@@ -166,12 +166,12 @@ class CorrelatedErrors:
 def correlated_errors(solution: Solution, observations: Observations, model: Model) -> CorrelatedErrors:
     """Compare the scores of entire frames with their expectation for independent errors of the inliers.
 
-    Residuals r and their derivatives are standardised. G holds the derivatives by the free globals, after projecting
-    out the frame's pose and other own parameters; N_f = G_f^T G_f, and N is the sum of all N_f and of the priors of the
-    lens. At the minimum, independent errors give the scores s_f = G_f^T r_f the covariance scale^2 (N_f - N_f N^-1
-    N_f). In coordinates with N = 1, sum |s_f|^2 / scale^2 thus has the mean sum tr N_f - sum tr N_f^2 (the first sum is
-    g without priors) and the variance 2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its distribution is approximated
-    by a scaled chi-squared distribution.
+    Residuals r and their derivatives are standardised. G holds the derivatives with respect to the free global
+    parameters, after projecting out the pose and other parameters of the frame; N_f = G_f^T G_f, and N is the sum of
+    all N_f and of the lens's priors. At the minimum, independent errors give the scores s_f = G_f^T r_f the covariance
+    scale^2 (N_f - N_f N^-1 N_f). In coordinates with N = 1, sum |s_f|^2 / scale^2 thus has the mean sum tr N_f - sum tr
+    N_f^2 (the first sum is g without priors) and the variance 2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its
+    distribution is approximated by a scaled chi-squared distribution.
     """
     if solution.sigma_px < NEGLIGIBLE_PX:
         return CorrelatedErrors(1.0, 1.0)
@@ -179,20 +179,20 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
     names = global_names(solution.estimate.camera.intrinsic_names, mirrors, len(model.board.modes))
     columns = [names.index(name) for name in solution.parameters]
-    r, by_global, by_frame = (
-        found / rows.sigma_px.reshape(-1, *[1] * (found.ndim - 1))
-        for found in residuals_with_jacobians(solution.estimate, rows, model.board)
+    r, d_global, d_frame = (
+        array / rows.sigma_px.reshape(-1, *[1] * (array.ndim - 1))
+        for array in residuals_with_jacobians(solution.estimate, rows, model.board)
     )
     terms = model.frame_terms
     priors, values = np.diag(terms.weights), terms.values(solution.estimate)
     scores, squares = [], []
     for frame in np.unique(rows.frame):
         in_frame = rows.frame == frame
-        # Priors are separate rows, which the globals do not affect.
-        by_own = np.concatenate([by_frame[in_frame][:, :, terms.free].reshape(-1, len(priors)), priors])
-        globals_ = by_global[in_frame][:, :, columns].reshape(-1, len(columns))
-        globals_ = np.concatenate([globals_, np.zeros((len(priors), len(columns)))])
-        projected = globals_ - by_own @ np.linalg.lstsq(by_own, globals_, rcond=None)[0]
+        # Priors are separate rows, which the global parameters do not affect.
+        d_own = np.concatenate([d_frame[in_frame][:, :, terms.free].reshape(-1, len(priors)), priors])
+        d_globals = d_global[in_frame][:, :, columns].reshape(-1, len(columns))
+        d_globals = np.concatenate([d_globals, np.zeros((len(priors), len(columns)))])
+        projected = d_globals - d_own @ np.linalg.lstsq(d_own, d_globals, rcond=None)[0]
         scores.append(projected.T @ np.concatenate([r[in_frame].ravel(), values[frame]]))
         squares.append(projected.T @ projected)
     information, lens = np.sum(squares, axis=0), np.zeros(len(columns))

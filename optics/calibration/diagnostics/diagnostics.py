@@ -31,7 +31,7 @@ from mirrorcam.optics.geometry.layout import Layout
 
 MATCHING_PX = 0.1
 RANGES = np.linspace(0.5, 2.5, 17)
-"""Distances at which depth uncertainty is evaluated, in working ranges."""
+"""Distances at which depth uncertainty is evaluated, as multiples of the working range."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +40,8 @@ class Diagnostics:
 
     Attributes
     ----------
-    level
-        Level of the selected model, such as `joint+bend`.
+    model_name
+        Name of the selected model, such as `joint+bend`.
     comparisons
         Each fitted model compared with the model nested in it.
     free_views
@@ -53,26 +53,26 @@ class Diagnostics:
     weak
         The least determined directions.
     projection
-        Standard deviations of projected pixels, a map per view, at the working range.
+        Standard deviations of projected pixels at the working range, one map per view.
     depth
         Standard deviations of depth by range.
     reference
         View that the others are measured against: a mirror's index, or DIRECT.
     range_mm
         Working range, mm: median distance of the observed corners from the virtual centres.
-    widened
+    inflation
         Factor on all standard deviations here, relative to independent corner errors.
     alarms
         Contradictions to the model, one sentence each.
     notes
-        What could not be determined, one sentence each.
+        Undetermined quantities, one sentence each.
     other_surface
-        Evidence that the mirrors are of another kind than in the layout, if any.
+        Evidence that the mirrors reflect at a different surface from the one in the layout, if any.
     mismatches
-        The alarms that the pictures do not match the given board or layout.
+        The alarms about pictures that do not match the given board or layout.
     """
 
-    level: str
+    model_name: str
     comparisons: tuple[ModelComparison, ...]
     free_views: FreeViews | None
     splits: tuple[Split, ...]
@@ -82,7 +82,7 @@ class Diagnostics:
     depth: DepthUncertainty
     reference: int
     range_mm: float
-    widened: float
+    inflation: float
     alarms: tuple[str, ...]
     notes: tuple[str, ...]
     other_surface: OtherSurface | None = None
@@ -93,17 +93,17 @@ class Diagnostics:
         """The metrics stored with a calibrated layout."""
         mirrors = self.mirrors
         figures: dict[str, tuple[float, str]] = {
-            "common_turn_sigma_deg": (float(np.linalg.norm(mirrors.common_turn_deg)), "deg"),
+            "common_turn_sigma_deg": (float(np.linalg.norm(mirrors.common_rotation_deg)), "deg"),
             "common_shift_sigma_mm": (float(np.linalg.norm(mirrors.common_shift_mm)), "mm"),
             "mirror_to_mirror_normal_sigma_deg": (float(mirrors.relative_normal_deg.max()), "deg"),
             "mirror_to_mirror_distance_sigma_mm": (float(mirrors.relative_distance_mm.max()), "mm"),
-            "projection_sigma_px": (_rms([shown.in_rig_px for shown in self.projection]), "px"),
+            "projection_sigma_px": (_rms([view.in_rig_px for view in self.projection]), "px"),
             "projection_against_reference_sigma_px": (
-                _rms([shown.against_reference_px for shown in self.projection if shown.view != self.reference]),
+                _rms([view.against_reference_px for view in self.projection if view.view != self.reference]),
                 "px",
             ),
             "working_distance_mm": (self.range_mm, "mm"),
-            "uncertainty_widened": (self.widened, "1"),
+            "uncertainty_widened": (self.inflation, "1"),
             "alarms": (float(len(self.alarms)), "1"),
         }
         for name, values in (("matching", self.depth.matching_mm), ("calibration", self.depth.calibration_mm)):
@@ -131,7 +131,7 @@ def diagnose(
     """Determine the uncertainty of a calibration and test its model.
 
     If halves of the frames differ by more than their covariances allow, all uncertainties in the result are wider than
-    those of `layout`; `selection.widened_to(diagnostics.widened)` has the matching covariance.
+    those of `layout`; `selection.inflated_to(diagnostics.inflation)` has the matching covariance.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def diagnose(
     layout
         The calibrated layout, with the covariance of the fit.
     mismatches
-        Alarms about the board or the nominal layout that were found before.
+        Alarms about the board or the nominal layout raised before.
     """
     solution = selection.solution
     mirrored = observations.view != DIRECT
@@ -152,12 +152,12 @@ def diagnose(
     median_px = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
     halves, notes = splits(solution, observations, selection.model, layout, reference=reference, range_mm=range_mm)
-    widened = max(selection.widened, *(split.widening for split in halves), 1.0)
-    known = uncertainty_of(layout)
-    wider = known.replaced(covariance=(widened / selection.widened) ** 2 * known.covariance)
-    layout = layout.replaced(uncertainty=wider)
+    inflation = max(selection.inflation, *(split.inflation for split in halves), 1.0)
+    uncertainty = uncertainty_of(layout)
+    inflated = uncertainty.replaced(covariance=(inflation / selection.inflation) ** 2 * uncertainty.covariance)
+    layout = layout.replaced(uncertainty=inflated)
     return Diagnostics(
-        level=selection.level,
+        model_name=selection.model_name,
         comparisons=selection.comparisons,
         free_views=selection.free_views,
         splits=halves,
@@ -165,14 +165,14 @@ def diagnose(
         weak=weak_directions(layout, range_mm=range_mm),
         projection=tuple(projection_map(layout, view, reference=reference, range_mm=range_mm) for view in views),
         depth=depth_uncertainty(
-            layout, range_mm * RANGES, reference=reference, at_px=median_px, matching_px=MATCHING_PX
+            layout, range_mm * RANGES, reference=reference, pixel=median_px, matching_px=MATCHING_PX
         ),
         reference=reference,
         range_mm=range_mm,
-        widened=widened,
+        inflation=inflation,
         alarms=(
             *mismatches,
-            *([other.sentence(widened)] if (other := selection.other_surface) is not None else []),
+            *([other.sentence(inflation)] if (other := selection.other_surface) is not None else []),
             *selection.alarms,
             *(split.alarm for split in halves if split.alarm is not None),
         ),

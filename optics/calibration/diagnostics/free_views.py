@@ -1,8 +1,7 @@
-"""Comparison with free virtual cameras: each mirror's view gets the six parameters of a pose instead of a plane's
-three.
+"""Comparison with free virtual cameras: each mirror's view has six pose parameters instead of a plane's three.
 
-The improvement by this model measures what the planes leave unexplained, for any reason. It is only a check and never
-the result, because its views no longer come from one camera and mirrors.
+The improvement by this model measures the errors that the planes leave unexplained, whatever their cause. It is only a
+check and never the result, because its views no longer come from one camera and mirrors.
 """
 
 from __future__ import annotations
@@ -39,8 +38,8 @@ class FreeViews:
     rms_px
         Rms residual per axis of a typical corner with free virtual cameras.
     unexplained_px
-        Rms per axis of the part that only they explain, minus the expected effect of the additional parameters on
-        noise.
+        Rms per axis of the errors that only free virtual cameras explain, minus the expected effect of the additional
+        parameters on noise.
     chance
         Probability of such an improvement by noise alone (F test).
     """
@@ -61,13 +60,13 @@ def free_views(solution: Solution, observations: Observations, model: Model) -> 
     Raises
     ------
     UndeterminedError
-        If there are no more unknowns than with planes, or the corners leave a virtual camera undetermined.
+        If virtual cameras have no additional unknowns, or the corners leave one undetermined.
     """
     rows = observations.where(solution.inliers)
     mirrors = len(solution.estimate.virtual_centres_in_rig_mm)
     frames = np.arange(len(solution.estimate.rig_from_board))
-    tied = np.isin(frames, rows.frame[rows.view == DIRECT]) & np.isin(frames, rows.frame[rows.view != DIRECT])
-    fixed = 0 if tied.any() else 1
+    constrained = np.isin(frames, rows.frame[rows.view == DIRECT]) & np.isin(frames, rows.frame[rows.view != DIRECT])
+    fixed = 0 if constrained.any() else 1
     extra_parameters = 6 * (mirrors - fixed) - 3 * mirrors + (model.prior_of_centres is not None)
     if extra_parameters <= 0:
         raise UndeterminedError(f"{mirrors} mirrors are free virtual cameras already")
@@ -104,32 +103,32 @@ def _minimum(estimate: Estimate, rows: Observations, model: Model, fixed: int) -
     """
     mirrors = len(estimate.virtual_centres_in_rig_mm)
     names = global_names(estimate.camera.intrinsic_names, mirrors, len(model.board.modes))
-    kept = [k for k, name in enumerate(names) if name in model.intrinsics or name.startswith("board ")]
-    _, _, seen = points_at_camera(estimate, rows, model.board)
-    centroids = np.array([seen[rows.view == m].mean(axis=0) for m in range(mirrors)])
+    free_columns = [k for k, name in enumerate(names) if name in model.intrinsics or name.startswith("board ")]
+    _, _, images = points_at_camera(estimate, rows, model.board)
+    centroids = np.array([images[rows.view == m].mean(axis=0) for m in range(mirrors)])
     views = _Views(np.zeros((mirrors, 3)), np.zeros((mirrors, 3)), centroids)
-    r, by_global, by_twist = _linearised(estimate, views, rows, model, kept, fixed)
-    priors = np.zeros((2, by_global.shape[2]))
+    r, d_global, d_twist = _linearised(estimate, views, rows, model, free_columns, fixed)
+    priors = np.zeros((2, d_global.shape[2]))
     lens = slice(len(model.intrinsics))
     priors[:, lens] = model.intrinsic_priors(estimate.camera), model.intrinsic_values(estimate.camera)
     cost, damping = float(np.sum(r**2) + np.sum(priors[1] ** 2)), 0.0
     for _ in range(STEPS):
-        step, twists = _step(r, by_global, by_twist, rows, priors, damping)
+        step, twists = _step(r, d_global, d_twist, rows, priors, damping)
         global_step = np.zeros(len(names))
-        global_step[kept] = step[: len(kept)]
-        change = step[len(kept) :].reshape(-1, 6)
+        global_step[free_columns] = step[: len(free_columns)]
+        change = step[len(free_columns) :].reshape(-1, 6)
         trial = estimate.moved(global_step, twists)
         trial_views = _Views(views.rotations.copy(), views.shifts.copy(), centroids)
         trial_views.rotations[fixed:] += change[:, :3]
         trial_views.shifts[fixed:] += change[:, 3:]
-        linearised = _linearised(trial, trial_views, rows, model, kept, fixed)
+        linearised = _linearised(trial, trial_views, rows, model, free_columns, fixed)
         values = model.intrinsic_values(trial.camera)
         trial_cost = float(np.sum(linearised[0] ** 2) + np.sum(values**2))
         if not trial_cost <= cost:
             damping = max(10.0 * damping, 1e-6)
             continue
         gain, cost = cost - trial_cost, trial_cost
-        estimate, views, (r, by_global, by_twist), damping = trial, trial_views, linearised, damping / 10.0
+        estimate, views, (r, d_global, d_twist), damping = trial, trial_views, linearised, damping / 10.0
         priors[1, lens] = values
         if gain <= 1e-9 * cost:
             break
@@ -137,51 +136,51 @@ def _minimum(estimate: Estimate, rows: Observations, model: Model, fixed: int) -
 
 
 def _linearised(
-    estimate: Estimate, views: _Views, rows: Observations, model: Model, kept: list[int], fixed: int
+    estimate: Estimate, views: _Views, rows: Observations, model: Model, free_columns: list[int], fixed: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return standardised residuals (n, 2), and derivatives by globals, rotations and shifts (n, 2, g), and by twists.
+    """Return standardised residuals (n, 2), and derivatives with respect to globals, motions of views, and poses.
 
-    The derivatives by pose and board neglect the views' rotations, which are far below a degree: the steps still
-    converge, and the residuals are exact. Residuals are infinite if a derivative does not exist.
+    The derivatives with respect to pose and board neglect the views' rotations, which are far below a degree: the steps
+    still converge, and the residuals are exact. Residuals are infinite if a derivative does not exist.
     """
     mirrored = rows.view != DIRECT
     view = rows.view[mirrored]
-    _, _, seen = points_at_camera(estimate, rows, model.board)
-    lever = seen[mirrored] - views.centroids_mm[view]
+    _, _, images = points_at_camera(estimate, rows, model.board)
+    lever = images[mirrored] - views.centroids_mm[view]
     rotated = np.einsum("nij,nj->ni", Rotation.from_rotvec(views.rotations).as_matrix()[view], lever)
-    seen[mirrored] = rotated + views.centroids_mm[view] + views.shifts[view]
+    images[mirrored] = rotated + views.centroids_mm[view] + views.shifts[view]
     impossible = np.full((len(rows), 2), np.inf), np.zeros((len(rows), 2, 0)), np.zeros((len(rows), 2, 6))
-    if (seen[:, 2] <= 0).any():
+    if (images[:, 2] <= 0).any():
         return impossible
-    pixels, by_seen, by_intrinsics = estimate.camera.project_with_jacobians(seen)
-    _, by_global, by_frame = residuals_with_jacobians(estimate, rows, model.board)
-    by_global[:, :, : by_intrinsics.shape[2]] = by_intrinsics
-    by_motion = np.zeros((len(rows), 2, 6 * len(views.rotations)))
-    number = np.flatnonzero(mirrored)
-    by_rotation = np.cross(rotated[:, None, :], by_seen[mirrored])
+    pixels, d_image, d_intrinsics = estimate.camera.project_with_jacobians(images)
+    _, d_global, d_frame = residuals_with_jacobians(estimate, rows, model.board)
+    d_global[:, :, : d_intrinsics.shape[2]] = d_intrinsics
+    d_motion = np.zeros((len(rows), 2, 6 * len(views.rotations)))
+    mirrored_rows = np.flatnonzero(mirrored)
+    d_rotation = np.cross(rotated[:, None, :], d_image[mirrored])
     for k in range(3):
-        by_motion[number, :, 6 * view + k] = by_rotation[:, :, k]
-        by_motion[number, :, 6 * view + 3 + k] = by_seen[mirrored][:, :, k]
-    by_parameters = np.concatenate([by_global[:, :, kept], by_motion[:, :, 6 * fixed :]], axis=2)
-    if not (np.isfinite(by_parameters).all() and np.isfinite(by_frame).all()):
+        d_motion[mirrored_rows, :, 6 * view + k] = d_rotation[:, :, k]
+        d_motion[mirrored_rows, :, 6 * view + 3 + k] = d_image[mirrored][:, :, k]
+    d_parameters = np.concatenate([d_global[:, :, free_columns], d_motion[:, :, 6 * fixed :]], axis=2)
+    if not (np.isfinite(d_parameters).all() and np.isfinite(d_frame).all()):
         return impossible  # a corner that the planes alone show outside the lens's range has no derivatives
     sigma = rows.sigma_px[:, None, None]
-    return rows.standardised(pixels - rows.pixels), by_parameters / sigma, by_frame[:, :, :6] / sigma
+    return rows.standardised(pixels - rows.pixels), d_parameters / sigma, d_frame[:, :, :6] / sigma
 
 
 def _step(
-    r: FloatArray, by_global: FloatArray, by_twist: FloatArray, rows: Observations, priors: FloatArray, damping: float
+    r: FloatArray, d_global: FloatArray, d_twist: FloatArray, rows: Observations, priors: FloatArray, damping: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the damped Gauss-Newton step of the globals (g,) and of the poses (f, 6), with poses eliminated.
+    """Return the damped Gauss-Newton step of the global parameters (g,) and the poses (f, 6), with poses eliminated.
 
-    `priors` (2, g) are the weights of the globals' priors, and their weighted values.
+    `priors` (2, g) are the weights of the global parameters' priors, and their weighted values.
     """
-    size = by_global.shape[2]
+    size = d_global.shape[2]
     reduced, rhs = np.diag(priors[0] ** 2), priors[0] * priors[1]
     frames = []
     for frame in range(int(rows.frame[-1]) + 1):
         in_frame = rows.frame == frame
-        u, p, e = by_global[in_frame].reshape(-1, size), by_twist[in_frame].reshape(-1, 6), r[in_frame].ravel()
+        u, p, e = d_global[in_frame].reshape(-1, size), d_twist[in_frame].reshape(-1, 6), r[in_frame].ravel()
         block = p.T @ p
         solved = np.linalg.solve(block + damping * np.diag(np.diag(block)), np.column_stack([p.T @ u, p.T @ e]))
         reduced += u.T @ u - (u.T @ p) @ solved[:, :-1]

@@ -1,4 +1,4 @@
-"""Tests of whether frames fit the nominal layout: they may be upside down, or show more mirrors than the layout has."""
+"""Tests of whether frames fit the nominal layout: they may be upside down, or show mirrors that the layout lacks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mirrorcam.optics.calibration.solver.observations import Corners, Observatio
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard, Target
 
-ALARM_FRAMES = 0.2  # least fraction of the frames with boards to raise an alarm
+ALARM_FRAMES = 0.2  # minimum fraction of the frames with boards that raises an alarm
 MAX_SCATTER = 0.25  # standard deviation of boards about a grid, relative to its spacing
 
 
@@ -61,18 +61,18 @@ def _rotated(frame: Observations, layout: Layout, target: Target) -> Observation
 
 @dataclass(frozen=True)
 class UnknownMirrors:
-    """Boards that no mirror of a layout explains.
+    """Boards that belong to no mirror of a layout.
 
     Attributes
     ----------
     frames
         Number of frames that show such a board.
     alarms
-        Alarms about the layout, if many frames do.
+        Alarms about the layout, if many frames show such a board.
     notes
         Otherwise one note per frame.
     question
-        Question to the user if the frames seem to show another grid of mirrors than the layout's; else empty.
+        Question to the user if the frames seem to show a different grid of mirrors from the layout's; else empty.
     """
 
     frames: int = 0
@@ -85,7 +85,7 @@ class UnknownMirrors:
         """The number of frames with unknown mirrors, if there are any."""
         return {"frames_with_unknown_mirrors": Metric(value=self.frames, unit="1")} if self.frames else {}
 
-    def explained(self, refusal: str) -> InputError:
+    def error_for(self, refusal: str) -> InputError:
         """Return the error to raise: the alarm, which is the probable cause, or else `refusal` with the question."""
         if self.alarms:
             return InputError(self.alarms[0])
@@ -96,7 +96,7 @@ def unknown_mirrors(layout: Layout, frames: Sequence[DetectedFrame]) -> UnknownM
     """Examine the boards that were assigned to no mirror.
 
     A board counts if it lies in no sub-image of the layout, or in one that already shows another board. If a fifth of
-    the frames have one, the layout is probably for another device.
+    the frames have one, the layout is probably that of a different device.
 
     Parameters
     ----------
@@ -107,22 +107,24 @@ def unknown_mirrors(layout: Layout, frames: Sequence[DetectedFrame]) -> UnknownM
     """
     regions = regions_px(layout)
     surplus = {number: _surplus_px(frame, regions) for number, frame in enumerate(frames)}
-    places = [f"frame {number} at pixel ({at[0, 0]:.0f}, {at[0, 1]:.0f})" for number, at in surplus.items() if len(at)]
-    showing_boards = sum(len(frame.corners) > 0 or len(frame.unassigned_px) > 0 for frame in frames)
-    grid = grid_shown([_centroids_px(frame) for frame in frames])
+    positions = [
+        f"frame {number} at pixel ({px[0, 0]:.0f}, {px[0, 1]:.0f})" for number, px in surplus.items() if len(px)
+    ]
+    frames_with_boards = sum(len(frame.corners) > 0 or len(frame.unassigned_px) > 0 for frame in frames)
+    grid = observed_grid([_centroids_px(frame) for frame in frames])
     layout_grid = f"the layout has {layout.arrangement.text} mirrors"
     other_grid = "" if grid is None or grid == (layout.rows, layout.cols) else f"{grid[0]} x {grid[1]}"
     question = f"do the frames show {other_grid} mirrors? {layout_grid}" if other_grid else ""
-    if not places or len(places) < max(ALARM_FRAMES * showing_boards, min(2, showing_boards)):
-        notes = tuple(f"{place}: a board that belongs to no mirror of the layout" for place in places)
-        return UnknownMirrors(len(places), notes=notes, question=question)
+    if not positions or len(positions) < max(ALARM_FRAMES * frames_with_boards, min(2, frames_with_boards)):
+        notes = tuple(f"{position}: a board that belongs to no mirror of the layout" for position in positions)
+        return UnknownMirrors(len(positions), notes=notes, question=question)
     frames_show = f"the frames seem to show {other_grid}, " if other_grid else ""
     side = _side(np.concatenate(list(surplus.values())), regions)
     alarm = (
-        f"boards in {len(places)} of {showing_boards} frames belong to no mirror of the layout, as in "
-        f"{places[0]}{side}: {frames_show}{layout_grid}; calibrate with the layout of this device"
+        f"boards in {len(positions)} of {frames_with_boards} frames belong to no mirror of the layout, as in "
+        f"{positions[0]}{side}: {frames_show}{layout_grid}; calibrate with the layout of this device"
     )
-    return UnknownMirrors(len(places), alarms=(alarm,), question=question)
+    return UnknownMirrors(len(positions), alarms=(alarm,), question=question)
 
 
 def _side(points_px: FloatArray, regions: Sequence[shapely.Polygon]) -> str:
@@ -134,7 +136,7 @@ def _side(points_px: FloatArray, regions: Sequence[shapely.Polygon]) -> str:
     return f", {most_outside} all its mirrors" if outside[most_outside].mean() > 0.5 else ""
 
 
-def grid_shown(centroids_px: Sequence[FloatArray]) -> tuple[int, int] | None:
+def observed_grid(centroids_px: Sequence[FloatArray]) -> tuple[int, int] | None:
     """Return the rows and columns of views in the frames, from each frame's board centroids (k, 2); None if unclear.
 
     A majority of the frames with the largest number of boards must agree; among several frames, at least two must have
@@ -142,10 +144,12 @@ def grid_shown(centroids_px: Sequence[FloatArray]) -> tuple[int, int] | None:
     """
     counts = np.array([len(centroids) for centroids in centroids_px])
     min_frames = min(2, len(counts))
-    counts_seen = [count for count in np.unique(counts).tolist() if count > 1 and (counts == count).sum() >= min_frames]
-    if not counts_seen:
+    board_counts = [
+        count for count in np.unique(counts).tolist() if count > 1 and (counts == count).sum() >= min_frames
+    ]
+    if not board_counts:
         return None
-    grids = [_grid(centroids) for centroids in centroids_px if len(centroids) == counts_seen[-1]]
+    grids = [_grid(centroids) for centroids in centroids_px if len(centroids) == board_counts[-1]]
     grid, agreeing = Counter(grids).most_common(1)[0]
     return grid if 2 * agreeing > len(grids) else None
 
@@ -153,13 +157,13 @@ def grid_shown(centroids_px: Sequence[FloatArray]) -> tuple[int, int] | None:
 def _grid(points_px: FloatArray) -> tuple[int, int] | None:
     """Return the rows and columns of a grid of points (k, 2); None if they form none."""
     count = len(points_px)
-    best, least_scatter = None, MAX_SCATTER
+    best, min_scatter = None, MAX_SCATTER
     for rows in (number for number in range(1, count + 1) if count % number == 0):
         order = np.argsort(points_px[:, 1], kind="stable").reshape(rows, -1)
         grid = np.array([row[np.argsort(row[:, 0], kind="stable")] for row in points_px[order]])
         column_x, row_y = grid[..., 0].mean(axis=0), grid[..., 1].mean(axis=1)
         column_steps, row_steps = np.diff(column_x), np.diff(row_y)
-        # For a single row or column, the scatter across it is relative to the spacing along it.
+        # For a single row or column, the perpendicular scatter is relative to the spacing within it.
         scatter = max(
             float((grid[..., axis] - means).std()) / max(float(min(steps if len(steps) else other_steps)), 1e-9)
             for axis, means, steps, other_steps in (
@@ -167,13 +171,13 @@ def _grid(points_px: FloatArray) -> tuple[int, int] | None:
                 (1, row_y[:, None], row_steps, column_steps),
             )
         )
-        if scatter < least_scatter:
-            best, least_scatter = (rows, count // rows), scatter
+        if scatter < min_scatter:
+            best, min_scatter = (rows, count // rows), scatter
     return best
 
 
 def _surplus_px(frame: DetectedFrame, regions: Sequence[shapely.Polygon]) -> FloatArray:
-    """Centroids (k, 2) of the unassigned boards that lie in no mirror still without a board."""
+    """Centroids (k, 2) of the unassigned boards outside all mirrors that have no board assigned."""
     assigned = set(frame.corners.view.tolist())
     empty_regions = [region for mirror, region in enumerate(regions) if mirror not in assigned]
     centroids = frame.unassigned_px
@@ -184,5 +188,5 @@ def _surplus_px(frame: DetectedFrame, regions: Sequence[shapely.Polygon]) -> Flo
 def _centroids_px(frame: DetectedFrame) -> FloatArray:
     """Centroids (k, 2) of all boards in a frame."""
     corners = frame.corners
-    of_views = [corners.pixels[corners.view == view].mean(axis=0) for view in np.unique(corners.view)]
-    return np.array([*of_views, *frame.unassigned_px]).reshape(-1, 2)
+    view_centroids = [corners.pixels[corners.view == view].mean(axis=0) for view in np.unique(corners.view)]
+    return np.array([*view_centroids, *frame.unassigned_px]).reshape(-1, 2)

@@ -36,9 +36,9 @@ class ModelComparison:
     Attributes
     ----------
     name
-        Level of the model, such as `joint+bend`.
+        Name of the model, such as `joint+bend`.
     against
-        Level of the nested model; None for the smallest model.
+        Name of the nested model; None for the smallest model.
     parameters
         Number of free parameters besides the board's poses. Parameters of single frames under a prior count as far as
         the corners determine them.
@@ -75,7 +75,7 @@ class ModelComparison:
 
 
 def smallest_model(fitted: Fitted) -> ModelComparison:
-    """Return the entry of the smallest model, which is compared with none."""
+    """Return the entry of the smallest model, which is compared with no other."""
     solution = fitted.solution
     return ModelComparison(
         name=fitted.name,
@@ -93,7 +93,7 @@ def smallest_model(fitted: Fitted) -> ModelComparison:
 
 
 def _parameters(solution: Solution) -> float:
-    return len(solution.parameters) + solution.frame_terms
+    return len(solution.parameters) + solution.effective_frame_terms
 
 
 def compare(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
@@ -104,7 +104,7 @@ def compare(larger: Fitted, smaller: Fitted, observations: Observations) -> Mode
 def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observations) -> ModelComparison:
     """Compare two nested models by likelihood, on the inliers of the larger one.
 
-    Priors count as likelihood, so parameters that they determine neither cost nor gain anything.
+    Priors count as part of the likelihood, so parameters that they alone determine neither cost nor gain anything.
     """
     rows = larger.solution.inliers
     inliers = observations.where(rows)
@@ -113,8 +113,8 @@ def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observatio
     squares = float(np.sum(larger.solution.standardised[rows] ** 2)) + floor
     squares += larger.model.prior_squares(larger.solution.estimate)
     at_smaller = _at_minimum(smaller, observations, rows)
-    at_nested = inliers.standardised(residuals(at_smaller, inliers, smaller.model.board))
-    squares_smaller = float(np.sum(at_nested**2)) + floor + smaller.model.prior_squares(at_smaller)
+    errors_smaller = inliers.standardised(residuals(at_smaller, inliers, smaller.model.board))
+    squares_smaller = float(np.sum(errors_smaller**2)) + floor + smaller.model.prior_squares(at_smaller)
     extra_parameters = max(_parameters(larger.solution) - _parameters(smaller.solution), 1.0)
     degrees_of_freedom = 2 * len(inliers) - _parameters(larger.solution) - 6 * len(at_smaller.rig_from_board)
     drop = max(squares_smaller - squares, 0.0) / (squares / degrees_of_freedom)
@@ -130,7 +130,7 @@ def compare_likelihood(larger: Fitted, smaller: Fitted, observations: Observatio
 
 
 def _at_minimum(fitted: Fitted, observations: Observations, rows: BoolArray) -> Estimate:
-    """Return the estimate of a model at the minimum over rows other than its own inliers."""
+    """Return the estimate of a model that minimises the cost over the given rows."""
     if np.array_equal(rows, fitted.solution.inliers):
         return fitted.solution.estimate
     return minimise(fitted.solution.estimate, observations.where(rows), fitted.model)[0]
@@ -141,24 +141,24 @@ def cross_validated(
 ) -> ModelComparison:
     """Complete a comparison by cross-validation over frames, unless the likelihood rejects the larger model.
 
-    The gain is the significance of the frames' gains, which are independent even if corners of a frame are not. The
+    The gain is the significance of the frames' gains, which are independent even if the corners of a frame are not. The
     model is not supported if there are too few frames to hold any out.
     """
-    seen = observations.where(larger.solution.inliers)
-    enough = len(np.unique(seen.frame)) >= FOLDS
+    inlier_rows = observations.where(larger.solution.inliers)
+    enough = len(np.unique(inlier_rows.frame)) >= FOLDS
     if not (comparison.chance < SUPPORTED_CHANCE and comparison.information_gain > 0.0 and enough):
         return comparison
-    fold = balanced_folds(smaller.solution.estimate, seen, smaller.model.board, FOLDS)
+    fold = balanced_folds(smaller.solution.estimate, inlier_rows, smaller.model.board, FOLDS)
     # A frame's own parameters could also fit the errors of a held-out frame, so its corners must predict each other.
     frame_terms_differ = larger.model.frame_terms != smaller.model.frame_terms
     predict = held_out_corners if frame_terms_differ else held_out_residuals
     squares, rms_px = [], []
     for fitted in (larger, smaller):
         try:
-            errors = predict(fitted.solution.estimate, seen, fitted.model, fold)
+            errors = predict(fitted.solution.estimate, inlier_rows, fitted.model, fold)
         except UndeterminedError:
             return comparison
-        squares.append(np.bincount(seen.frame, weights=np.sum(seen.standardised(errors) ** 2, axis=1)))
+        squares.append(np.bincount(inlier_rows.frame, weights=np.sum(inlier_rows.standardised(errors) ** 2, axis=1)))
         rms_px.append(float(np.sqrt(np.mean(errors**2))))
     gain = gain_sigmas(np.asarray(squares[1] - squares[0], dtype=np.float64))
     return replace(
@@ -172,8 +172,8 @@ def cross_validated(
 def gain_sigmas(gains: FloatArray) -> float:
     """Return the significance of the gains (f,) of frames, in standard deviations of a normal distribution.
 
-    It is the larger of two figures: the mean in standard errors, and Wilcoxon's signed-rank test, which detects that
-    nearly all frames gain when a few, at the border of a wrong lens, gain far more than the others.
+    It is the larger of two figures: the mean in standard errors, and Wilcoxon's signed-rank test, which detects whether
+    nearly all frames gain even if a few, at the border of a wrong lens, gain far more than the others.
     """
     error = float(np.std(gains, ddof=1)) * float(np.sqrt(len(gains)))
     if error == 0.0 or gains.sum() <= 0.0:
@@ -224,28 +224,30 @@ def frames_of(observations: Observations, estimate: Estimate, frames: BoolArray)
     return replace(rows, frame=number[rows.frame]), estimate.of_frames(frames)
 
 
-def _frames_alone(fitted: Estimate, model: Model, rest: Estimate) -> tuple[Estimate, Model]:
-    """Return the globals of one estimate with the frames of another, and the model in which only these are free."""
+def _frame_problem(fitted: Estimate, model: Model, held_out: Estimate) -> tuple[Estimate, Model]:
+    """Return the global parameters of one estimate with the frames of another, and the model with only these free."""
     shaped = Board.rigid(model.board.shaped(fitted.shape))
     frames = replace(
         fitted,
-        rig_from_board=rest.rig_from_board,
-        camera_rotation=rest.camera_rotation,
-        bow_mm=rest.bow_mm,
+        rig_from_board=held_out.rig_from_board,
+        camera_rotation=held_out.camera_rotation,
+        bow_mm=held_out.bow_mm,
         shape=np.zeros(0),
     )
-    alone = Model((), thickness=False, curvature=False, board=shaped, mirrors=False, frame_terms=model.frame_terms)
-    return frames, alone
+    frames_model = Model(
+        (), thickness=False, curvature=False, board=shaped, mirrors=False, frame_terms=model.frame_terms
+    )
+    return frames, frames_model
 
 
-def held_out(start: Estimate, observations: Observations, model: Model, out: BoolArray) -> HeldOut:
-    """Predict the frames of mask `out` (f,) by a robust fit without them."""
-    kept, kept_start = frames_of(observations, start, ~out)
-    fitted = fit(kept_start, kept, model).estimate
-    rest, rest_start = frames_of(observations, start, out)
-    placed, frames = _frames_alone(fitted, model, rest_start)
-    solution = fit(placed, rest, frames)
-    return HeldOut(solution.estimate, rest, solution.residuals, solution.inliers, frames.board)
+def predict_held_out(start: Estimate, observations: Observations, model: Model, is_held_out: BoolArray) -> HeldOut:
+    """Predict the frames of the mask `is_held_out` (f,) by a robust fit without them."""
+    training, training_start = frames_of(observations, start, ~is_held_out)
+    fitted = fit(training_start, training, model).estimate
+    held_out, held_out_start = frames_of(observations, start, is_held_out)
+    start_of_frames, frames = _frame_problem(fitted, model, held_out_start)
+    solution = fit(start_of_frames, held_out, frames)
+    return HeldOut(solution.estimate, held_out, solution.residuals, solution.inliers, frames.board)
 
 
 def held_out_residuals(start: Estimate, observations: Observations, model: Model, fold: IntArray) -> FloatArray:
@@ -254,9 +256,9 @@ def held_out_residuals(start: Estimate, observations: Observations, model: Model
     All rows are used, so that models are compared on equal terms.
     """
     errors = np.empty((len(observations), 2))
-    for out, placed, rest, frames in _left_out(start, observations, model, fold):
-        found, _ = minimise(placed, rest, frames)
-        errors[out[observations.frame]] = residuals(found, rest, frames.board)
+    for is_held_out, start_of_frames, held_out, frames in _held_out_folds(start, observations, model, fold):
+        fitted, _ = minimise(start_of_frames, held_out, frames)
+        errors[is_held_out[observations.frame]] = residuals(fitted, held_out, frames.board)
     return errors
 
 
@@ -266,27 +268,27 @@ def held_out_corners(start: Estimate, observations: Observations, model: Model, 
     A frame's own parameters are fitted to every other corner of each view, and predict the corners between them.
     """
     errors = np.empty((len(observations), 2))
-    for out, placed, rest, frames in _left_out(start, observations, model, fold):
-        in_fold = np.empty((len(rest), 2))
+    for is_held_out, start_of_frames, held_out, frames in _held_out_folds(start, observations, model, fold):
+        in_fold = np.empty((len(held_out), 2))
         for half in (0, 1):
-            hidden = rest.corner % 2 == half
-            found, _ = minimise(placed, rest.where(~hidden), frames)
-            in_fold[hidden] = residuals(found, rest.where(hidden), frames.board)
-        errors[out[observations.frame]] = in_fold
+            hidden = held_out.corner % 2 == half
+            fitted, _ = minimise(start_of_frames, held_out.where(~hidden), frames)
+            in_fold[hidden] = residuals(fitted, held_out.where(hidden), frames.board)
+        errors[is_held_out[observations.frame]] = in_fold
     return errors
 
 
-def _left_out(
+def _held_out_folds(
     start: Estimate, observations: Observations, model: Model, fold: IntArray
 ) -> Iterator[tuple[BoolArray, Estimate, Observations, Model]]:
-    """Yield for each fold: mask (f,) of its frames, a start from the fit to the others, its rows, and their model."""
+    """Yield for each fold the mask (f,) of its frames, a start fitted to the other folds, its rows, and its model."""
     for number in range(int(fold.max()) + 1):
-        out = fold == number
-        kept, kept_start = frames_of(observations, start, ~out)
-        fitted, _ = minimise(kept_start, kept, model)
-        rest, rest_start = frames_of(observations, start, out)
-        placed, frames = _frames_alone(fitted, model, rest_start)
-        yield out, placed, rest, frames
+        is_held_out = fold == number
+        training, training_start = frames_of(observations, start, ~is_held_out)
+        fitted, _ = minimise(training_start, training, model)
+        held_out, held_out_start = frames_of(observations, start, is_held_out)
+        start_of_frames, frames = _frame_problem(fitted, model, held_out_start)
+        yield is_held_out, start_of_frames, held_out, frames
 
 
 def is_mirrored(observations: Observations, frames: int) -> BoolArray:
@@ -306,7 +308,7 @@ def balanced_folds(estimate: Estimate, observations: Observations, board: Board,
     size = float(np.linalg.norm(np.ptp(corners, axis=0)))
     poses = estimate.rig_from_board
     centroids = poses[:, :3, :3] @ corners.mean(axis=0) + poses[:, :3, 3]
-    # A rotation by a radian counts like a shift by the board's size.
+    # A rotation by one radian counts as much as a shift by the board's size.
     features = np.concatenate([centroids, size * poses[:, :3, :3].reshape(-1, 9) / np.sqrt(2.0)], axis=1)
     back_and_forth = [*range(parts), *reversed(range(parts))]
     path = [frame for kind in (mirrored, ~mirrored) for frame in _path(features, np.flatnonzero(kind))]
@@ -316,7 +318,7 @@ def balanced_folds(estimate: Estimate, observations: Observations, board: Board,
 
 
 def _path(points: FloatArray, members: IntArray) -> list[int]:
-    """Order members along a greedy path: from the outermost one always to the nearest remaining one."""
+    """Order members along a greedy path, from the outermost member always to the nearest remaining one."""
     remaining = list(members)
     if not remaining:
         return []
@@ -327,7 +329,7 @@ def _path(points: FloatArray, members: IntArray) -> list[int]:
     return [int(frame) for frame in path]
 
 
-def near_and_far(estimate: Estimate, observations: Observations, board: Board) -> IntArray:
+def split_by_distance(estimate: Estimate, observations: Observations, board: Board) -> IntArray:
     """Number mirrored frames by board distance, 0 below and 1 above the median; the other frames are balanced."""
     part = balanced_folds(estimate, observations, board, 2)
     mirrored = np.flatnonzero(is_mirrored(observations, len(part)))

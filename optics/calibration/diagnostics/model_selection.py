@@ -37,35 +37,35 @@ from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, M
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 
 MIN_UNEXPLAINED = 0.1
-"""Least share of the noise that mirrors must leave unexplained to raise an alarm."""
+"""Minimum unexplained residual that raises an alarm, as a fraction of the noise."""
 MIN_RELATIVE_GAIN, MIN_GAIN = 0.5, 1e-6
-"""A lens is fitted if its predicted gain is at least this fraction of the greatest, and positive."""
+"""A lens is fitted if its predicted gain is at least this fraction of the greatest gain, and positive."""
 MIN_PLATE_MM = 0.1  # thinner than any plate of a mirror
 
 
 @dataclass(frozen=True)
 class OtherSurface:
-    """Evidence that the mirrors reflect at the other surface than in the layout: the fitted thickness of their plates.
+    """Evidence that the mirrors reflect at a different surface from the one in the layout: the fitted plate thickness.
 
-    `sigma_mm` is its standard deviation for independent corner errors; `second` states whether the pictures show
-    second-surface mirrors.
+    `sigma_mm` is its standard deviation for independent corner errors; `is_second_surface` states whether the pictures
+    show second-surface mirrors.
     """
 
     thickness_mm: float
     sigma_mm: float
-    second: bool
+    is_second_surface: bool
 
-    def sentence(self, widened: float) -> str:
-        """Describe the evidence, with the standard deviation widened by a factor."""
-        thickness = f"{self.thickness_mm:.3g} +- {widened * self.sigma_mm:.2g} mm"
-        if self.second:
+    def sentence(self, inflation: float) -> str:
+        """Describe the evidence, with the standard deviation multiplied by `inflation`."""
+        thickness = f"{self.thickness_mm:.3g} +- {inflation * self.sigma_mm:.2g} mm"
+        if self.is_second_surface:
             return (
-                f"the mirrors look second-surface, {thickness} thick if the index is {PLATE_INDEX}: the layout has "
-                "first-surface ones; --model second_surface+auto calibrates them as such"
+                f"the mirrors appear to be second-surface, {thickness} thick if the index is {PLATE_INDEX}: the layout "
+                "has first-surface mirrors; --model second_surface+auto calibrates them as such"
             )
         return (
-            f"the plates come out {thickness} thick: the mirrors look first-surface, the layout has second-surface "
-            "ones; --model first_surface+auto calibrates them as such"
+            f"the plates come out {thickness} thick: the mirrors appear to be first-surface, the layout has "
+            "second-surface mirrors; --model first_surface+auto calibrates them as such"
         )
 
 
@@ -78,12 +78,12 @@ class ModelSelection:
 
     Attributes
     ----------
-    level
-        Level of the selected model, such as `joint+bend`.
+    model_name
+        Name of the selected model, such as `joint+bend`.
     model
         The selected model with its free parameters.
     solution
-        Its fit. The covariance is scaled by `widened` squared.
+        Its fit. The covariance is scaled by `inflation` squared.
     comparisons
         Each fitted model compared with the model nested in it.
     free_views
@@ -91,14 +91,14 @@ class ModelSelection:
     alarms
         Contradictions to the model, one sentence each.
     other_surface
-        Evidence that the mirrors are of another kind than in the layout, if any.
+        Evidence that the mirrors reflect at a different surface from the one in the layout, if any.
     notes
-        What could not be determined, one sentence each.
-    widened
+        Undetermined quantities, one sentence each.
+    inflation
         Factor on the standard deviations, relative to independent corner errors.
     """
 
-    level: str
+    model_name: str
     model: Model
     solution: Solution
     comparisons: tuple[ModelComparison, ...]
@@ -106,13 +106,13 @@ class ModelSelection:
     alarms: tuple[str, ...]
     notes: tuple[str, ...]
     other_surface: OtherSurface | None = None
-    widened: float = 1.0
+    inflation: float = 1.0
 
-    def widened_to(self, factor: float) -> ModelSelection:
+    def inflated_to(self, factor: float) -> ModelSelection:
         """Return the selection with standard deviations of at least `factor` times those for independent errors."""
-        further = max(factor / self.widened, 1.0)
-        solution = replace(self.solution, covariance=further**2 * self.solution.covariance)
-        return replace(self, solution=solution, widened=further * self.widened)
+        factor_change = max(factor / self.inflation, 1.0)
+        solution = replace(self.solution, covariance=factor_change**2 * self.solution.covariance)
+        return replace(self, solution=solution, inflation=factor_change * self.inflation)
 
 
 def select_model(
@@ -125,10 +125,10 @@ def select_model(
 ) -> ModelSelection:
     """Fit the requested model and, if it is automatic, extend it by forward selection.
 
-    The camera was estimated from the same corners, so only `joint` and larger models have a valid uncertainty: `paper`
-    is used only on request, or if the corners do not determine the intrinsics. From `joint` on, the most informative
-    addition is made while one is supported: its likelihood ratio exceeds noise, and held-out frames are predicted
-    better.
+    The camera was estimated from the same corners, so only `joint` and larger models have a valid uncertainty. The
+    model `paper`, with fixed intrinsics, is used only on request, or if the corners do not determine the intrinsics.
+    Starting from `joint`, the most informative addition is made as long as the data support one: its likelihood ratio
+    exceeds noise, and it predicts held-out frames better.
 
     Parameters
     ----------
@@ -160,40 +160,45 @@ def select_model(
         if not model.paper and (not model.auto or model.additions):
             raise
         note = "the corners do not determine the intrinsics: they are fixed at their initial values"
-        return conclude(paper, comparisons, observations, notes=[note])
+        return finished_selection(paper, comparisons, observations, notes=[note])
     comparisons.append(compare(current, paper, observations))
     if model.paper:
         note = "the intrinsics are fixed: no uncertainty includes their errors"
         alarms = [_alarm(current, "joint")] if comparisons[-1].supported else []
-        return conclude(paper, comparisons, observations, alarms, [note])
+        return finished_selection(paper, comparisons, observations, alarms, [note])
     additions = [name for name in ADDITIONS if not (model.lens is not None and name in LENS_ADDITIONS)]
     for name in model.additions:
         larger = fit_with(name, current, observations)
         comparisons.append(compare(larger, current, observations))
         current = larger
-    current, further, alarms, notes = forward(current, observations, additions, extend=model.auto)
+    current, further, alarms, notes = forward_selection(current, observations, additions, extend=model.auto)
     if "sheet" in current.name.split("+"):
         alarms += _missing_plate(current)
-    return conclude(current, [*comparisons, *further], observations, alarms, notes)
+    return finished_selection(current, [*comparisons, *further], observations, alarms, notes)
 
 
-def forward(
-    current: Fitted, observations: Observations, additions: Sequence[str], *, extend: bool, unplated: str = "glass"
+def forward_selection(
+    current: Fitted,
+    observations: Observations,
+    additions: Sequence[str],
+    *,
+    extend: bool,
+    plate_addition: str = "glass",
 ) -> tuple[Fitted, list[ModelComparison], list[Alarm], list[str]]:
     """Return the largest supported model, the comparisons made, alarms and notes.
 
-    If the model may not be extended, the first supported addition raises an alarm instead, as do plates that the layout
-    lacks. For mirrors without plates, `unplated` is fitted instead of the addition "sheet".
+    If the model must not be extended, the first supported addition raises an alarm instead, as do plates that the
+    layout lacks. For mirrors without plates, `plate_addition` replaces the addition "sheet".
     """
     comparisons: list[ModelComparison] = []
     alarms: list[Alarm] = []
     notes: list[str] = []
     while remaining := _remaining(current, additions):
-        candidates, undetermined = _fit_additions(current, remaining, observations, unplated)
+        candidates, undetermined = _fit_additions(current, remaining, observations, plate_addition)
         notes += undetermined
         best = None
         likelihoods = [(fitted, compare_likelihood(fitted, current, observations)) for fitted in candidates]
-        # Cross-validation is expensive: the most informative addition is tried first, the others only if it fails.
+        # Cross-validation is expensive: the most informative addition is tried first, others only if it fails.
         for fitted, comparison in sorted(likelihoods, key=lambda pair: -pair[1].information_gain):
             comparisons.append(
                 comparison if best is not None else cross_validated(comparison, fitted, current, observations)
@@ -218,18 +223,18 @@ def _remaining(current: Fitted, additions: Sequence[str]) -> list[str]:
 
 
 def _fit_additions(
-    current: Fitted, remaining: Sequence[str], observations: Observations, unplated: str
+    current: Fitted, remaining: Sequence[str], observations: Observations, plate_addition: str
 ) -> tuple[list[Fitted], list[str]]:
     """Fit each further addition; also return a note on each addition that the corners do not determine.
 
-    Another lens is fitted only if one step towards it predicts an information gain close to the greatest.
+    A different lens is fitted only if one step towards it predicts an information gain close to the greatest.
     """
     plates = (current.solution.estimate.thickness_mm > 0.0).any()
     fits, notes = [], []
     gains = {name: predicted_gain(name, current, observations) for name in remaining if name in LENS_ADDITIONS}
     min_gain = max(MIN_RELATIVE_GAIN * max(gains.values(), default=0.0), MIN_GAIN)
     for name in (name for name in remaining if gains.get(name, min_gain) >= min_gain):
-        addition = unplated if name == "sheet" and not plates else name
+        addition = plate_addition if name == "sheet" and not plates else name
         try:
             fits.append(fit_with(addition, current, observations))
         except UndeterminedError as error:
@@ -241,16 +246,16 @@ def _missing_plate(fitted: Fitted) -> list[Alarm]:
     thickness_mm, sigma_mm = plate_thickness(fitted)
     if thickness_mm > max(3.0 * sigma_mm, MIN_PLATE_MM):
         return []
-    return [OtherSurface(thickness_mm, sigma_mm, second=False)]
+    return [OtherSurface(thickness_mm, sigma_mm, is_second_surface=False)]
 
 
 def _alarm(best: Fitted, addition: str) -> Alarm:
     if addition == "glass":
-        return OtherSurface(*plate_thickness(best), second=True)
-    return f"the data support a further level, {best.name}"
+        return OtherSurface(*plate_thickness(best), is_second_surface=True)
+    return f"the data support a larger model, {best.name}"
 
 
-def conclude(
+def finished_selection(
     current: Fitted,
     comparisons: Sequence[ModelComparison],
     observations: Observations,
@@ -269,14 +274,14 @@ def conclude(
         and free.unexplained_px > max(MIN_UNEXPLAINED * free.rms_px, NEGLIGIBLE_PX)
     ):
         alarm = (
-            f"the mirrors of {current.name} leave {free.unexplained_px:.2g} px unexplained "
-            "that free virtual cameras explain"
+            f"the mirrors of the model {current.name} leave residuals of {free.unexplained_px:.2g} px "
+            "that only free virtual cameras explain"
         )
         alarms = [*alarms, alarm]
-    widening = correlated_errors(current.solution, observations, current.model).widening
-    if widening > 1.0:
+    inflation = correlated_errors(current.solution, observations, current.model).inflation
+    if inflation > 1.0:
         note = (
-            f"the errors of corners in one frame are correlated: all uncertainties are {widening:.1f} times those of "
+            f"the errors of corners in one frame are correlated: all uncertainties are {inflation:.1f} times those of "
             "independent errors"
         )
         notes = [*notes, note]
@@ -290,4 +295,4 @@ def conclude(
         tuple(notes),
         next((alarm for alarm in alarms if isinstance(alarm, OtherSurface)), None),
     )
-    return selected.widened_to(widening)
+    return selected.inflated_to(inflation)

@@ -3,8 +3,8 @@
 `paper`: virtual centres and board poses, with the camera fixed. `joint`: intrinsics as well. Further additions, in any
 order: `sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of
 the board. `bow`: a bow of the board in each frame. `turn`: a rotation of the camera in each frame. `board`: free
-corners of the board. `turn` and `board` need a board that is seen both directly and in mirrors. `rational`, `prism`:
-further lens parameters; `spline`: a field over the view; `fisheye`: another lens (`LENS_ADDITIONS`).
+corners of the board. `turn` and `board` need frames that show the board both directly and in mirrors. `rational`,
+`prism`: further lens parameters; `spline`: a field over the view; `fisheye`: a different lens (`LENS_ADDITIONS`).
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ from mirrorcam.optics.geometry.plate import rise_mm
 
 PRIOR_ROUNDS = 3
 """Number of fits after which a prior's width, which follows the fit, has converged."""
-TURN_PX = 0.5
-"""Standard deviation of the camera's rotation that remains after the background's is removed, px."""
+ROTATION_SIGMA_PX = 0.5
+"""Standard deviation of the camera's rotation that remains after removing the background's rotation, px."""
 INITIAL_BOW, MIN_BOW = 0.02, 1e-4
-"""Initial and least standard deviation of the bow of boards, relative to a board's longer side."""
+"""Initial and minimum standard deviation of the bow of boards, relative to a board's longer side."""
 PATTERN_CELLS, MIN_CORNERS_PER_CELL, PATTERN_CHANCE = (12, 7), 5, 1e-3
-"""Cells across and down the sensor, corners required in each, and the chance of a pattern by noise."""
+"""Columns and rows of cells on the sensor, corners required in each, and the probability of a pattern by noise."""
 STEP_DAMPING = 1e-9
-"""Relative damping against rounding, if two parameters of a lens are nearly degenerate."""
-MIN_COST_SHARE = 1e-3
-"""Least fraction of the cost after one step: its prediction is only linear."""
+"""Relative damping against rounding errors if two parameters of a lens are nearly degenerate."""
+MIN_COST_FRACTION = 1e-3
+"""Minimum fraction of the cost after one step, because its prediction is only linear."""
 PLATE_MM, PLATE_INDEX = 1.0, 1.49
-"""Initial plate if the layout has first-surface mirrors; the index is acrylic's."""
-PLATE_SHARE, GLASS_INDEX = 0.01, 1.52
-"""Thickness relative to the mirrors' mean distance, and index of soda-lime glass, without a layout."""
+"""Initial thickness and refractive index (acrylic) of plates if the layout has first-surface mirrors."""
+PLATE_FRACTION, GLASS_INDEX = 0.01, 1.52
+"""The same without a layout: thickness relative to the mirrors' mean distance, and index of soda-lime glass."""
 LENS_ADDITIONS: Mapping[str, LensName] = MappingProxyType(
     {"rational": "rational", "prism": "thin_prism", "fisheye": "fisheye", "spline": "spline"}
 )
-"""Lens model of each addition. A fisheye is no extension but another lens."""
+"""Lens model of each addition. A fisheye is not an extension but a different lens model."""
 ADDITIONS = ("sheet", "bend", "warp", "bow", *LENS_ADDITIONS)
 _FURTHER: Mapping[LensName, tuple[str, ...]] = MappingProxyType(
     {
@@ -62,7 +62,7 @@ _FURTHER: Mapping[LensName, tuple[str, ...]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Fitted:
-    """A fitted model with the name of its level."""
+    """A fitted model with its name, such as `joint+bend`."""
 
     name: str
     model: Model
@@ -70,7 +70,7 @@ class Fitted:
 
 
 def fit_as(name: str, start: Estimate, observations: Observations, model: Model) -> Fitted:
-    """Fit a model under the name of its level; raises UndeterminedError if the corners do not determine it."""
+    """Fit a model and name it; raises UndeterminedError if the corners do not determine it."""
     return Fitted(name, model, fit(start, observations, model))
 
 
@@ -97,7 +97,7 @@ def first_fit(
 
 
 def extended(model: Model, addition: str) -> Model:
-    """Return the model extended by an addition whose parameters all frames share."""
+    """Return the model extended by an addition whose parameters are common to all frames."""
     if addition in {"sheet", "glass", "plates"}:
         return replace(model, thickness=True)
     if addition == "bend":
@@ -110,13 +110,13 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
     """Fit a fitted model extended by an addition.
 
     For first-surface mirrors, two additions replace "sheet": "glass", only for comparison, and "plates", if nothing is
-    known of the mirrors. Raises InputError for "sheet" then, and UndeterminedError if the corners do not determine the
-    model.
+    known about the mirrors. Raises InputError for "sheet" on them, and UndeterminedError if the corners do not
+    determine the model.
     """
     estimate = smaller.solution.estimate
     name = f"{smaller.name}+{'sheet' if addition == 'plates' else addition}"
     if addition == "sheet" and not (estimate.thickness_mm > 0.0).any():
-        raise InputError("level sheet: the layout has no second-surface mirror, expected one whose thickness can vary")
+        raise InputError("model sheet: the layout has no second-surface mirror, expected one whose thickness can vary")
     if addition in {"turn", "bow"}:
         return _fit_with_terms(name, smaller, observations, addition)
     if addition in LENS_ADDITIONS:
@@ -126,7 +126,7 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
         estimate = as_second_surface(estimate, PLATE_MM, PLATE_INDEX)
     if addition == "plates":
         distance = float(np.linalg.norm(estimate.virtual_centres_in_rig_mm, axis=1).mean()) / 2.0
-        estimate = as_second_surface(estimate, PLATE_SHARE * distance, GLASS_INDEX)
+        estimate = as_second_surface(estimate, PLATE_FRACTION * distance, GLASS_INDEX)
     model = extended(smaller.model, addition)
     if len(model.board.modes) != len(estimate.shape):
         estimate = replace(estimate, shape=np.zeros(len(model.board.modes)))
@@ -134,10 +134,10 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
 
 
 def _with_lens(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
-    """Return estimate and model with another lens; raises InputError if the camera's own lens cannot become it."""
+    """Return estimate and model with a different lens; raises InputError if the camera's lens cannot become it."""
     estimate, additions = smaller.solution.estimate, smaller.name.split("+")
     if addition not in further_lenses(estimate.camera, additions):
-        raise InputError(f"level {smaller.name}+{addition}: the camera already has a {estimate.camera.lens_model} lens")
+        raise InputError(f"model {smaller.name}+{addition}: the camera already has a {estimate.camera.lens_model} lens")
     camera = with_addition(estimate.camera, addition)
     return replace(estimate, camera=camera), replace(
         smaller.model, intrinsics=free_intrinsics(camera, [*additions, addition])
@@ -145,7 +145,7 @@ def _with_lens(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
 
 
 def predicted_gain(addition: str, smaller: Fitted, observations: Observations) -> float:
-    """Predict the decrease of the Bayesian information criterion from one step towards another lens.
+    """Predict the decrease of the Bayesian information criterion from one step towards a different lens.
 
     This is Rao's score test, which needs no fit of the larger model. For a field, with its many parameters, the gain is
     0 if the residuals have no pattern over the sensor.
@@ -161,12 +161,12 @@ def predicted_gain(addition: str, smaller: Fitted, observations: Observations) -
     extra_parameters = max(len(model.intrinsics) - len(smaller.model.intrinsics), 1)
     if cost == 0.0:  # simulated corners without noise
         return 0.0
-    cost_after_step = max(start_cost - drop, MIN_COST_SHARE * cost)
+    cost_after_step = max(start_cost - drop, MIN_COST_FRACTION * cost)
     return 2 * len(inliers) * float(np.log(cost / cost_after_step)) - extra_parameters * float(np.log(2 * len(inliers)))
 
 
 def _has_pattern(solution: Solution, observations: Observations) -> bool:
-    """Whether the mean residuals in cells of the sensor are larger than by chance."""
+    """Return whether the mean residuals in cells of the sensor are larger than by chance."""
     camera, rows = solution.estimate.camera, solution.inliers
     cell_coordinates = observations.pixels[rows] / [camera.width_px, camera.height_px] * PATTERN_CELLS
     col, row = np.clip(cell_coordinates.astype(np.int64), 0, np.array(PATTERN_CELLS) - 1).T
@@ -174,27 +174,27 @@ def _has_pattern(solution: Solution, observations: Observations) -> bool:
     counts = np.bincount(cell)
     sums = [np.bincount(cell, weights=component) for component in solution.standardised[rows].T]
     filled = counts >= MIN_CORNERS_PER_CELL
-    squares = float(sum(np.sum(each[filled] ** 2 / counts[filled]) for each in sums))
-    # Not relative to the noise, because simulated corners have none.
+    squares = float(sum(np.sum(component[filled] ** 2 / counts[filled]) for component in sums))
+    # The excess is not compared with the noise, because simulated corners have none.
     return squares > solution.scale**2 * float(chi2.isf(PATTERN_CHANCE, 2 * int(filled.sum())))
 
 
 def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:
-    """Fit with one more kind of per-frame parameters, under priors that follow the noise and the fitted bows."""
+    """Fit with one more kind of per-frame parameters, under priors that adapt to the noise and the fitted bows."""
     scale, terms = smaller.solution.scale, smaller.model.frame_terms
-    turns = addition == "turn" or terms.rotation_per_rad is not None
-    bows = addition == "bow" or terms.bow_per_mm is not None
+    has_rotations = addition == "turn" or terms.rotation_per_rad is not None
+    has_bows = addition == "bow" or terms.bow_per_mm is not None
     board, estimate = smaller.model.board, smaller.solution.estimate
     size = float(np.ptp(board.corners_in_board_mm, axis=0).max())
     bow_mm = INITIAL_BOW * size
     for _ in range(PRIOR_ROUNDS):
         priors = FrameTerms(
-            rotation_per_rad=scale * estimate.camera.fx_px / TURN_PX if turns else None,
-            bow_per_mm=scale / bow_mm if bows else None,
+            rotation_per_rad=scale * estimate.camera.fx_px / ROTATION_SIGMA_PX if has_rotations else None,
+            bow_per_mm=scale / bow_mm if has_bows else None,
         )
         fitted = fit_as(name, estimate, observations, replace(smaller.model, frame_terms=priors))
         scale, estimate = fitted.solution.scale, fitted.solution.estimate
-        if bows:
+        if has_bows:
             bow_mm = max(_bow_sigma_mm(fitted, observations), MIN_BOW * size)
     return fitted
 
@@ -209,14 +209,16 @@ def _bow_sigma_mm(fitted: Fitted, observations: Observations) -> float:
 
 
 def as_second_surface(estimate: Estimate, thickness_mm: float, index: float) -> Estimate:
-    """Return the estimate with second-surface mirrors that look the same along the chief ray of each."""
+    """Return the estimate with second-surface mirrors that look the same along each mirror's chief ray."""
     centres = estimate.virtual_centres_in_rig_mm
     distance = np.linalg.norm(centres, axis=1) / 2.0
     foot = centres / 2.0
-    offset = estimate.middles_in_rig_mm - foot
-    along = np.sum(offset * centres, axis=1, keepdims=True) / np.sum(centres * centres, axis=1, keepdims=True) * centres
-    across = np.linalg.norm(offset - along, axis=1)
-    rise = rise_mm(across / distance, thickness_mm, index)
+    offset = estimate.centroids_in_rig_mm - foot
+    normal_part = (
+        np.sum(offset * centres, axis=1, keepdims=True) / np.sum(centres * centres, axis=1, keepdims=True) * centres
+    )
+    lateral = np.linalg.norm(offset - normal_part, axis=1)
+    rise = rise_mm(lateral / distance, thickness_mm, index)
     mirrors = len(centres)
     return replace(
         estimate,
@@ -250,6 +252,6 @@ def with_addition(camera: Camera, addition: str) -> Camera:
 
 
 def free_intrinsics(camera: Camera, additions: Collection[str]) -> tuple[str, ...]:
-    """Names of the free intrinsics of a model with some additions: all, or all but a quotient's divisor."""
-    without_divisor = "prism" in additions and "rational" not in additions
-    return tuple(name for name in camera.intrinsic_names if not (without_divisor and name in {"k4", "k5", "k6"}))
+    """Names of the free intrinsics of a model with some additions: all, or all but the denominator's coefficients."""
+    without_denominator = "prism" in additions and "rational" not in additions
+    return tuple(name for name in camera.intrinsic_names if not (without_denominator and name in {"k4", "k5", "k6"}))

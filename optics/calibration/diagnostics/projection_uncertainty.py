@@ -1,8 +1,8 @@
 """Propagation of a calibration's covariance to the pixels of each view and to triangulated depth.
 
-After mrcal's projection uncertainty (Kogan). The frame is the rig, i.e. the camera: pinhole, optical axis and pixel
-axes define it, and the board's poses, free in the fit, are marginalised. The rig's own pose is therefore determined,
-and a point can be fixed in rig while camera and mirrors vary. An error common to all views counts in full there (an
+After mrcal's projection uncertainty (Kogan). The rig frame is that of the camera: pinhole, optical axis and pixel
+axes define it, and the board's poses, free in the fit, are marginalised. The pose of the rig frame is thus determined,
+and a point can be fixed in it while camera and mirrors vary. An error common to all views counts in full there (an
 error of the principal point is nearly a rotation of all mirrors); relative to the reference view, on which depth
 depends, it cancels.
 """
@@ -22,7 +22,7 @@ from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, globa
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 NEGLIGIBLE_PX = 1e-4
-"""Difference below the precision of any detected corner, and therefore insignificant."""
+"""Insignificant difference: below the precision of any detected corner."""
 GRID = 9
 """Points of a map along the longer side of a sub-image."""
 
@@ -35,15 +35,15 @@ class ProjectedPoints:
     ----------
     pixels
         (n, 2).
-    by_parameter
-        Derivatives (n, 2, g) by the parameters, in the order of the layout's uncertainty.
-    by_point
-        Derivatives (n, 2, 3) by the points in rig, px/mm.
+    d_parameter
+        Derivatives (n, 2, g) with respect to the parameters, in the order of the layout's uncertainty.
+    d_point
+        Derivatives (n, 2, 3) with respect to the points in the rig frame, px/mm.
     """
 
     pixels: FloatArray
-    by_parameter: FloatArray
-    by_point: FloatArray
+    d_parameter: FloatArray
+    d_point: FloatArray
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class ProjectionMap:
     pixels
         Pixels (n, 2) of the points.
     in_rig
-        Covariance (n, 2, 2), px^2, of the pixel of a point fixed in rig.
+        Covariance (n, 2, 2), px^2, of the pixel of a point fixed in the rig frame.
     against_reference
         The same for a point fixed in the reference view; zero for the reference view itself.
     """
@@ -89,33 +89,33 @@ def worst_sigmas(covariances: FloatArray) -> FloatArray:
 def uncertainty_of(layout: Layout) -> Uncertainty:
     """Return the covariance of a calibrated layout; raises ValueError if it has none."""
     if layout.uncertainty is None:
-        raise ValueError("the layout has no uncertainty, expected a calibrated one")
+        raise ValueError("the layout has no uncertainty, expected a calibrated layout")
     return layout.uncertainty
 
 
 def project_points(layout: Layout, view: int | NDArray[np.int64], points_in_rig: FloatArray) -> ProjectedPoints:
-    """Project points (n, 3), mm in rig, in one view (a mirror, or DIRECT) or each in its own view (n,).
+    """Project points (n, 3), rig frame, mm, in one view (a mirror, or DIRECT) or each in its own view (n,).
 
     The model is the solver's. A layout without covariance has no parameters.
     """
-    known = () if layout.uncertainty is None else layout.uncertainty.parameters
+    parameters = () if layout.uncertainty is None else layout.uncertainty.parameters
     count = len(points_in_rig)
     estimate = Estimate.of(layout.camera, layout.mirrors, np.eye(4)[None])
     frame = np.zeros(count, dtype=np.int64)
     rows = Observations(frame, np.broadcast_to(view, count), np.arange(count), np.zeros((count, 2)))
-    pixels, by_global, by_frame = residuals_with_jacobians(estimate, rows, Board.rigid(points_in_rig))
+    pixels, d_global, d_frame = residuals_with_jacobians(estimate, rows, Board.rigid(points_in_rig))
     names = global_names(layout.camera.intrinsic_names, len(layout.mirrors), 0)
     column = {name: k for k, name in enumerate(names)}
-    return ProjectedPoints(pixels, by_global[:, :, [column[name] for name in known]], by_frame[:, :, 3:6])
+    return ProjectedPoints(pixels, d_global[:, :, [column[name] for name in parameters]], d_frame[:, :, 3:6])
 
 
 def virtual_centre(layout: Layout, view: int) -> FloatArray:
-    """Centre of projection (3,) of a view, mm in rig: of the apparent mirror, or the pupil itself if DIRECT."""
+    """Centre of projection (3,) of a view, rig frame, mm: the apparent mirror's, or the pupil itself if DIRECT."""
     return np.zeros(3) if view == DIRECT else layout.mirrors[view].apparent.virtual_centre_in_rig_mm
 
 
 def points_at_pixels(layout: Layout, view: int, pixels: FloatArray, range_mm: float) -> FloatArray:
-    """Return points (n, 3), mm in rig, at pixels (n, 2) of a view, `range_mm` from its centre of projection.
+    """Return points (n, 3), rig frame, mm, at pixels (n, 2) of a view, `range_mm` from its centre of projection.
 
     Plates and bent mirrors are approximated by their apparent flat first-surface mirrors.
     """
@@ -133,7 +133,7 @@ def outline_px(layout: Layout, view: int) -> FloatArray:
 
 
 def grid_px(layout: Layout, view: int) -> FloatArray:
-    """Pixels (n, 2) of an even grid over a view's sub-image."""
+    """Pixels (n, 2) of a uniform grid over a view's sub-image."""
     outline = outline_px(layout, view)
     low, high = outline.min(axis=0), outline.max(axis=0)
     step = (high - low).max() / GRID
@@ -143,25 +143,25 @@ def grid_px(layout: Layout, view: int) -> FloatArray:
     return pixels[contains_xy(Polygon(outline), pixels[:, 0], pixels[:, 1])]
 
 
-def derivatives_held_in(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:
-    """Derivatives (n, 3, g), mm, by the parameters of points (n, 3) that are fixed in the reference view.
+def derivatives_in_reference(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:
+    """Derivatives (n, 3, g), mm, of points (n, 3) fixed in the reference view, with respect to the parameters.
 
     Their pixels in the reference view and their distances from its virtual centre are fixed.
     """
     projected = project_points(layout, reference, points_in_rig)
-    sight = points_in_rig - virtual_centre(layout, reference)
-    sight = sight / np.linalg.norm(sight, axis=1, keepdims=True)
-    by_centre = centre_derivatives(layout, reference)
-    system = np.concatenate([projected.by_point, sight[:, None, :]], axis=1)
-    rhs = np.concatenate([-projected.by_parameter, np.einsum("ni,ig->ng", sight, by_centre)[:, None, :]], axis=1)
+    line_of_sight = points_in_rig - virtual_centre(layout, reference)
+    line_of_sight = line_of_sight / np.linalg.norm(line_of_sight, axis=1, keepdims=True)
+    d_centre = centre_derivatives(layout, reference)
+    system = np.concatenate([projected.d_point, line_of_sight[:, None, :]], axis=1)
+    rhs = np.concatenate([-projected.d_parameter, np.einsum("ni,ig->ng", line_of_sight, d_centre)[:, None, :]], axis=1)
     return np.asarray(np.linalg.solve(system, rhs))
 
 
 def centre_derivatives(layout: Layout, view: int) -> FloatArray:
-    """Derivatives (3, g) of a view's virtual centre by the parameters.
+    """Derivatives (3, g) of a view's virtual centre with respect to the parameters.
 
-    The distance between apparent mirror and coating is fixed. It varies with the plate's thickness, but the origin of a
-    ray along its line is a convention that no picture determines.
+    The distance between apparent mirror and coating is treated as fixed. It varies with the plate's thickness, but the
+    position of a ray's origin on the ray is a convention that no picture determines.
     """
     names = uncertainty_of(layout).parameters
     derivatives = np.zeros((3, len(names)))
@@ -178,18 +178,18 @@ def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float
     points = points_at_pixels(layout, view, pixels, range_mm)
     covariance = uncertainty_of(layout).covariance
     projected = project_points(layout, view, points)
-    relative = projected.by_parameter + projected.by_point @ derivatives_held_in(layout, reference, points)
+    relative = projected.d_parameter + projected.d_point @ derivatives_in_reference(layout, reference, points)
     return ProjectionMap(
         view=view,
         range_mm=range_mm,
         pixels=pixels,
-        in_rig=propagated(projected.by_parameter, covariance),
-        against_reference=propagated(relative, covariance),
+        in_rig=propagate(projected.d_parameter, covariance),
+        against_reference=propagate(relative, covariance),
     )
 
 
-def propagated(derivatives: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Propagate a covariance (g, g) by derivatives (..., k, g) to covariances (..., k, k)."""
+def propagate(derivatives: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Propagate a covariance (g, g) through derivatives (..., k, g) to covariances (..., k, k)."""
     return np.asarray(derivatives @ covariance @ np.swapaxes(derivatives, -1, -2))
 
 
@@ -210,10 +210,10 @@ class DepthUncertainty:
     matching_mm
         Standard deviations (k,) from matching noise; NaN if fewer than two views show the point.
     calibration_mm
-        Standard deviations (k,) from the calibration; NaN likewise.
+        Standard deviations (k,) from the calibration; NaN in the same cases.
     views
         Number of views (k,) that show the point.
-    at_px
+    pixel
         Pixel (2,) of the reference view at which the point appears.
     matching_px
         Standard deviation of the matching noise, per axis and view.
@@ -223,17 +223,17 @@ class DepthUncertainty:
     matching_mm: FloatArray
     calibration_mm: FloatArray
     views: NDArray[np.int64]
-    at_px: FloatArray
+    pixel: FloatArray
     matching_px: float
 
     @property
     def total_mm(self) -> FloatArray:
-        """Combination (k,) of both, which are independent."""
+        """Root sum of squares (k,) of both, which are independent."""
         return np.hypot(self.matching_mm, self.calibration_mm)
 
 
 def depth_uncertainty(
-    layout: Layout, ranges_mm: FloatArray, *, reference: int, at_px: FloatArray, matching_px: float
+    layout: Layout, ranges_mm: FloatArray, *, reference: int, pixel: FloatArray, matching_px: float
 ) -> DepthUncertainty:
     """Propagate matching noise and a calibration's covariance to triangulated distances.
 
@@ -248,16 +248,16 @@ def depth_uncertainty(
         Distances (k,), mm.
     reference
         The reference view: a mirror's index, or DIRECT.
-    at_px
+    pixel
         Pixel (2,) of the reference view at which the points appear.
     matching_px
         Standard deviation of the matching noise, per axis and view.
     """
     used_views = sorted({reference, *range(len(layout.mirrors))})
     outlines = [Polygon(outline_px(layout, view)) for view in used_views]
-    points = np.concatenate([points_at_pixels(layout, reference, at_px[None], float(r)) for r in ranges_mm])
+    points = np.concatenate([points_at_pixels(layout, reference, pixel[None], float(r)) for r in ranges_mm])
     projected = [project_points(layout, view, points) for view in used_views]
-    centre, by_centre = virtual_centre(layout, reference), centre_derivatives(layout, reference)
+    centre, d_centre = virtual_centre(layout, reference), centre_derivatives(layout, reference)
     covariance = uncertainty_of(layout).covariance
     matching, calibration, views = [], [], []
     for k, point in enumerate(points):
@@ -267,18 +267,18 @@ def depth_uncertainty(
             matching.append(np.nan)
             calibration.append(np.nan)
             continue
-        by_point = np.concatenate([s.by_point[k] for s in visible])
-        by_parameter = np.concatenate([s.by_parameter[k] for s in visible])
-        sight = (point - centre) / np.linalg.norm(point - centre)
-        by_pixels = sight @ np.linalg.pinv(by_point)
-        by_calibration = -by_pixels @ by_parameter - sight @ by_centre
-        matching.append(matching_px * float(np.linalg.norm(by_pixels)))
-        calibration.append(float(np.sqrt(by_calibration @ covariance @ by_calibration)))
+        d_point = np.concatenate([s.d_point[k] for s in visible])
+        d_parameter = np.concatenate([s.d_parameter[k] for s in visible])
+        line_of_sight = (point - centre) / np.linalg.norm(point - centre)
+        d_pixels = line_of_sight @ np.linalg.pinv(d_point)
+        d_calibration = -d_pixels @ d_parameter - line_of_sight @ d_centre
+        matching.append(matching_px * float(np.linalg.norm(d_pixels)))
+        calibration.append(float(np.sqrt(d_calibration @ covariance @ d_calibration)))
     return DepthUncertainty(
         range_mm=np.array(ranges_mm, dtype=np.float64),
         matching_mm=np.array(matching),
         calibration_mm=np.array(calibration),
         views=np.array(views),
-        at_px=at_px,
+        pixel=pixel,
         matching_px=matching_px,
     )

@@ -3,7 +3,7 @@
 `joint` (the default) solves the camera jointly with the mirrors; `paper` fixes it as estimated from the pictures
 without mirrors. A lens name fixes the lens model; without one, it is the layout's. `sheet`, `bend`, `warp`, `bow` and
 `prism` free further parameters (`nested_models`); with a direct view, `sheet`, `bow`, `turn` and `board`. `auto` adds
-whatever else the pictures support. `first_surface` and `second_surface` correct the layout's mirrors. Levels in
+any others that the pictures support. `first_surface` and `second_surface` correct the layout's mirrors. Model names in
 results, such as joint+bend, have the same form.
 """
 
@@ -29,7 +29,7 @@ class RequestedModel:
     Attributes
     ----------
     lens
-        Lens model of the camera, the only one tried; None: the layout's.
+        Lens model of the camera, the only one tried; None for the layout's.
     additions
         Parameters to free besides the camera, the virtual centres and the board's poses.
     paper
@@ -37,7 +37,7 @@ class RequestedModel:
     auto
         Whether further additions are made if the pictures support them; otherwise they raise an alarm.
     surface
-        Reflecting surface of the mirrors; None: as the layout states.
+        Reflecting surface of the mirrors; None if it is as the layout states.
     """
 
     lens: LensName | None = None
@@ -53,10 +53,16 @@ class RequestedModel:
         lenses = [word for word in get_args(LensName) if word in words]
         surfaces = [surface for word, surface in SURFACES.items() if word in words]
         additions = tuple(word for word in words if word in LAYOUT_ADDITIONS or word in DIRECT_ADDITIONS)
-        named = {"joint", "paper", "auto", *lenses, *additions, *SURFACES}
-        if unknown := [word for word in words if word not in named]:
-            known = ("auto", "joint", "paper", *get_args(LensName), *dict.fromkeys(LAYOUT_ADDITIONS + DIRECT_ADDITIONS))
-            raise InputError(f"unknown word {unknown[0]!r} of a model, expected {', '.join((*known, *SURFACES))}")
+        accepted = {"joint", "paper", "auto", *lenses, *additions, *SURFACES}
+        if unknown := [word for word in words if word not in accepted]:
+            choices = (
+                "auto",
+                "joint",
+                "paper",
+                *get_args(LensName),
+                *dict.fromkeys(LAYOUT_ADDITIONS + DIRECT_ADDITIONS),
+            )
+            raise InputError(f"unknown word {unknown[0]!r} of a model, expected {', '.join((*choices, *SURFACES))}")
         paper, auto = "paper" in words, "auto" in words
         fixed = paper and (auto or additions or "joint" in words)
         if len(set(words)) < len(words) or len(lenses) > 1 or len(surfaces) > 1 or fixed:
@@ -72,9 +78,9 @@ class RequestedModel:
         )
 
     def check_mirrored(self) -> None:
-        """Raise InputError if a word needs a direct view of the board, or another layout."""
+        """Raise InputError if a word needs a direct view of the board, or a different layout."""
         if self.surface is not None:
-            raise InputError(f"model: {self.surface}_surface, expected it in the layout")
+            raise InputError(f"model: {self.surface}_surface, expected a layout with this surface")
         if direct := [name for name in self.additions if name not in LAYOUT_ADDITIONS]:
             raise InputError(
                 f"model: {direct[0]} needs a direct view of the board, expected {', '.join(LAYOUT_ADDITIONS)}"
@@ -84,7 +90,9 @@ class RequestedModel:
         """Raise InputError if a word needs a layout."""
         needs_layout = self.lens is not None or self.paper or self.surface is not None
         if needs_layout or any(name not in DIRECT_ADDITIONS for name in self.additions):
-            raise InputError(f"model: expected auto or joint, with any of {', '.join(DIRECT_ADDITIONS)}: no layout")
+            raise InputError(
+                f"model: expected auto or joint, with any of {', '.join(DIRECT_ADDITIONS)}, without a layout"
+            )
 
 
 AUTO = RequestedModel(auto=True)

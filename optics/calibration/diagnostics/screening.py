@@ -1,6 +1,6 @@
 """Screening of observations before a calibration: contradictory corners, views and frames are dropped or refused.
 
-The nominal layout is only the start: every test compares the pictures with each other.
+The nominal layout is only a starting point: every test compares the pictures with each other.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics import consistency
-from mirrorcam.optics.calibration.diagnostics.corner_noise import with_noise_of_views
+from mirrorcam.optics.calibration.diagnostics.corner_noise import with_view_noise
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     free_intrinsics,
     further_lenses,
@@ -35,28 +35,28 @@ class ScreenedFrames:
 
     Attributes
     ----------
-    seen, base
+    mirrored, base
         Corners by frame, with and without mirrors, with standard deviations from the noise of each view.
     notes
-        What was dropped, one sentence each.
-    widened
-        Factor on the error bounds of a common fit; 1 if both kinds of frames agree on the camera.
+        Dropped observations, one sentence each.
+    inflation
+        Factor on the error bounds of a common fit; 1 if frames with and without mirrors agree about the camera.
     """
 
-    seen: list[Observations]
+    mirrored: list[Observations]
     base: list[Observations]
     notes: tuple[str, ...]
-    widened: float
+    inflation: float
 
 
 def screen(
-    seen: Sequence[Observations], base: Sequence[Observations], layout: Layout, corners_in_board_mm: FloatArray
+    mirrored: Sequence[Observations], base: Sequence[Observations], layout: Layout, corners_in_board_mm: FloatArray
 ) -> ScreenedFrames:
-    """Drop repeated pictures, corners off the board, and views that contradict the others on the board's pose.
+    """Drop repeated pictures, corners off the board's plane, and views that contradict the others on the board's pose.
 
     Parameters
     ----------
-    seen, base
+    mirrored, base
         Corners by frame, with and without mirrors.
     layout
         The nominal layout.
@@ -75,58 +75,60 @@ def screen(
     UndeterminedError
         If nothing can be solved.
     """
-    names = [f"frame {n}" for n in range(len(seen))] + [f"base frame {n}" for n in range(len(base))]
-    frames = [*seen, *base]
+    names = [f"frame {n}" for n in range(len(mirrored))] + [f"base frame {n}" for n in range(len(base))]
+    frames = [*mirrored, *base]
     notes = []
     for repeat, first in consistency.repeated_frames(frames).items():
-        frames[repeat] = Observations.none()
+        frames[repeat] = Observations.empty()
         notes.append(f"{names[repeat]}: the same picture as {names[first]}, not used")
 
-    rows = Observations.join([o.shifted(number) for number, o in enumerate(frames)])
-    odd = consistency.odd_corners(rows, layout.camera, corners_in_board_mm)
-    notes += consistency.board_fits(rows, odd, names, layout.mirror_names)
-    rows = rows.where(~odd)
+    rows = Observations.join([o.with_frame_offset(number) for number, o in enumerate(frames)])
+    off_plane = consistency.off_plane_corners(rows, layout.camera, corners_in_board_mm)
+    notes += consistency.board_notes(rows, off_plane, names, layout.mirror_names)
+    rows = rows.where(~off_plane)
 
-    mirrored, direct = rows.where(rows.frame < len(seen)), rows.where(rows.frame >= len(seen))
-    consistency.every_mirror_shown(mirrored, len(seen), layout.mirror_names)
-    mirrored, direct, widened, further = _agreeing_views(mirrored, direct, names, layout, corners_in_board_mm)
+    is_mirrored = rows.frame < len(mirrored)
+    consistency.check_mirror_counts(rows.where(is_mirrored), len(mirrored), layout.mirror_names)
+    consistent, direct, inflation, more_notes = _consistent_views(
+        rows.where(is_mirrored), rows.where(~is_mirrored), names, layout, corners_in_board_mm
+    )
     return ScreenedFrames(
-        seen=[mirrored.where(mirrored.frame == n).shifted(-n) for n in range(len(seen))],
-        base=[direct.where(direct.frame == n).shifted(-n) for n in range(len(seen), len(frames))],
-        notes=(*notes, *further),
-        widened=widened,
+        mirrored=[consistent.where(consistent.frame == n).with_frame_offset(-n) for n in range(len(mirrored))],
+        base=[direct.where(direct.frame == n).with_frame_offset(-n) for n in range(len(mirrored), len(frames))],
+        notes=(*notes, *more_notes),
+        inflation=inflation,
     )
 
 
-def _agreeing_views(
+def _consistent_views(
     mirrored: Observations,
     direct: Observations,
     names: Sequence[str],
     layout: Layout,
     corners_in_board_mm: FloatArray,
 ) -> tuple[Observations, Observations, float, tuple[str, ...]]:
-    """Return the mirrored views that agree, the direct views, the widening that their difference requires, and notes.
+    """Return consistent mirrored views, direct views, the inflation that their disagreement requires, and notes.
 
     The standard deviations of both follow the noise of each view.
     """
     free = joint_model(layout.camera, corners_in_board_mm, pair_prior(layout))
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
-    packed = _packed(mirrored)
-    start = initial_estimates.first_estimate(packed, camera, layout, corners_in_board_mm)
-    paper, _ = start_robustly(start, packed, replace(free, intrinsics=()))
-    estimate, _ = start_robustly(paper, packed, free)
+    renumbered = _renumbered(mirrored)
+    start = initial_estimates.first_estimate(renumbered, camera, layout, corners_in_board_mm)
+    paper, _ = start_robustly(start, renumbered, replace(free, intrinsics=()))
+    estimate, _ = start_robustly(paper, renumbered, free)
     numbers = np.unique(mirrored.frame)
-    errors = residuals(estimate, packed, free.board)
-    kept, notes = consistency.consistent_views(packed, errors, [names[n] for n in numbers], layout.mirror_names)
-    mirrored = with_noise_of_views(mirrored.where(kept), errors[kept])
+    errors = residuals(estimate, renumbered, free.board)
+    kept, notes = consistency.consistent_views(renumbered, errors, [names[n] for n in numbers], layout.mirror_names)
+    mirrored = with_view_noise(mirrored.where(kept), errors[kept])
     if not len(direct):
         return mirrored, direct, 1.0, notes
-    direct = with_noise_of_views(direct, _direct_residuals(_packed(direct), estimate, layout, free))
+    direct = with_view_noise(direct, _direct_residuals(_renumbered(direct), estimate, layout, free))
     remaining = np.isin(numbers, mirrored.frame)
     estimate = estimate.of_frames(remaining)
-    ratio = _least_disagreement(estimate, _packed(mirrored), _packed(direct), layout, free)
+    ratio = _min_disagreement(estimate, _renumbered(mirrored), _renumbered(direct), layout, free)
     notes += consistency.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
-    return mirrored, direct, ratio if ratio > consistency.DRIFT_WIDENS else 1.0, notes
+    return mirrored, direct, ratio if ratio > consistency.WIDENED_SIGMAS else 1.0, notes
 
 
 def _direct_residuals(direct: Observations, estimate: Estimate, layout: Layout, free: Model) -> FloatArray:
@@ -136,55 +138,55 @@ def _direct_residuals(direct: Observations, estimate: Estimate, layout: Layout, 
     return residuals(direct_fit, direct, free.board)
 
 
-def _packed(observations: Observations) -> Observations:
+def _renumbered(observations: Observations) -> Observations:
     """Renumber the frames from 0 without gaps."""
     _, frame = np.unique(observations.frame, return_inverse=True)
     return replace(observations, frame=frame)
 
 
-def _least_disagreement(
+def _min_disagreement(
     estimate: Estimate, mirrored: Observations, direct: Observations, layout: Layout, free: Model
 ) -> float:
-    """Camera disagreement; if large, the least one with plates, bent mirrors or other lenses.
+    """Camera disagreement; if large, the smallest one over models with plates, bent mirrors or other lenses.
 
     A plate or a bend missing from the layout also biases the intrinsics, as does an unsuitable lens model.
     """
     ratio = _camera_disagreement(estimate, mirrored, direct, layout, free)
-    if ratio <= consistency.DRIFT_WIDENS:
+    if ratio <= consistency.WIDENED_SIGMAS:
         return ratio
     plates = np.where(estimate.thickness_mm > 0.0, estimate.thickness_mm, TRIAL_PLATE_MM)
     index = np.maximum(estimate.refractive_index, TRIAL_INDEX)
-    for trial, richer in (
+    for trial, larger in (
         (replace(estimate, thickness_mm=plates, refractive_index=index), replace(free, thickness=True)),
         (estimate, replace(free, curvature=True)),
     ):
-        ratio = min(ratio, _camera_disagreement(trial, mirrored, direct, layout, richer))
+        ratio = min(ratio, _camera_disagreement(trial, mirrored, direct, layout, larger))
     for addition in further_lenses(estimate.camera, ()):
-        if ratio <= consistency.DRIFT_WIDENS:
+        if ratio <= consistency.WIDENED_SIGMAS:
             break
         camera = with_addition(estimate.camera, addition)
-        richer = replace(free, intrinsics=free_intrinsics(camera, (addition,)))
-        ratio = min(ratio, _camera_disagreement(replace(estimate, camera=camera), mirrored, direct, layout, richer))
+        larger = replace(free, intrinsics=free_intrinsics(camera, (addition,)))
+        ratio = min(ratio, _camera_disagreement(replace(estimate, camera=camera), mirrored, direct, layout, larger))
     return ratio
 
 
 def _camera_disagreement(
-    with_mirrors: Estimate, mirrored: Observations, direct: Observations, layout: Layout, model: Model
+    mirrored_fit: Estimate, mirrored: Observations, direct: Observations, layout: Layout, model: Model
 ) -> float:
     """`consistency.camera_disagreement` of fits to frames with mirrors, without mirrors, and to both.
 
-    The common fit uses all corners that fit either kind alone, so that no contradiction is rejected as an outlier.
+    The common fit uses all inliers of the separate fits, so that no contradiction is rejected as an outlier.
     """
-    mirrored, with_mirrors = _without_outliers(mirrored, with_mirrors, model)
-    start = initial_estimates.first_estimate(direct, with_mirrors.camera, layout, model.board.corners_in_board_mm)
-    direct, without = _without_outliers(direct, start, model)
-    both = Observations.join([mirrored, direct.shifted(len(with_mirrors.rig_from_board))])
-    poses = np.concatenate([with_mirrors.rig_from_board, without.rig_from_board])
-    common, _ = minimise(with_mirrors.with_poses(poses), both, model)
+    mirrored, mirrored_fit = _without_outliers(mirrored, mirrored_fit, model)
+    start = initial_estimates.first_estimate(direct, mirrored_fit.camera, layout, model.board.corners_in_board_mm)
+    direct, direct_fit = _without_outliers(direct, start, model)
+    all_rows = Observations.join([mirrored, direct.with_frame_offset(len(mirrored_fit.rig_from_board))])
+    poses = np.concatenate([mirrored_fit.rig_from_board, direct_fit.rig_from_board])
+    common, _ = minimise(mirrored_fit.with_poses(poses), all_rows, model)
     intrinsics = common.camera.intrinsics.size
     return consistency.camera_disagreement(
-        [_standardised(with_mirrors, mirrored, model), _standardised(without, direct, model)],
-        _standardised(common, both, model),
+        [_standardised(mirrored_fit, mirrored, model), _standardised(direct_fit, direct, model)],
+        _standardised(common, all_rows, model),
         unknowns=len(model.parameters(common.camera, len(layout.mirrors))) + intrinsics + 6 * len(poses),
         common=intrinsics,
     )

@@ -13,11 +13,11 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     balanced_folds,
     frames_of,
     is_mirrored,
-    near_and_far,
+    split_by_distance,
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     NEGLIGIBLE_PX,
-    derivatives_held_in,
+    derivatives_in_reference,
     grid_px,
     points_at_pixels,
     project_points,
@@ -32,7 +32,7 @@ from mirrorcam.optics.geometry.layout import Layout
 ALARM_RATIO = 2.0
 ALARM_CHANCE = 1e-3
 MIN_HALF = 3
-"""Least number of mirrored frames in a half."""
+"""Minimum number of mirrored frames in a half."""
 
 
 @dataclass(frozen=True)
@@ -43,15 +43,15 @@ class Split:
     ----------
     key
         Name of the split in metrics.
-    how
-        How the frames are split, as text.
+    division
+        How the frames are split, as text for messages.
     mirrors
         Names of the mirrors (m).
     frames
         Number of frames in each half.
     difference_px, predicted_px, chance
         Rms over each mirror's sub-image (m,) at the working range: the difference between the halves, the difference
-        predicted by both covariances, and the probability of a larger one if both are right.
+        predicted by both covariances, and the probability of a larger difference if both are right.
     relative_difference_px, relative_predicted_px, relative_chance
         The same for points fixed in the reference view.
     overall_ratio, overall_chance
@@ -59,7 +59,7 @@ class Split:
     """
 
     key: str
-    how: str
+    division: str
     mirrors: tuple[str, ...]
     frames: tuple[int, int]
     difference_px: FloatArray
@@ -78,7 +78,7 @@ class Split:
 
     @property
     def relative_ratio(self) -> FloatArray:
-        """The same against the reference view (m,); NaN for that view itself."""
+        """The same relative to the reference view (m,); NaN for that view itself."""
         predicted = self.relative_predicted_px
         return np.divide(
             self.relative_difference_px, predicted, out=np.full(len(predicted), np.nan), where=predicted > 0
@@ -89,13 +89,13 @@ class Split:
         """The largest ratio that is both large and improbable, and a description; (1, "") if there is none."""
         max_chance = ALARM_CHANCE / len(self.chance)
         ratios = [(self.overall_ratio, self.overall_chance < ALARM_CHANCE, "the halves differ overall")]
-        for where, in_views, chances, differences in (
+        for suffix, ratios_by_view, chances, differences in (
             ("", self.ratio, self.chance, self.difference_px),
             (" against the reference view", self.relative_ratio, self.relative_chance, self.relative_difference_px),
         ):
-            worst = int(np.argmax(np.nan_to_num(in_views)))
-            description = f"mirror {self.mirrors[worst]} differs by {differences[worst]:.2g} px{where}"
-            ratios.append((float(np.nan_to_num(in_views[worst])), bool(chances[worst] < max_chance), description))
+            worst = int(np.argmax(np.nan_to_num(ratios_by_view)))
+            description = f"mirror {self.mirrors[worst]} differs by {differences[worst]:.2g} px{suffix}"
+            ratios.append((float(np.nan_to_num(ratios_by_view[worst])), bool(chances[worst] < max_chance), description))
         alarming = [
             (ratio, description) for ratio, is_unlikely, description in ratios if ratio > ALARM_RATIO and is_unlikely
         ]
@@ -103,14 +103,14 @@ class Split:
 
     @property
     def alarm(self) -> str | None:
-        """Description of the differences above `ALARM_RATIO` times the prediction; None without."""
+        """Description of differences above `ALARM_RATIO` times the prediction; None if there are none."""
         ratio, description = self._worst
         if not description:
             return None
-        return f"split {self.how}, {description}: {ratio:.1f} times what the halves' uncertainties predict"
+        return f"split {self.division}, {description}: {ratio:.1f} times what the halves' uncertainties predict"
 
     @property
-    def widening(self) -> float:
+    def inflation(self) -> float:
         """Factor by which standard deviations are too small to explain the alarm; 1 without an alarm."""
         return self._worst[0]
 
@@ -127,7 +127,7 @@ def splits(
     """Split a calibration's frames into similar halves, and into near and far boards, and compare the halves.
 
     A wrong model fits near and far boards differently. The predicted difference is for independent corner errors,
-    without the widening of `layout`'s uncertainties: a larger difference is an error of the model even if they allow
+    without the inflation of `layout`'s uncertainties: a larger difference is an error of the model even if they allow
     for it.
 
     Parameters
@@ -151,22 +151,22 @@ def splits(
         return (), ("not split: the corners have no noise to compare halves by",)
     rows = observations.where(solution.inliers)
     derivatives = [_derivatives(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
-    found, notes = [], []
-    for key, how, part in (
+    compared, notes = [], []
+    for key, division, part in (
         ("halves", "into similar halves", balanced_folds(solution.estimate, rows, model.board, 2)),
-        ("near", "into near and far boards", near_and_far(solution.estimate, rows, model.board)),
+        ("near", "into near and far boards", split_by_distance(solution.estimate, rows, model.board)),
     ):
         mirrored = is_mirrored(rows, len(part))
         if min(np.sum(mirrored & (part == half)) for half in (0, 1)) < MIN_HALF:
-            notes.append(f"not split {how}: a half would have under {MIN_HALF} mirrored frames")
+            notes.append(f"not split {division}: a half would have under {MIN_HALF} mirrored frames")
             continue
         try:
             halves = [_half(solution.estimate, rows, model, part == half) for half in (0, 1)]
         except UndeterminedError as error:
-            notes.append(f"not split {how}: a half does not determine camera and mirrors ({error})")
+            notes.append(f"not split {division}: a half does not determine camera and mirrors ({error})")
             continue
-        found.append(_compared((key, how), halves, layout, derivatives))
-    return tuple(found), tuple(notes)
+        compared.append(_compare((key, division), halves, layout, derivatives))
+    return tuple(compared), tuple(notes)
 
 
 def _half(estimate: Estimate, observations: Observations, model: Model, frames: BoolArray) -> Solution:
@@ -175,15 +175,15 @@ def _half(estimate: Estimate, observations: Observations, model: Model, frames: 
 
 
 def _derivatives(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Derivatives (n, 2, g) of a view's pixels by the parameters, for points fixed in rig and in the reference view."""
+    """Derivatives (n, 2, g) of pixels with respect to the parameters: for points fixed in rig and in the reference."""
     points = points_at_pixels(layout, view, grid_px(layout, view), range_mm)
     projected = project_points(layout, view, points)
-    return projected.by_parameter, projected.by_parameter + projected.by_point @ derivatives_held_in(
+    return projected.d_parameter, projected.d_parameter + projected.d_point @ derivatives_in_reference(
         layout, reference, points
     )
 
 
-def _compared(
+def _compare(
     split: tuple[str, str],
     halves: Sequence[Solution],
     layout: Layout,
@@ -194,20 +194,20 @@ def _compared(
     columns = [a.parameters.index(name) for name in names]
     difference = (global_values(a.estimate) - global_values(b.estimate))[_columns(a, names)]
     covariance = (a.covariance + b.covariance)[np.ix_(columns, columns)]
-    views = [[_quadratic(d, difference, covariance) for d in of_view] for of_view in derivatives]
-    in_rig, in_reference = np.array(views).transpose(1, 2, 0)
+    views = [[_quadratic(d, difference, covariance) for d in view_derivatives] for view_derivatives in derivatives]
+    rig_figures, reference_figures = np.array(views).transpose(1, 2, 0)
     squared = float(difference @ np.linalg.solve(covariance, difference))
     return Split(
         key=split[0],
-        how=split[1],
+        division=split[1],
         mirrors=layout.mirror_names,
         frames=(len(a.estimate.rig_from_board), len(b.estimate.rig_from_board)),
-        difference_px=in_rig[0],
-        predicted_px=in_rig[1],
-        chance=in_rig[2],
-        relative_difference_px=in_reference[0],
-        relative_predicted_px=in_reference[1],
-        relative_chance=in_reference[2],
+        difference_px=rig_figures[0],
+        predicted_px=rig_figures[1],
+        chance=rig_figures[2],
+        relative_difference_px=reference_figures[0],
+        relative_predicted_px=reference_figures[1],
+        relative_chance=reference_figures[2],
         overall_ratio=float(np.sqrt(squared / len(names))),
         overall_chance=float(chi2.sf(squared, len(names))),
     )

@@ -35,10 +35,10 @@ MAX_HELD_OUT_RATIO = 1.25
 CHANCE = 1e-3
 State = Literal["good", "look", "stop"]
 STATES: dict[State, str] = {"good": "Good to use", "look": "Look at this before you use it", "stop": "Do not use it"}
-LARGE_SHARE = 0.8  # of these corners, in few pictures that are then the cause
-FEW_PICTURES_SHARE = 0.15  # largest fraction of all pictures that counts as few
-MIN_VIEW_SHARE = 0.6  # of these corners, in one view that is then the cause
-MIN_SHARE_RATIO = 2.0  # least ratio of that fraction to the view's fraction of all corners
+LARGE_FRACTION = 0.8  # of these corners: if so many are in few pictures, these are the cause
+FEW_PICTURES_FRACTION = 0.15  # maximum fraction of all pictures that counts as few
+MIN_VIEW_FRACTION = 0.6  # of these corners: if so many are in one view, it is the cause
+MIN_FRACTION_RATIO = 2.0  # minimum ratio of that fraction to the view's fraction of all corners
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Ve
     """Return the verdict: alarms of the diagnostics forbid use, figures beyond their limits call for inspection."""
     checks = (
         *_noise_checks(calibration, views),
-        *_evenness(views),
+        *_uniformity_checks(views),
         *_diagnostic_checks(calibration),
         *_picture_checks(calibration, views),
     )
@@ -82,19 +82,19 @@ def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Ve
 
 
 def _advice_on_alarms(diagnostics: Diagnostics | None) -> list[str]:
-    """Advice on alarms: the model that the data support if one was tried, else to look for motion."""
+    """Advice on alarms: to use the model that the data support if one was tried, else to look for motion."""
     if diagnostics is None or not diagnostics.alarms:
         return []
     if diagnostics.mismatches:  # other failures may follow from these
         return ["Correct the board or layout as the alarm states, and calibrate again."]
     if diagnostics.other_surface is not None:
-        kind = "second" if diagnostics.other_surface.second else "first"
+        kind = "second" if diagnostics.other_surface.is_second_surface else "first"
         option = f"--model {kind}_surface+auto"
         return [f"If the mirrors are {kind}-surface, calibrate again with {option}, or state it in the layout."]
     supported = [
         comparison
         for comparison in diagnostics.comparisons
-        if comparison.supported and comparison.against == diagnostics.level
+        if comparison.supported and comparison.against == diagnostics.model_name
     ]
     if not supported:
         return ["Look for what moved or bent while the pictures were taken, and take them again."]
@@ -105,7 +105,7 @@ def _advice_on_alarms(diagnostics: Diagnostics | None) -> list[str]:
 def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> list[Check]:
     outliers = float((~calibration.inliers).mean())
     large = np.abs(calibration.standardised) > 3.0
-    beyond = float(large[calibration.inliers].mean())
+    large_fraction = float(large[calibration.inliers].mean())
     means = [cell_means(calibration, view.view) for view in views]
     systematic = np.concatenate([cells.systematic for cells in means])
     limit = float(binom.isf(CHANCE, len(systematic), SYSTEMATIC_CHANCE)) / len(systematic)
@@ -118,8 +118,8 @@ def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> lis
         ),
         Check(
             f"Residuals beyond 3 {SIGMA}",
-            Metric(value=beyond, unit="of the corners", limit=MAX_BEYOND_3_SIGMA),
-            f"{beyond:.1%} of the residuals are beyond 3 {SIGMA}; noise alone gives 0.3 %",
+            Metric(value=large_fraction, unit="of the corners", limit=MAX_BEYOND_3_SIGMA),
+            f"{large_fraction:.1%} of the residuals are beyond 3 {SIGMA}; noise alone gives 0.3 %",
             advice_on_corners(calibration, views, large.any(axis=1) & calibration.inliers),
         ),
         Check(
@@ -132,13 +132,15 @@ def _noise_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> lis
     ]
 
 
-def _evenness(views: Sequence[ViewFigures]) -> list[Check]:
+def _uniformity_checks(views: Sequence[ViewFigures]) -> list[Check]:
     """Check that all views and both axes fit equally well: the overall rms can hide an error in one view."""
     rms = {
-        (view.called, axis): float(value) for view in views for axis, value in zip("xy", view.rms_sigmas, strict=True)
+        (view.name_in_sentence, axis): float(value)
+        for view in views
+        for axis, value in zip("xy", view.rms_sigmas, strict=True)
     }
-    finite = {place: value for place, value in rms.items() if np.isfinite(value)}
-    worst, best = max(finite, key=lambda place: finite[place]), min(finite, key=lambda place: finite[place])
+    finite = {key: value for key, value in rms.items() if np.isfinite(value)}
+    worst, best = max(finite, key=lambda key: finite[key]), min(finite, key=lambda key: finite[key])
     ratio = finite[worst] / finite[best]
     return [
         Check(
@@ -167,25 +169,26 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
         return checks
     checks += [
         Check(
-            f"Frames split {split.how}: difference relative to the predicted one",
+            f"Frames split {split.division}: difference relative to the predicted one",
             Metric(value=split.overall_ratio, unit="1", limit=ALARM_RATIO),
             split.alarm
-            or f"split {split.how}, calibrations differ by {split.overall_ratio:.1f} times the predicted difference",
+            or f"split {split.division}, calibrations differ by {split.overall_ratio:.1f} times the prediction",
             "Do not rely on the stated uncertainty until the halves agree: see the model selection below.",
         )
         for split in diagnostics.splits
     ]
-    at_mm = diagnostics.range_mm
+    range_mm = diagnostics.range_mm
     calibration_mm, matching_mm = (
-        float(np.interp(at_mm, diagnostics.depth.range_mm, values))
+        float(np.interp(range_mm, diagnostics.depth.range_mm, values))
         for values in (diagnostics.depth.calibration_mm, diagnostics.depth.matching_mm)
     )
     if np.isfinite(calibration_mm) and matching_mm > 0.0:
         checks.append(
             Check(
-                f"Depth {SIGMA} at {at_mm:.0f} mm, calibration relative to matching",
+                f"Depth {SIGMA} at {range_mm:.0f} mm, calibration relative to matching",
                 Metric(value=calibration_mm / matching_mm, unit="1", limit=1.0),
-                f"at {at_mm:.0f} mm the calibration's depth uncertainty ({calibration_mm:.2g} mm) exceeds matching's",
+                f"at {range_mm:.0f} mm the depth uncertainty from calibration ({calibration_mm:.2g} mm) exceeds that "
+                "from matching",
                 "Take more pictures with tilted boards: they reduce the calibration's depth uncertainty.",
             )
         )
@@ -194,8 +197,8 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
 
 def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> list[Check]:
     mirrors = [view for view in views if view.view != DIRECT]
-    least_covered = min(mirrors, key=lambda view: view.coverage)
-    fewest_frames = min(mirrors, key=lambda view: view.frames)
+    min_coverage_view = min(mirrors, key=lambda view: view.coverage)
+    min_frames_view = min(mirrors, key=lambda view: view.frames)
     normals, mirrored = board_normals(calibration)
     rotation_deg = _largest_rotation_deg(normals[mirrored])
     spans = {view.name: float(view.distances_mm.max() / view.distances_mm.min()) for view in mirrors if view.frames}
@@ -203,15 +206,15 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
     return [
         Check(
             "Lowest coverage of a view",
-            Metric(value=least_covered.coverage, unit="of the view", limit=MIN_COVERAGE, lower_is_better=False),
-            f"corners fill {least_covered.coverage:.0%} of {least_covered.name}",
-            f"Show the board {empty_region(least_covered)} of {least_covered.name}, as the picture has it.",
+            Metric(value=min_coverage_view.coverage, unit="of the view", limit=MIN_COVERAGE, lower_is_better=False),
+            f"corners fill {min_coverage_view.coverage:.0%} of {min_coverage_view.name}",
+            f"Show the board {empty_region(min_coverage_view)} of {min_coverage_view.name}, as seen in the picture.",
         ),
         Check(
             "Fewest frames with a board in a view",
-            Metric(value=fewest_frames.frames, unit="1", limit=MIN_FRAMES, lower_is_better=False),
-            f"{fewest_frames.name} shows the board in {fewest_frames.frames} frames",
-            f"Take {MIN_FRAMES - fewest_frames.frames} more pictures with the board in {fewest_frames.name}.",
+            Metric(value=min_frames_view.frames, unit="1", limit=MIN_FRAMES, lower_is_better=False),
+            f"{min_frames_view.name} shows the board in {min_frames_view.frames} frames",
+            f"Take {MIN_FRAMES - min_frames_view.frames} more pictures with the board in {min_frames_view.name}.",
         ),
         Check(
             "Largest rotation between two boards",
@@ -245,7 +248,7 @@ def _missing_tilt(normals: FloatArray) -> str:
 
 
 def empty_region(view: ViewFigures) -> str:
-    """Describe the region, of nine regions of a view, with the fewest corners."""
+    """Describe which of nine regions of a view has the fewest corners."""
     low, high = view.outline_px.min(axis=0), view.outline_px.max(axis=0)
     centres = (view.cells_px[:, :2] + view.cells_px[:, 2:]) / 2.0
     thirds = np.minimum((3 * (centres - low) / (high - low)).astype(int), 2)
@@ -260,29 +263,30 @@ def empty_region(view: ViewFigures) -> str:
 
 
 def advice_on_corners(calibration: Calibration, views: Sequence[ViewFigures], rows: NDArray[np.bool_]) -> str:
-    """Advise on some corners (n,) by where they lie: in few pictures, in one view, or spread out."""
+    """Give advice on the corners of a mask (n,) by where they lie: in few pictures, in one view, or spread out."""
     observations = calibration.observations
     count, frames = int(rows.sum()), len(np.unique(observations.frame))
-    by_frame = np.sort(np.bincount(observations.frame[rows], minlength=frames))[::-1]
-    needed = int(np.searchsorted(np.cumsum(by_frame), LARGE_SHARE * count)) + 1
-    if count and needed <= max(FEW_PICTURES_SHARE * frames, 1.0):
+    frame_counts = np.sort(np.bincount(observations.frame[rows], minlength=frames))[::-1]
+    needed = int(np.searchsorted(np.cumsum(frame_counts), LARGE_FRACTION * count)) + 1
+    if count and needed <= max(FEW_PICTURES_FRACTION * frames, 1.0):
         pictures = "1 picture" if needed == 1 else f"{needed} pictures"
         return (
-            f"{LARGE_SHARE:.0%} of these corners are in {pictures} of {frames}: look there for glare, motion blur or "
-            "an obstacle in front of the board, and take these pictures again."
+            f"{LARGE_FRACTION:.0%} of these corners are in {pictures} of {frames}: look there for glare, motion blur "
+            "or an obstacle in front of the board, and take these pictures again."
         )
     for view in views:
         in_view = observations.view == view.view
-        share, expected = rows[in_view].sum() / max(count, 1), in_view.mean()
-        if share > MIN_VIEW_SHARE and share > MIN_SHARE_RATIO * expected:
-            return f"{share:.0%} of these corners are in {view.called}: look for dirt, an edge or glare there."
+        fraction, expected = rows[in_view].sum() / max(count, 1), in_view.mean()
+        if fraction > MIN_VIEW_FRACTION and fraction > MIN_FRACTION_RATIO * expected:
+            name = view.name_in_sentence
+            return f"{fraction:.0%} of these corners are in {name}: look for dirt, an edge or glare there."
     return "These corners are spread over pictures and views, so there is no single cause: the noise has long tails."
 
 
 def advice_on_cells(cells: Sequence[CellMeans], views: Sequence[ViewFigures]) -> str:
-    """Advise on cells of views with significant mean residuals, in some views or in all."""
+    """Give advice on cells with significant mean residuals, in some views or in all."""
     systematic_views = [
-        view.called
+        view.name_in_sentence
         for view, means in zip(views, cells, strict=True)
         if means.systematic.sum() > binom.isf(CHANCE, len(means.systematic), SYSTEMATIC_CHANCE)
     ]

@@ -14,7 +14,7 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.layout import Layout
 
 CELLS = (6, 5)  # across and down the bounding rectangle of a view, to measure its coverage
-MIN_CELL_SHARE = 0.25  # least share of a cell inside the view, for the cell to count
+MIN_CELL_FRACTION = 0.25  # minimum fraction of a cell inside the view, for the cell to count
 ARROWS_ACROSS = 60  # cells across the sensor over which residuals are averaged
 SYSTEMATIC_CHANCE = 0.01
 
@@ -57,13 +57,13 @@ class ViewFigures:
     tilts_deg: FloatArray
 
     @property
-    def called(self) -> str:
-        """The view in a sentence: "mirror 1-2", "the bare camera"."""
+    def name_in_sentence(self) -> str:
+        """The view's name in a sentence: "mirror 1-2", "the bare camera"."""
         return f"the {self.name}" if self.view == DIRECT else self.name
 
     @property
     def coverage(self) -> float:
-        """Share of the cells with at least one corner."""
+        """Fraction of the cells with at least one corner."""
         return float((self.cell_counts > 0).mean())
 
 
@@ -85,8 +85,8 @@ def view_figures(calibration: Calibration) -> tuple[ViewFigures, ...]:
 
 def _figures(calibration: Calibration, view: int) -> ViewFigures:
     observations, inliers = calibration.observations, calibration.inliers
-    of_view = observations.view == view
-    in_view = of_view & inliers
+    view_rows = observations.view == view
+    in_view = view_rows & inliers
     outline = view_outline_px(calibration.layout, view)
     cells = _cells(outline)
     pixels = observations.pixels[in_view]
@@ -100,7 +100,7 @@ def _figures(calibration: Calibration, view: int) -> ViewFigures:
         view=view,
         name=_name(calibration, view),
         corners=int(in_view.sum()),
-        outliers=int((of_view & ~inliers).sum()),
+        outliers=int((view_rows & ~inliers).sum()),
         frames=len(frames),
         rms_px=_rms(calibration.residuals_px[in_view]),
         rms_sigmas=_rms(calibration.standardised[in_view]),
@@ -123,20 +123,20 @@ def _name(calibration: Calibration, view: int) -> str:
 
 
 def _cells(outline: FloatArray) -> FloatArray:
-    """Cells (k, 4) of the bounding rectangle with a sufficient share inside the outline."""
+    """Cells (k, 4) of the bounding rectangle with a sufficient fraction inside the outline."""
     low, high = outline.min(axis=0), outline.max(axis=0)
     x, y = (np.linspace(low[axis], high[axis], CELLS[axis] + 1) for axis in (0, 1))
     polygon = shapely.Polygon(outline)
     cells = [(x[i], y[j], x[i + 1], y[j + 1]) for j in range(CELLS[1]) for i in range(CELLS[0])]
     boxes = shapely.box(*np.array(cells).T)
-    share = shapely.area(shapely.intersection(boxes, polygon)) / shapely.area(boxes)
-    return np.array(cells)[share >= MIN_CELL_SHARE]
+    fraction = shapely.area(shapely.intersection(boxes, polygon)) / shapely.area(boxes)
+    return np.array(cells)[fraction >= MIN_CELL_FRACTION]
 
 
 def _distance_and_tilt(calibration: Calibration, view: int, pixels: FloatArray, frame: int) -> tuple[float, float]:
     """Median distance (mm) at which a view's rays hit the board, and median angle (deg) from its normal.
 
-    Mirrors preserve distances and angles, so both are taken from the board's mirror image in front of the base camera.
+    Mirrors preserve distances and angles, so both are computed for the board's image in front of the base camera.
     """
     rig_from_board = calibration.rig_from_board[frame]
     point, normal = rig_from_board[:3, 3], rig_from_board[:3, 2]
@@ -151,7 +151,7 @@ def _distance_and_tilt(calibration: Calibration, view: int, pixels: FloatArray, 
 
 
 def board_normals(calibration: Calibration) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Unit normals (f, 3) of every frame's board, into the paper, and a mask (f,) of the mirrored frames.
+    """Unit normals (f, 3) of every frame's board, pointing into the print, and a mask (f,) of the mirrored frames.
 
     Normals of mirrored frames are in view axes, the others in the camera's axes.
     """
@@ -163,9 +163,9 @@ def board_normals(calibration: Calibration) -> tuple[FloatArray, NDArray[np.bool
 
 @dataclass(frozen=True)
 class CellMeans:
-    """Mean residuals in cells of the sensor: centres and means (k, 2); `systematic` (k,) marks significant ones."""
+    """Mean residuals in cells of the sensor: centres and means (k, 2); `systematic` (k,) marks significant means."""
 
-    at_px: FloatArray
+    centres_px: FloatArray
     mean_px: FloatArray
     systematic: NDArray[np.bool_]
 

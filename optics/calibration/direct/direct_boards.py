@@ -1,4 +1,4 @@
-"""Boards in pictures that show them directly and in mirrors, with every numbering that remains possible."""
+"""Boards in pictures that show them directly and in mirrors, with all of their possible numberings."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress
 from mirrorcam.optics.calibration.detection.charuco import find_marked_boards as find_with_markers
-from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, spread_out
-from mirrorcam.optics.calibration.detection.detections import SeenGrid
+from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, non_collinear
+from mirrorcam.optics.calibration.detection.detections import DetectedGrid
 from mirrorcam.optics.calibration.detection.other_boards import other_board
-from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, Start, first_direct_estimate
+from mirrorcam.optics.calibration.direct.direct_start import NumberedBoard, Start, first_direct_estimate
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
-MAX_FLIPPED = 0.003  # largest rms error of flipped pictures' first estimate, relative to the picture's diagonal
-NEAREST_MM, FARTHEST_MM = 60.0, 20000.0  # distances at which cameras with mirrors see boards in focus
+MAX_FLIPPED = 0.003  # rms error of the first estimate from flipped pictures, relative to the picture's diagonal
+MIN_DISTANCE_MM, MAX_DISTANCE_MM = 60.0, 20000.0  # at which cameras with mirrors show boards in focus
 MAX_NUMBERINGS = 8  # of a partly visible board that is used to locate the mirrors
 FLIPPED = "the pictures are flipped left to right, as from a selfie camera: switch that off, or flip all of them back"
 INVERTED = (
@@ -29,81 +29,90 @@ INVERTED = (
 
 
 @dataclass(frozen=True)
-class SeenBoard:
+class DetectedBoard:
     """A board in a picture: its numberings with the stated colours, and with black and white exchanged."""
 
-    stated: FoundBoard
-    inverted: FoundBoard
+    stated: NumberedBoard
+    inverted: NumberedBoard
 
     @property
-    def any(self) -> Corners | None:
-        """Any of its numberings; None if there is none."""
+    def any_numbering(self) -> Corners | None:
+        """One of its numberings; None if there is none."""
         numberings = [*self.stated.direct, *self.stated.image, *self.inverted.direct, *self.inverted.image]
         return numberings[0] if numberings else None
 
-    def flipped(self, width_px: int) -> SeenBoard:
+    def flipped(self, width_px: int) -> DetectedBoard:
         """Return the board in the picture flipped left to right, which swaps direct and mirrored numberings."""
-        return SeenBoard(_flipped(self.stated, width_px), _flipped(self.inverted, width_px))
+        return DetectedBoard(_flipped(self.stated, width_px), _flipped(self.inverted, width_px))
 
 
-def _flipped(board: FoundBoard, width_px: int) -> FoundBoard:
+def _flipped(board: NumberedBoard, width_px: int) -> NumberedBoard:
     direct, image = (
-        [replace(one, pixels=np.array([width_px - 1.0, 0.0]) + one.pixels * [-1.0, 1.0]) for one in numberings]
+        [
+            replace(corners, pixels=np.array([width_px - 1.0, 0.0]) + corners.pixels * [-1.0, 1.0])
+            for corners in numberings
+        ]
         for numberings in (board.image, board.direct)
     )
-    return FoundBoard(direct, image)
+    return NumberedBoard(direct, image)
 
 
-def boards_in(pictures: Sequence[Grey], target: Target, *, most: int, progress: Progress) -> list[list[SeenBoard]]:
-    """Detect boards in each picture, up to `most` of each handedness; raises InputError if there are none."""
-    found = []
+def boards_in(
+    pictures: Sequence[Grey], target: Target, *, max_boards: int, progress: Progress
+) -> list[list[DetectedBoard]]:
+    """Detect boards in each picture, up to `max_boards` of each handedness; raises InputError if there are none."""
+    all_boards = []
     for number, picture in enumerate(pictures):
         if isinstance(target, Checkerboard):
             boards = _checkerboards(picture, target)
         else:
-            boards = _with_markers(picture, target, most)
-        found.append([board for board in boards if board.any is not None])
+            boards = _with_markers(picture, target, max_boards)
+        all_boards.append([board for board in boards if board.any_numbering is not None])
         progress(number + 1, len(pictures))
-    if not any(found):
+    if not any(all_boards):
         raise InputError(
             other_board(pictures, target, mirrored=None, found=False)
             or f"no {target.cols} x {target.rows} {target.name} found in any of {len(pictures)} pictures"
         )
-    return found
+    return all_boards
 
 
-def more_mirrors(boards: Sequence[Sequence[SeenBoard]], names: Sequence[str], mirrors: int) -> str:
-    """Return a clause for an error if a picture shows more boards than the mirrors explain, with double reflections."""
+def more_mirrors(boards: Sequence[Sequence[DetectedBoard]], names: Sequence[str], mirrors: int) -> str:
+    """Return a clause for an error if a picture shows more boards than mirrors and double reflections can produce."""
     count, number = max((len(in_picture), -number) for number, in_picture in enumerate(boards))
     if count <= 1 + mirrors**2:
         return ""
     return f"; {names[-number]} shows {count} boards, expected more than --direct-view {mirrors}"
 
 
-def _with_markers(picture: Grey, target: Charuco | AprilGrid, most: int) -> list[SeenBoard]:
+def _with_markers(picture: Grey, target: Charuco | AprilGrid, max_boards: int) -> list[DetectedBoard]:
     """Detect ChArUco boards and AprilGrids, whose markers reveal whether they are mirrored."""
     direct, image = (
-        [board for board in find_with_markers(picture, target, mirrored=mirrored, most=most) if len(spread_out(board))]
+        [
+            board
+            for board in find_with_markers(picture, target, mirrored=mirrored, max_boards=max_boards)
+            if len(non_collinear(board))
+        ]
         for mirrored in (False, True)
     )
-    found = [*(FoundBoard([board], []) for board in direct), *(FoundBoard([], [board]) for board in image)]
-    return [SeenBoard(board, FoundBoard([], [])) for board in found]
+    numbered = [*(NumberedBoard([board], []) for board in direct), *(NumberedBoard([], [board]) for board in image)]
+    return [DetectedBoard(board, NumberedBoard([], [])) for board in numbered]
 
 
-def _checkerboards(picture: Grey, target: Checkerboard) -> list[SeenBoard]:
+def _checkerboards(picture: Grey, target: Checkerboard) -> list[DetectedBoard]:
     grids = find_checkerboards(picture, target)
-    return [SeenBoard(_numbered(grid, target), _numbered(_inverted(grid), target)) for grid in grids]
+    return [DetectedBoard(_numbered(grid, target), _numbered(_inverted(grid), target)) for grid in grids]
 
 
-def _numbered(grid: SeenGrid, target: Checkerboard) -> FoundBoard:
+def _numbered(grid: DetectedGrid, target: Checkerboard) -> NumberedBoard:
     direct, image = (grid.numberings(target, mirrored=mirrored) for mirrored in (False, True))
-    return FoundBoard(direct, image)
+    return NumberedBoard(direct, image)
 
 
-def _inverted(grid: SeenGrid) -> SeenGrid:
+def _inverted(grid: DetectedGrid) -> DetectedGrid:
     """Exchange black and white in a grid, as in the negative of its picture."""
     step = np.array([1, 0])
-    return replace(grid, places=grid.places + step, limits=grid.limits + step)
+    return replace(grid, grid_xy=grid.grid_xy + step, limits=grid.limits + step)
 
 
 def negative(picture: Grey) -> Grey:
@@ -111,56 +120,56 @@ def negative(picture: Grey) -> Grey:
     return np.asarray(255 - picture, dtype=np.uint8)
 
 
-def start_of(
-    boards: Sequence[Sequence[SeenBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
+def first_estimate_of(
+    boards: Sequence[Sequence[DetectedBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
 ) -> tuple[Start, bool]:
-    """Return the first estimate, and whether the print has black and white exchanged, as the mirrors' geometry reveals.
+    """Return the first estimate, and whether the print has black and white exchanged, as the mirrors' geometry shows.
 
     If a board's numbers of columns and rows are both even, exchanged colours look like its mirror image. Raises
-    InputError if the boards do not determine the camera, or show fewer mirrors.
+    InputError if the boards do not determine the camera, or show too few mirrors.
     """
     starts, refusals = [], []
     for inverted in (False, True):
-        found = [
+        numbered = [
             [
                 board
-                for board in (seen.inverted if inverted else seen.stated for seen in in_picture)
+                for board in (detected.inverted if inverted else detected.stated for detected in in_picture)
                 if 0 < len(board.direct) + len(board.image) <= MAX_NUMBERINGS
             ]
             for in_picture in boards
         ]
-        if not any(found):
+        if not any(numbered):
             continue
         try:
             start = first_direct_estimate(
-                found, target.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
+                numbered, target.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
             )
             starts.append((start, inverted))
         except InputError as error:
             refusals.append(error)
     if not starts:
         raise refusals[0] if refusals else InputError("the parts of boards in the pictures cannot be numbered")
-    # The stated colours are assumed unless they explain the corners much worse.
+    # The stated colours are assumed unless they fit the corners much worse.
     return min(starts, key=lambda pair: pair[0].error_px * (2.0 if pair[1] else 1.0))
 
 
 def fits_flipped(
-    boards: Sequence[Sequence[SeenBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
+    boards: Sequence[Sequence[DetectedBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
 ) -> bool:
-    """Return whether boards without a first estimate have one once left and right are exchanged."""
-    flipped = [[seen.flipped(width_px) for seen in in_picture] for in_picture in boards]
+    """Return whether boards that give no first estimate give one after exchanging left and right."""
+    flipped = [[board.flipped(width_px) for board in in_picture] for in_picture in boards]
     try:
-        start, _ = start_of(flipped, target, mirrors=mirrors, width_px=width_px, height_px=height_px)
+        start, _ = first_estimate_of(flipped, target, mirrors=mirrors, width_px=width_px, height_px=height_px)
     except InputError:
         return False
     return start.error_px < MAX_FLIPPED * float(np.hypot(width_px, height_px))
 
 
-def nearness_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
-    """Note a board so near to the camera, or so far, that its size seems to be in a unit other than mm."""
+def distance_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
+    """Note a board so near to or far from the camera that its size seems to be in a unit other than mm."""
     centre = np.append(target.corners_in_board_mm.mean(axis=0), 1.0)
     distance_mm = float(np.median((estimate.rig_from_board @ centre)[:, 2]))
-    if NEAREST_MM < distance_mm < FARTHEST_MM:
+    if MIN_DISTANCE_MM < distance_mm < MAX_DISTANCE_MM:
         return ()
     return (
         f"the board of {target.layout_text} is {distance_mm:.3g} mm from the camera: is its size in mm? Without a "
@@ -168,10 +177,10 @@ def nearness_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
     )
 
 
-def confirmed(pictures: Sequence[Grey], start: Start, target: Target) -> Observations:
+def confirmed_corners(pictures: Sequence[Grey], start: Start, target: Target) -> Observations:
     """Detect all corners of a checkerboard again near their predictions, in all views.
 
-    This completes partly hidden boards; boards with markers are already complete.
+    This completes partly detected boards; boards with markers are already complete.
     """
     if not isinstance(target, Checkerboard):
         return start.observations

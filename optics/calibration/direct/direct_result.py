@@ -25,18 +25,18 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
 
-MAX_NAMED = 8
-"""Largest number of pictures that notes name one by one."""
+MAX_LISTED = 8
+"""Maximum number of pictures that notes list individually."""
 
 
 def direct_result(
     selection: ModelSelection,
-    drawn: Solution,
+    flat_solution: Solution,
     observations: Observations,
     *,
     pictures: Sequence[int],
     names: Sequence[str],
-    turns: FloatArray | None,
+    rotations: FloatArray | None,
     shutter: Shutter | None = None,
 ) -> Calibration:
     """Build the calibration of a selected model.
@@ -45,15 +45,15 @@ def direct_result(
     ----------
     selection
         The selected model.
-    drawn
-        Best fit with the board as drawn, for comparison.
+    flat_solution
+        Best fit with the board exactly as drawn, for comparison.
     observations
         The corners, by frame.
     pictures
         Index into `names` for each frame.
     names
         Names of all pictures, for notes.
-    turns
+    rotations
         Rotation vectors (f, 3), rad, of the camera, if they were compensated.
     shutter
         The rolling shutter, if it was estimated; if supported, the corners are corrected to the middle row.
@@ -65,15 +65,15 @@ def direct_result(
     """
     layout = _layout(selection, observations)
     diagnostics = diagnose(selection, observations, layout)
-    selection = selection.widened_to(diagnostics.widened)
+    selection = selection.inflated_to(diagnostics.inflation)
     solution, board = selection.solution, selection.model.board
     estimate = solution.estimate
     metrics = fit_metrics(observations, solution)
-    for axis, rms in zip("xy", drawn.rms_px, strict=True):
+    for axis, rms in zip("xy", flat_solution.rms_px, strict=True):
         metrics[f"flat_board_rms_{axis}_px"] = Metric(value=rms, unit="px")
     metrics |= _board_shape(board.shaped(estimate.shape) - board.corners_in_board_mm)
-    if turns is not None:
-        largest_px = estimate.camera.fx_px * float(np.linalg.norm(turns - turns[0], axis=1).max())
+    if rotations is not None:
+        largest_px = estimate.camera.fx_px * float(np.linalg.norm(rotations - rotations[0], axis=1).max())
         metrics["camera_turned_px"] = Metric(value=largest_px, unit="px")
     if shutter is not None:
         metrics["shutter_readout"] = Metric(value=shutter.readout, unit="1")
@@ -129,7 +129,7 @@ def _angles(solution: Solution) -> dict[str, Metric]:
 def _views(
     observations: Observations, corners: int, pictures: Sequence[int], names: Sequence[str], mirrors: Sequence[str]
 ) -> tuple[int, tuple[str, ...]]:
-    """Return the number of views that show corners, and notes on views that show none or not all."""
+    """Return the number of views that show corners, and notes on views that show none or only some."""
     unused = [f"{picture}: no board found, not used" for n, picture in enumerate(names) if n not in pictures]
     names_used = [names[number] for number in pictures]
     observations = observations.where(observations.frame < len(names_used))
@@ -140,11 +140,11 @@ def _views(
         view_count += int((counts > 0).sum())
         missing = np.flatnonzero(counts == 0)
         partial = np.flatnonzero((counts > 0) & (counts < corners))
-        if len(missing) > MAX_NAMED:
+        if len(missing) > MAX_LISTED:
             notes.append(f"{name} not found in {len(missing)} of {len(names_used)} pictures")
         else:
             notes += [f"{names_used[number]}: {name} not found" for number in missing]
-        if len(partial) > MAX_NAMED:
+        if len(partial) > MAX_LISTED:
             low, high = counts[partial].min(), counts[partial].max()
             notes.append(
                 f"{name} shows {low} to {high} of {corners} corners in {len(partial)} of {len(names_used)} pictures"
@@ -164,13 +164,16 @@ def _layout(selection: ModelSelection, observations: Observations) -> Layout:
         camera=solution.estimate.camera,
         mirrors=tuple(_visible_mirror(solution.estimate, observations, solution.inliers, m) for m in range(mirrors)),
         view_from_rig=np.eye(3),
-        provenance={"source": "pictures of a checkerboard seen directly and in the mirrors", "level": selection.level},
+        provenance={
+            "source": "pictures of a checkerboard seen directly and in the mirrors",
+            "level": selection.model_name,
+        },
         uncertainty=uncertainty(solution),
     )
 
 
 def _visible_mirror(estimate: Estimate, observations: Observations, inliers: BoolArray, mirror: int) -> Mirror:
-    """Return a mirror cut to the convex hull of its observed corners, because nothing is known beyond them."""
+    """Return a mirror clipped to the convex hull of its observed corners, because nothing is known beyond them."""
     centre = estimate.virtual_centres_in_rig_mm[mirror]
     pixels = observations.pixels[inliers & (observations.view == mirror)]
     normalized = estimate.camera.normalized_from_pixels(pixels)

@@ -1,4 +1,4 @@
-"""First estimate of camera, planes and poses from pictures of a board seen directly and in mirrors, without a layout.
+"""First estimate of camera, planes and poses from pictures of a board directly and in mirrors, without a layout.
 
 Each plane bisects a board and its image; planes on which pictures agree are kept. Then every detected board is assigned
 to the direct view or to one of the mirrors.
@@ -25,22 +25,23 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import reflect
 from mirrorcam.optics.geometry.transforms import transform
 
-PAIR_MISFIT = 0.15  # in diagonals of the board: a pose from a single view is rough
-AGREEING = 0.5  # largest distance between the centroids of a board from several views, in diagonals
-NO_IMAGE = 10.0  # distance in diagonals that stands for a board that cannot be the image
+PAIR_MISFIT = 0.15  # in board diagonals: a pose from a single view is rough
+MAX_DISAGREEMENT = 0.5  # between the centroids of a board from several views, in board diagonals
+NO_IMAGE_DISTANCE = 10.0  # distance, in board diagonals, assigned to boards that cannot be the image
 MAX_COMBINATIONS = 500
-SPARE_PLANES = 3  # besides the mirrors, for coincidences and images of images
+SPARE_PLANES = 3  # besides those of the mirrors, for coincidences and double reflections
 SAME_PLANE = 0.1  # relative to the distance of the virtual centre
 FOCAL = ("fx_px", "fy_px")
 FOCAL_LENGTHS = (0.6, 0.8, 1.1, 1.5, 2.2)  # of common cameras, in widths of the picture
-LIKELY_BOW = 0.02  # prior, relative to the board's longer side, for corner errors of 1 px
-GOOD_ERROR = 2e-4  # in diagonals of the picture, below which no other camera is tried
-ERROR_CAP = 0.01  # in diagonals of the picture, at which a corner's error is capped
+LIKELY_BOW = 0.02  # prior sigma, relative to the board's longer side, for corner errors of 1 px
+GOOD_ERROR = 2e-4  # rms error, in picture diagonals, below which no other camera is tried
+ERROR_CAP = 0.01  # maximum error counted for a corner, in picture diagonals
 
 
 @dataclass(frozen=True)
-class FoundBoard:
-    """A board detected in a picture, with its numberings as a direct view and as an image in a mirror.
+class NumberedBoard:
+    """A board detected in a picture, with its numberings (possible assignments of corner ids), as a direct view and as
+    an image in a mirror.
 
     For a board with even numbers of rows and columns of squares, the colours determine which of the two it is.
     """
@@ -64,10 +65,10 @@ class Start:
 
 @dataclass(frozen=True)
 class _PosedCorners:
-    """A numbering of a detected board, the pose (4, 4) that explains its view, and its points (n, 3) there."""
+    """A numbering of a detected board, the pose (4, 4) that fits it, and its corners (n, 3) in the camera frame, mm."""
 
     corners: Corners
-    matrix: FloatArray
+    pose: FloatArray
     points: FloatArray
 
 
@@ -85,7 +86,7 @@ class _PosedBoard:
 
 
 def first_direct_estimate(
-    found: Sequence[Sequence[FoundBoard]],
+    detected: Sequence[Sequence[NumberedBoard]],
     corners_in_board_mm: FloatArray,
     *,
     mirrors: int,
@@ -95,16 +96,16 @@ def first_direct_estimate(
     """Estimate camera, planes and poses from the boards detected in each picture.
 
     Bowed boards, or boards at similar tilts, give a wrong camera or none. So several cameras are tried, and the one
-    whose mirrors and boards explain the corners best is used.
+    whose mirrors and boards fit the corners best is used.
 
-    Raises InputError if the boards do not determine the camera, or show fewer mirrors.
+    Raises InputError if the boards do not determine the camera, or show too few mirrors.
     """
-    views = [(board.direct or board.image)[0] for in_picture in found for board in in_picture]
+    views = [(board.direct or board.image)[0] for boards_in_picture in detected for board in boards_in_picture]
     size_px = float(np.hypot(width_px, height_px))
     best, refusals = None, []
     for camera in _cameras(views, corners_in_board_mm, width_px, height_px):
         try:
-            start = _start_with(camera, found, corners_in_board_mm, mirrors, cap_px=ERROR_CAP * size_px)
+            start = _start_with(camera, detected, corners_in_board_mm, mirrors, cap_px=ERROR_CAP * size_px)
         except InputError as error:
             refusals.append(str(error))
             continue
@@ -123,14 +124,14 @@ def _cameras(
     """Yield cameras to try: the one that fits the views, then centred ones with the focal lengths of common cameras."""
     size = {"width_px": width_px, "height_px": height_px}
     yield initial_estimates.intrinsics(views, corners_in_board_mm, **size, full_distortion=False)
-    middle = {"cx_px": (width_px - 1) / 2.0, "cy_px": (height_px - 1) / 2.0}
+    centre = {"cx_px": (width_px - 1) / 2.0, "cy_px": (height_px - 1) / 2.0}
     for focal in FOCAL_LENGTHS:
-        yield Camera(**size, **middle, fx_px=focal * width_px, fy_px=focal * width_px)
+        yield Camera(**size, **centre, fx_px=focal * width_px, fy_px=focal * width_px)
 
 
 def _start_with(
     camera: Camera,
-    found: Sequence[Sequence[FoundBoard]],
+    detected: Sequence[Sequence[NumberedBoard]],
     corners_in_board_mm: FloatArray,
     mirrors: int,
     *,
@@ -138,8 +139,8 @@ def _start_with(
 ) -> Start:
     """Return the first estimate of a camera, after a robust fit of its focal lengths, planes, poses and bows."""
     boards = []
-    for in_picture in found:
-        candidates = [_located(camera, board, corners_in_board_mm) for board in in_picture]
+    for boards_in_picture in detected:
+        candidates = [_located(camera, board, corners_in_board_mm) for board in boards_in_picture]
         boards.append([board for board in candidates if board.direct or board.image])
     size_mm = float(np.linalg.norm(np.ptp(corners_in_board_mm, axis=0)))
     centres = _seed_mirrors(boards, mirrors, size_mm=size_mm)
@@ -153,24 +154,26 @@ def _start_with(
     except UndeterminedError as error:
         raise InputError(f"the pictures do not determine camera and mirrors: {error}") from None
     errors = np.linalg.norm(residuals(estimate, observations, board), axis=1)
-    # A board in no view counts as far off, so a start that explains only few boards is rejected.
-    corner_count = sum(len((item.direct or item.image)[0]) for in_picture in found for item in in_picture)
+    # A board assigned to no view counts as a large error, so a start that explains only a few boards is rejected.
+    corner_count = sum(
+        len((item.direct or item.image)[0]) for boards_in_picture in detected for item in boards_in_picture
+    )
     squares = float(np.sum(np.minimum(errors, cap_px) ** 2)) + (corner_count - len(observations)) * cap_px**2
     return Start(estimate, observations, pictures, float(np.sqrt(squares / corner_count)))
 
 
-def _located(camera: Camera, board: FoundBoard, corners_in_board_mm: FloatArray) -> _PosedBoard:
+def _located(camera: Camera, board: NumberedBoard, corners_in_board_mm: FloatArray) -> _PosedBoard:
     """Locate a board in space, without the numberings for which no pose fits."""
 
-    def place(numberings: list[Corners]) -> list[_PosedCorners]:
+    def locate(numberings: list[Corners]) -> list[_PosedCorners]:
         located = []
         for view in numberings:
-            matrix = initial_estimates.camera_from_flat_board(camera, view, corners_in_board_mm)
-            if matrix is not None:
-                located.append(_PosedCorners(view, matrix, transform(matrix, corners_in_board_mm)))
+            pose = initial_estimates.camera_from_flat_board(camera, view, corners_in_board_mm)
+            if pose is not None:
+                located.append(_PosedCorners(view, pose, transform(pose, corners_in_board_mm)))
         return located
 
-    return _PosedBoard(place(board.direct), place(board.image))
+    return _PosedBoard(locate(board.direct), locate(board.image))
 
 
 def _seed_mirrors(boards: list[list[_PosedBoard]], mirrors: int, *, size_mm: float) -> FloatArray:
@@ -181,15 +184,15 @@ def _seed_mirrors(boards: list[list[_PosedBoard]], mirrors: int, *, size_mm: flo
     agree on the board's position are chosen.
     """
     proposals: list[tuple[int, FloatArray, float]] = []
-    for number, in_picture in enumerate(boards):
-        for a in in_picture:
-            for b in in_picture:
+    for number, boards_in_picture in enumerate(boards):
+        for a in boards_in_picture:
+            for b in boards_in_picture:
                 if a is b:
                     continue
                 for direct in a.direct:
                     for image in b.image:
                         centre, misfit = initial_estimates.virtual_centre_between(direct.points, image.points)
-                        in_front = not initial_estimates.behind(direct.points, centre)
+                        in_front = not initial_estimates.is_behind(direct.points, centre)
                         if misfit < PAIR_MISFIT * size_mm and in_front:
                             proposals.append((number, centre, misfit))
     planes: list[FloatArray] = []
@@ -198,51 +201,55 @@ def _seed_mirrors(boards: list[list[_PosedBoard]], mirrors: int, *, size_mm: flo
         centres = np.array([centre for _, centre, _ in proposals])
         support = [len(np.unique(numbers[_same_plane(centre, centres)])) for centre in centres]
         best = min(range(len(proposals)), key=lambda i: (-support[i], proposals[i][2]))
-        near = _same_plane(centres[best], centres)
-        planes.append(np.median(centres[near], axis=0))
-        proposals = [proposal for proposal, used in zip(proposals, near, strict=True) if not used]
+        same = _same_plane(centres[best], centres)
+        planes.append(np.median(centres[same], axis=0))
+        proposals = [proposal for proposal, used in zip(proposals, same, strict=True) if not used]
     if len(planes) < mirrors:
         raise InputError(
-            f"the pictures show {len(planes)} mirrors, expected {mirrors}: the board must be seen directly and in each "
-            "mirror in at least one picture"
+            f"the pictures show {len(planes)} mirrors, expected {mirrors}: the board must be visible directly and in "
+            "each mirror in at least one picture"
         )
     if comb(len(planes), mirrors) > MAX_COMBINATIONS:
         planes = planes[:mirrors]  # the most frequent ones
     selections = [np.array(sorted(chosen, key=lambda centre: centre[0])) for chosen in combinations(planes, mirrors)]
-    return max(selections, key=lambda centres: _agreeing(boards, centres, size_mm=size_mm))
+    return max(selections, key=lambda centres: _count_agreeing(boards, centres, size_mm=size_mm))
 
 
-def _agreeing(boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: float) -> int:
+def _count_agreeing(boards: list[list[_PosedBoard]], centres: FloatArray, *, size_mm: float) -> int:
     """Number of views that agree with another view of their picture on the board's position."""
     count = 0
-    for in_picture in boards:
-        views = _views(in_picture, centres, size_mm=size_mm)
+    for boards_in_picture in boards:
+        views = _views(boards_in_picture, centres, size_mm=size_mm)
         centroids = np.array([_in_rig(options[0], view, centres).mean(axis=0) for view, options in views.items()])
         for row, centroid in enumerate(centroids):
             others = np.delete(centroids, row, axis=0)
-            count += bool((np.linalg.norm(others - centroid, axis=1) < AGREEING * size_mm).any())
+            count += bool((np.linalg.norm(others - centroid, axis=1) < MAX_DISAGREEMENT * size_mm).any())
     return count
 
 
 def _same_plane(centre: FloatArray, others: FloatArray) -> BoolArray:
-    """Mask of other virtual centres (n, 3) that belong to the same plane."""
+    """Mask (n,) of other virtual centres (n, 3) that belong to the same plane."""
     return np.asarray(np.linalg.norm(others - centre, axis=1) < SAME_PLANE * np.linalg.norm(centre))
 
 
-def _views(in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float) -> dict[int, list[_PosedCorners]]:
+def _views(
+    boards_in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float
+) -> dict[int, list[_PosedCorners]]:
     """Return the numberings of the boards by view.
 
-    The direct view is the board with the most images where the mirrors in front of it would show them. Otherwise, a
+    The direct view is the board with the most images at the positions predicted by the mirrors. Otherwise, a
     board behind no plane is the direct view, and a board behind a single plane its image; boards behind several planes
     may have been reflected more than once and are left out.
     """
-    interpretations = [_images_of(board, in_picture, centres, size_mm=size_mm) for board in in_picture if board.direct]
+    interpretations = [
+        _images_of(board, boards_in_picture, centres, size_mm=size_mm) for board in boards_in_picture if board.direct
+    ]
     views, score = max(interpretations, key=lambda pair: pair[1], default=({}, 0.0))
     if score > 0.0:
         return views
     views = {}
-    for board in in_picture:
-        hidden_by = [m for m, centre in enumerate(centres) if initial_estimates.behind(board.points, centre)]
+    for board in boards_in_picture:
+        hidden_by = [m for m, centre in enumerate(centres) if initial_estimates.is_behind(board.points, centre)]
         if len(hidden_by) == 0 and board.direct:
             views.setdefault(DIRECT, board.direct)
         elif len(hidden_by) == 1 and board.image:
@@ -251,32 +258,32 @@ def _views(in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float
 
 
 def _images_of(
-    direct: _PosedBoard, in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float
+    direct: _PosedBoard, boards_in_picture: list[_PosedBoard], centres: FloatArray, *, size_mm: float
 ) -> tuple[dict[int, list[_PosedCorners]], float]:
-    """Return the views of a board assumed to be seen directly, and their score, at most 1 per mirror.
+    """Return the views of a board assumed to be the direct view, and their score, at most 1 per mirror.
 
-    The views are the board itself and, for each mirror it is in front of, the board behind it nearest to its image.
+    The views are the board itself and, for each mirror that it is in front of, the board nearest to its image.
     """
     views, score = {DIRECT: direct.direct}, 0.0
-    images = [board for board in in_picture if board.image and board is not direct]
-    distances = np.full((len(centres), len(images)), NO_IMAGE)
+    images = [board for board in boards_in_picture if board.image and board is not direct]
+    distances = np.full((len(centres), len(images)), NO_IMAGE_DISTANCE)
     for mirror, centre in enumerate(centres):
-        if initial_estimates.behind(direct.points, centre):
+        if initial_estimates.is_behind(direct.points, centre):
             continue
         expected = reflect(direct.points, centre).mean(axis=0)
         for column, board in enumerate(images):
-            if initial_estimates.behind(board.points, centre):
+            if initial_estimates.is_behind(board.points, centre):
                 centroids = np.array([option.points.mean(axis=0) for option in board.image])
                 distances[mirror, column] = np.linalg.norm(centroids - expected, axis=1).min() / size_mm
-    for mirror, column in zip(*linear_sum_assignment(np.minimum(distances, NO_IMAGE)), strict=True):
-        if distances[mirror, column] < AGREEING:
+    for mirror, column in zip(*linear_sum_assignment(np.minimum(distances, NO_IMAGE_DISTANCE)), strict=True):
+        if distances[mirror, column] < MAX_DISAGREEMENT:
             views[int(mirror)] = images[column].image
-            score += 1.0 - distances[mirror, column] / AGREEING
+            score += 1.0 - distances[mirror, column] / MAX_DISAGREEMENT
     return views, float(score)
 
 
 def _in_rig(board: _PosedCorners, view: int, centres: FloatArray) -> FloatArray:
-    """Points (n, 3) of the board itself that a view shows."""
+    """Corners (n, 3) of the board itself from a view of it."""
     return board.points if view == DIRECT else reflect(board.points, centres[view])
 
 
@@ -287,8 +294,8 @@ def _assign(
     parts: list[Observations] = []
     frames: list[int] = []
     poses: list[FloatArray] = []
-    for picture, in_picture in enumerate(boards):
-        views = _views(in_picture, centres, size_mm=size_mm)
+    for picture, boards_in_picture in enumerate(boards):
+        views = _views(boards_in_picture, centres, size_mm=size_mm)
         if not views:
             continue
         first = min(views, key=lambda view: (len(views[view]), view))
@@ -302,7 +309,7 @@ def _assign(
             corners = options[best].corners
             parts.append(Observations.of_view(len(frames), view, corners.ids, corners.pixels, corners.sigma_px))
         poses.append(
-            reference.matrix if first == DIRECT else initial_estimates.pose_from_image(reference.matrix, centres[first])
+            reference.pose if first == DIRECT else initial_estimates.pose_from_image(reference.pose, centres[first])
         )
         frames.append(picture)
     return Observations.join(parts), frames, np.array(poses)

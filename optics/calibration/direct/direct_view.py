@@ -3,7 +3,7 @@
 From a first estimate (`direct_start`), one camera, 3 parameters per mirror and one pose per picture are solved jointly.
 If the corners support it, so are a common thickness of second-surface mirrors, and the board's corners: paper is
 printed and glued less accurately than its corners are measured here. Rotations of the camera between pictures are
-compensated by the static scene.
+compensated by means of the static scene.
 """
 
 from __future__ import annotations
@@ -19,13 +19,17 @@ from mirrorcam.core.figures.figure_texts import count_text, grouped_names
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.detect_boards import direct_view
+from mirrorcam.optics.calibration.detection.detect_boards import detect_direct_view
 from mirrorcam.optics.calibration.detection.frame_choice import most_informative
 from mirrorcam.optics.calibration.detection.next_pose import NextPose
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest_model
-from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, conclude, forward
+from mirrorcam.optics.calibration.diagnostics.model_selection import (
+    ModelSelection,
+    finished_selection,
+    forward_selection,
+)
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     Fitted,
     fit_as,
@@ -35,20 +39,20 @@ from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, DIREC
 from mirrorcam.optics.calibration.direct.direct_boards import (
     FLIPPED,
     INVERTED,
-    SeenBoard,
+    DetectedBoard,
     boards_in,
-    confirmed,
+    confirmed_corners,
+    distance_note,
+    first_estimate_of,
     fits_flipped,
     more_mirrors,
-    nearness_note,
     negative,
-    start_of,
 )
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
 from mirrorcam.optics.calibration.direct.motion import (
-    at_middle_row,
     camera_rotations,
     corner_velocities,
+    corrected_to_middle_row,
     rolling_shutter,
     stabilised,
 )
@@ -71,7 +75,7 @@ def calibrate_with_direct_view(
     names: Sequence[str],
     base: Sequence[Grey] = (),
     base_names: Sequence[str] = (),
-    most: int | None = None,
+    max_pictures: int | None = None,
     model: RequestedModel = AUTO,
     adjacent: Callable[[Sequence[int]], Sequence[tuple[Grey, Grey] | None]] | None = None,
     progress: Progress = no_progress,
@@ -93,8 +97,8 @@ def calibrate_with_direct_view(
         Pictures of the board by the same camera without mirrors, which improve the intrinsics.
     base_names
         Names of `base`, for messages.
-    most
-        Largest number of pictures to use, chosen so that boards cover the picture and differ in pose; None: all.
+    max_pictures
+        Maximum number of pictures to use, chosen so that boards cover the picture and differ in pose; None for all.
     model
         Model to fit, with any of `DIRECT_ADDITIONS`. Default: the largest one that the pictures support.
     adjacent
@@ -109,7 +113,7 @@ def calibrate_with_direct_view(
     Returns
     -------
     Calibration
-        Its layout has one row of mirrors, numbered from left to right, in the camera's frame `rig`.
+        Its layout has one row of mirrors, numbered from left to right, in the rig frame, which is the camera's.
 
     Raises
     ------
@@ -120,85 +124,93 @@ def calibrate_with_direct_view(
         raise InputError("no pictures given")
     _check_sizes((*pictures, *base), (*names, *base_names))
     model.check_direct()
-    boards = boards_in(pictures, target, most=mirrors + 1, progress=progress)
+    boards = boards_in(pictures, target, max_boards=mirrors + 1, progress=progress)
     # Pictures with the most corners come first: those taken first may not show the board yet.
-    by_corners = [
+    pictures_by_corners = [
         pictures[number] for number in sorted(range(len(pictures)), key=lambda number: -_corner_count(boards[number]))
     ]
-    if other := other_board(by_corners, target, mirrored=None, found=True):
+    if other := other_board(pictures_by_corners, target, mirrored=None, found=True):
         raise InputError(other)
     corners_mm = target.corners_in_board_mm
     height, width = pictures[0].shape
     notes: tuple[str, ...] = ()
     used = list(range(len(pictures)))
-    if most is not None and len(pictures) > most:
-        each = [[board.any for board in in_picture if board.any is not None] for in_picture in boards]
-        used = most_informative(each, corners_mm, width_px=width, most=most)
+    if max_pictures is not None and len(pictures) > max_pictures:
+        detected = [
+            [board.any_numbering for board in in_picture if board.any_numbering is not None] for in_picture in boards
+        ]
+        used = most_informative(detected, corners_mm, width_px=width, max_frames=max_pictures)
         notes = (f"{len(used)} of {len(pictures)} pictures used: {grouped_names([names[number] for number in used])}",)
         boards = [boards[number] for number in used]
         pictures, names = [pictures[number] for number in used], [names[number] for number in used]
     try:
-        start, inverted = start_of(boards, target, mirrors=mirrors, width_px=width, height_px=height)
+        start, inverted = first_estimate_of(boards, target, mirrors=mirrors, width_px=width, height_px=height)
     except InputError as error:
-        # The stated board was found but gives no estimate: a larger checkerboard can pass for it in places.
-        other = other_board(by_corners, target, mirrored=None, found=True, fits=False)
+        # The stated board was found but gives no estimate: parts of a larger checkerboard can look like it.
+        other = other_board(pictures_by_corners, target, mirrored=None, found=True, fits=False)
         if other is None and fits_flipped(boards, target, mirrors=mirrors, width_px=width, height_px=height):
             other = FLIPPED
         raise InputError(other or f"{error}{more_mirrors(boards, names, mirrors)}") from None
     if inverted:
         notes += (INVERTED,)
-    notes += nearness_note(start.estimate, target)
-    shown = [negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
+    notes += distance_note(start.estimate, target)
+    used_pictures = [negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
     rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:
-        observations = confirmed(shown, start, target)
-        base_corners = [direct_view(negative(picture) if inverted else picture, target) for picture in base]
+        observations = confirmed_corners(used_pictures, start, target)
+        base_corners = [detect_direct_view(negative(picture) if inverted else picture, target) for picture in base]
         base_corners = [rows for rows in base_corners if len(rows)]
         if on_hint is not None:
-            shown_names = [names[number] for number in start.pictures]
+            used_names = [names[number] for number in start.pictures]
             hint = next_direct_pose(
-                start.estimate, observations, target, intrinsics=INTRINSICS, pictures=shown_names, base=base_corners
+                start.estimate, observations, target, intrinsics=INTRINSICS, pictures=used_names, base=base_corners
             )
             if hint is not None:
                 on_hint(names[-1], hint)
         start_poses = start.estimate.with_poses(start.estimate.rig_from_board)
         flat = fit_as("joint", start_poses, observations, rigid)
-        flat, observations, rotations = _compensated(shown, flat, observations)
+        flat, observations, rotations = _compensate_rotations(used_pictures, flat, observations)
         flat, observations = _with_base(flat, observations, base_corners)
-        selection, drawn = select_direct_model(flat, observations, model=model)
+        selection, flat_solution = select_direct_model(flat, observations, model=model)
         shutter = None
         if adjacent is not None:
             numbers = [used[number] for number in start.pictures]
-            triples = [
+            triplets = [
                 None if pair is None else (pair[0], pictures[n], pair[1])
                 for n, pair in zip(start.pictures, adjacent(numbers), strict=True)
             ]
-            velocity = corner_velocities(observations, triples)
+            velocity = corner_velocities(observations, triplets)
             shutter = rolling_shutter(selection, observations, velocity, height)
             if shutter is not None and shutter.supported:
-                observations = at_middle_row(observations, velocity, shutter.readout, height)
+                observations = corrected_to_middle_row(observations, velocity, shutter.readout, height)
                 flat = fit_as("joint", flat.solution.estimate, observations, rigid)
-                selection, drawn = select_direct_model(flat, observations, model=model)
+                selection, flat_solution = select_direct_model(flat, observations, model=model)
         result = direct_result(
-            selection, drawn, observations, pictures=start.pictures, names=names, turns=rotations, shutter=shutter
+            selection,
+            flat_solution,
+            observations,
+            pictures=start.pictures,
+            names=names,
+            rotations=rotations,
+            shutter=shutter,
         )
     except UndeterminedError as error:
         more = more_mirrors(boards, names, mirrors)
         raise InputError(f"the pictures do not determine camera and mirrors: {error}{more}") from None
     except InvalidValue as error:
-        # Parts of another board that pass for the stated one lead to impossible mirrors.
+        # Parts of a different board that look like the stated one lead to impossible mirrors.
         other = other_board(pictures, target, mirrored=None, found=False)
         raise InputError(other or f"the pictures lead to impossible mirrors: {error}") from None
     return replace(result, notes=(*notes, *result.notes))
 
 
-def _corner_count(boards: Sequence[SeenBoard]) -> int:
+def _corner_count(boards: Sequence[DetectedBoard]) -> int:
     """Number of corners of all boards in a picture."""
-    return sum(len(board.any) for board in boards if board.any is not None)
+    return sum(len(board.any_numbering) for board in boards if board.any_numbering is not None)
 
 
 def _check_sizes(pictures: Sequence[Grey], names: Sequence[str]) -> None:
-    """Raise InputError for the first picture whose size differs from most."""
+    """Raise InputError for the first picture whose size differs from the most common size."""
     sizes = [(picture.shape[1], picture.shape[0]) for picture in pictures]
     ((usual, count),) = Counter(sizes).most_common(1)
     for number, size in enumerate(sizes):
@@ -216,7 +228,7 @@ def _with_base(flat: Fitted, observations: Observations, base: Sequence[Observat
         corners = Corners(rows.corner, rows.pixels, rows.sigma_px)
         pose = camera_from_flat_board(estimate.camera, corners, flat.model.board.corners_in_board_mm)
         if pose is not None:
-            parts.append(rows.shifted(len(poses)))
+            parts.append(rows.with_frame_offset(len(poses)))
             poses.append(pose)
     if len(parts) == 1:
         return flat, observations
@@ -224,10 +236,10 @@ def _with_base(flat: Fitted, observations: Observations, base: Sequence[Observat
     return fit_as("joint", estimate.with_poses(np.array(poses)), joined, flat.model), joined
 
 
-def _compensated(
+def _compensate_rotations(
     pictures: Sequence[Grey], flat: Fitted, observations: Observations
 ) -> tuple[Fitted, Observations, FloatArray | None]:
-    """Return fit, corners and camera rotations with these compensated if that improves the fit; None without."""
+    """Return fit, corners and camera rotations, compensated if that improves the fit; otherwise rotations are None."""
     camera = flat.solution.estimate.camera
     rotations = camera_rotations(pictures, camera)
     if rotations is None:
@@ -257,7 +269,7 @@ def select_direct_model(
     -------
     selection
         The selected model.
-    drawn
+    flat_solution
         The fit of the same mirrors and camera with the board as drawn in all frames.
     """
     comparisons, current = [smallest_model(flat)], flat
@@ -265,15 +277,15 @@ def select_direct_model(
         larger = fit_with("plates" if name == "sheet" else name, current, observations)
         comparisons.append(compare(larger, current, observations))
         current = larger
-    current, further, alarms, notes = forward(
-        current, observations, DIRECT_ADDITIONS, extend=model.auto, unplated="plates"
+    current, further, alarms, notes = forward_selection(
+        current, observations, DIRECT_ADDITIONS, extend=model.auto, plate_addition="plates"
     )
     terms = replace(current.model.frame_terms, bow_per_mm=None)
     as_drawn = replace(current.model, board=flat.model.board, frame_terms=terms)
     estimate = current.solution.estimate
     start = replace(estimate, shape=np.zeros(0), bow_mm=np.zeros_like(estimate.bow_mm))
-    drawn = fit(start, observations, as_drawn)
-    return conclude(current, [*comparisons, *further], observations, alarms, notes), drawn
+    flat_solution = fit(start, observations, as_drawn)
+    return finished_selection(current, [*comparisons, *further], observations, alarms, notes), flat_solution
 
 
 def _squares(solution: Solution) -> float:

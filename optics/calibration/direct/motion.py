@@ -1,12 +1,12 @@
 """Motion of the camera between pictures, and of the board during the readout of a picture.
 
-A tripod yields when the shutter button is pressed. A rotation of the camera about the pupil moves every image point by
-one homography, whatever the point's distance and whether it is mirrored, so the entire static scene determines it.
+A tripod yields when the shutter button is pressed. A rotation of the camera about the pupil moves all image points by
+one homography, whatever their distance and whether they are mirrored, so the entire static scene determines it.
 Moving boards and hands are outliers.
 
 A rolling shutter exposes the rows of a frame one after another, which shears the image of a moving board. A corner in
 row v of h is exposed (v / h - 1/2) of the readout after the middle row, and its velocity gives its position at the time
-of the middle row. Velocities are measured between the frames before and after by Lucas-Kanade tracking, so a single
+of the middle row. Velocities are measured by Lucas-Kanade tracking between the frames before and after, so a single
 number describes the shutter: the readout of a frame as a fraction of the frame period.
 """
 
@@ -42,16 +42,16 @@ PYRAMID_LEVELS = 2
 TRACKING_CRITERIA = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 60, 1e-4)
 MAX_BACKWARD_PX, MAX_DIFFERENCE_GREY, MAX_MOVE_PX = 0.05, 10.0, 6.0
 MAX_STATIC_PX = 0.4
-RANSAC_DRAWS = 300
+RANSAC_SAMPLES = 300
 MIN_STATIC_FEATURES = 40
 TRIAL_READOUT = 0.5
-"""The cost is evaluated at readouts of 0, this and twice this, to fit a parabola."""
+"""The cost is evaluated at readouts of 0, this value and twice this value, to fit a parabola."""
 MIN_TRACKED = 6
 MAX_VELOCITY_ERROR = 3.0  # relative to the median deviation of a view's velocities from their affine fit
 
 
 def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | None:
-    """Rotation vectors (n, 3), rad, from rays of the first picture to rays of each; None if undetermined.
+    """Rotation vectors (n, 3), rad, from rays of the first picture to rays of each picture; None if undetermined.
 
     Random sample consensus over features tracked by Lucas-Kanade, then least squares.
     """
@@ -73,7 +73,7 @@ def stabilised(observations: Observations, camera: Camera, rotations: FloatArray
 
 
 def _scene_tracks(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
-    """Pixels (n, 2) of features spread evenly over the first picture, and their pixels (n, 2) in the other."""
+    """Pixels (n, 2) of features spread evenly over the first picture, and their pixels (n, 2) in the other picture."""
     features_px = cv2.goodFeaturesToTrack(first, FEATURES, FEATURE_QUALITY, FEATURE_GAP_PX)
     if features_px is None:
         return np.empty((0, 2)), np.empty((0, 2))
@@ -88,8 +88,8 @@ def _scene_tracks(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
     # Features are sorted by quality, so the first of a cell are its best.
     order = np.argsort(cell, kind="stable")
     starts = np.searchsorted(cell[order], cell[order])
-    kept = np.sort(order[np.arange(len(order)) - starts < PER_CELL])
-    return first_px[kept], other_px[kept]
+    selected = np.sort(order[np.arange(len(order)) - starts < PER_CELL])
+    return first_px[selected], other_px[selected]
 
 
 def _track(first: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, BoolArray, FloatArray]:
@@ -99,23 +99,23 @@ def _track(first: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, Bo
         first, other, seeds, seeds.copy(), winSize=SCENE_WINDOW_PX, maxLevel=PYRAMID_LEVELS, criteria=TRACKING_CRITERIA
     )
     tracked = status.ravel() > 0
-    # The difference of a lost point is undefined.
+    # For a lost point, the difference is undefined.
     difference = np.full(len(tracked), np.inf)
     difference[tracked] = error.ravel()[tracked]
     return np.asarray(tracked_px, dtype=np.float64)[:, 0], tracked, difference
 
 
 def _ransac_rotation(camera: Camera, first_px: FloatArray, other_px: FloatArray) -> FloatArray | None:
-    """Rotation vector (3,) that explains the motion of the static features (n, 2); None if too few agree."""
+    """Rotation vector (3,) that fits the motion of the static features (n, 2); None if too few agree."""
     random = np.random.default_rng(0)
     rays = camera.unproject(first_px)
-    best_rotation, most_inliers = np.zeros(3), 0
-    for _ in range(RANSAC_DRAWS):
+    best_rotation, max_inliers = np.zeros(3), 0
+    for _ in range(RANSAC_SAMPLES):
         pair = random.choice(len(first_px), 2, replace=False)
         rotation = _refine_rotation(camera, rays[pair], other_px[pair], np.zeros(3), steps=2)
         count = int((np.linalg.norm(_projected(camera, rays, rotation) - other_px, axis=1) < MAX_STATIC_PX).sum())
-        if count > most_inliers:
-            best_rotation, most_inliers = rotation, count
+        if count > max_inliers:
+            best_rotation, max_inliers = rotation, count
     for _ in range(5):
         inliers = np.linalg.norm(_projected(camera, rays, best_rotation) - other_px, axis=1) < MAX_STATIC_PX
         if inliers.sum() < MIN_STATIC_FEATURES:
@@ -131,12 +131,12 @@ def _projected(camera: Camera, rays: FloatArray, rotation: FloatArray) -> FloatA
 def _refine_rotation(
     camera: Camera, rays: FloatArray, target_px: FloatArray, rotation: FloatArray, *, steps: int
 ) -> FloatArray:
-    """Rotation vector (3,) that turns rays (n, 3) to target pixels (n, 2), by Gauss-Newton steps from a nearby one."""
+    """Rotation vector (3,) that rotates rays (n, 3) to target pixels (n, 2), by Gauss-Newton steps from a start."""
     for _ in range(steps):
         rotated = rays @ Rotation.from_rotvec(rotation).as_matrix().T
-        pixels, pixels_by_ray, _ = camera.project_with_jacobians(rotated)
-        pixels_by_rotation = np.cross(rotated[:, None, :], pixels_by_ray)  # J (w x p) = w . (p x J)
-        step = np.linalg.lstsq(pixels_by_rotation.reshape(-1, 3), (target_px - pixels).ravel(), rcond=None)[0]
+        pixels, d_ray, _ = camera.project_with_jacobians(rotated)
+        d_rotation = np.cross(rotated[:, None, :], d_ray)  # J (w x p) = w . (p x J)
+        step = np.linalg.lstsq(d_rotation.reshape(-1, 3), (target_px - pixels).ravel(), rcond=None)[0]
         rotation = (Rotation.from_rotvec(step) * Rotation.from_rotvec(rotation)).as_rotvec()
     return rotation
 
@@ -157,35 +157,35 @@ class Shutter:
 def corner_velocities(observations: Observations, adjacent: Sequence[tuple[Grey, Grey, Grey] | None]) -> FloatArray:
     """Velocities (n, 2) of corners, px per frame, smooth over each view; 0 where they cannot be measured.
 
-    `adjacent` holds for each frame the picture before, its own, and the picture after.
+    `adjacent` holds, for each frame, the previous picture, its own, and the next one.
     """
     velocities = np.zeros((len(observations), 2))
     for frame, pictures in enumerate(adjacent):
         rows = np.flatnonzero(observations.frame == frame)
         if pictures is None or not len(rows):
             continue
-        before, own, after = pictures
+        before, current, after = pictures
         pixels = observations.pixels[rows]
-        (backward, backward_found), (forward, forward_found) = (
-            _displacements(own, other, pixels) for other in (before, after)
+        (backward, backward_tracked), (forward, forward_tracked) = (
+            _displacements(current, other, pixels) for other in (before, after)
         )
-        velocity, tracked = (forward - backward) / 2.0, backward_found & forward_found
+        velocity, tracked = (forward - backward) / 2.0, backward_tracked & forward_tracked
         for view in np.unique(observations.view[rows]):
-            of_view = observations.view[rows] == view
-            velocities[rows[of_view]] = _smooth(pixels[of_view], velocity[of_view], tracked[of_view])
+            view_rows = observations.view[rows] == view
+            velocities[rows[view_rows]] = _smooth(pixels[view_rows], velocity[view_rows], tracked[view_rows])
     return velocities
 
 
-def _displacements(own: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, np.ndarray]:
+def _displacements(current: Grey, other: Grey, pixels: FloatArray) -> tuple[FloatArray, np.ndarray]:
     seeds = pixels.astype(np.float32)[:, None]
     tracked_px, status, _ = cv2.calcOpticalFlowPyrLK(
-        own, other, seeds, seeds.copy(), winSize=BOARD_WINDOW_PX, maxLevel=PYRAMID_LEVELS
+        current, other, seeds, seeds.copy(), winSize=BOARD_WINDOW_PX, maxLevel=PYRAMID_LEVELS
     )
     return np.asarray(tracked_px - seeds, dtype=np.float64)[:, 0], status.ravel() > 0
 
 
 def _smooth(pixels: FloatArray, velocity: FloatArray, tracked: np.ndarray) -> FloatArray:
-    """Fit the velocities (n, 2) of a view by an affine function of the pixel, without outliers; 0 if few are known."""
+    """Fit a view's velocities (n, 2) by an affine function of the pixel, without outliers; 0 if few are tracked."""
     terms = np.column_stack([np.ones(len(pixels)), pixels - pixels.mean(axis=0)])
     for _ in range(2):
         if tracked.sum() < MIN_TRACKED:
@@ -196,7 +196,9 @@ def _smooth(pixels: FloatArray, velocity: FloatArray, tracked: np.ndarray) -> Fl
     return np.asarray(fitted)
 
 
-def at_middle_row(observations: Observations, velocity: FloatArray, readout: float, height_px: int) -> Observations:
+def corrected_to_middle_row(
+    observations: Observations, velocity: FloatArray, readout: float, height_px: int
+) -> Observations:
     """Correct corners to their positions at the exposure of the middle row."""
     delay = readout * ((observations.pixels[:, 1] + 0.5) / height_px - 0.5)
     return replace(observations, pixels=observations.pixels - delay[:, None] * velocity)
@@ -205,7 +207,7 @@ def at_middle_row(observations: Observations, velocity: FloatArray, readout: flo
 def rolling_shutter(
     selection: ModelSelection, observations: Observations, velocity: FloatArray, height_px: int
 ) -> Shutter | None:
-    """Estimate the readout that best explains the inliers of a fit; None if no corner moves.
+    """Estimate the readout that best fits the inliers of a solution; None if no corner moves.
 
     Parameters
     ----------
@@ -219,9 +221,9 @@ def rolling_shutter(
         Number of rows of the sensor.
     """
     solution = selection.solution
-    rows, moving = observations.where(solution.inliers), velocity[solution.inliers]
+    rows, velocity_inliers = observations.where(solution.inliers), velocity[solution.inliers]
     cost_at_zero, cost_at_trial, cost_at_double = (
-        _cost(selection, at_middle_row(rows, moving, readout, height_px))
+        _cost(selection, corrected_to_middle_row(rows, velocity_inliers, readout, height_px))
         for readout in (0.0, TRIAL_READOUT, 2.0 * TRIAL_READOUT)
     )
     curvature = (cost_at_double - 2.0 * cost_at_trial + cost_at_zero) / (2.0 * TRIAL_READOUT**2)
@@ -229,14 +231,17 @@ def rolling_shutter(
         return None
     readout = (cost_at_zero - cost_at_trial) / (2.0 * TRIAL_READOUT * curvature) + TRIAL_READOUT / 2.0
     degrees_of_freedom = (
-        2 * len(rows) - len(solution.parameters) - solution.frame_terms - 6 * len(solution.estimate.rig_from_board)
+        2 * len(rows)
+        - len(solution.parameters)
+        - solution.effective_frame_terms
+        - 6 * len(solution.estimate.rig_from_board)
     )
     variance = (cost_at_zero - curvature * readout**2) / degrees_of_freedom
     drop = curvature * readout**2 / variance
     favoured = f_distribution.sf(drop, 1, degrees_of_freedom) < SUPPORTED_CHANCE and drop > np.log(2 * len(rows))
-    corrected = at_middle_row(rows, moving, readout, height_px)
+    corrected = corrected_to_middle_row(rows, velocity_inliers, readout, height_px)
     frames = len(np.unique(rows.frame))
-    supported = bool(favoured and frames >= FOLDS and _gain(selection, rows, corrected) > MIN_GAIN_SIGMAS)
+    supported = bool(favoured and frames >= FOLDS and _gain_sigmas(selection, rows, corrected) > MIN_GAIN_SIGMAS)
     return Shutter(float(readout), float(np.sqrt(variance / curvature)), supported and 0.0 < abs(readout) <= 1.0)
 
 
@@ -247,8 +252,8 @@ def _cost(selection: ModelSelection, rows: Observations) -> float:
     return float(np.sum(r**2) + np.sum(model.frame_terms.values(estimate) ** 2))
 
 
-def _gain(selection: ModelSelection, rows: Observations, corrected: Observations) -> float:
-    """By how many standard errors held-out frames are predicted better with corrected corners."""
+def _gain_sigmas(selection: ModelSelection, rows: Observations, corrected: Observations) -> float:
+    """Improvement of the prediction of held-out frames by corrected corners, in standard errors."""
     estimate, model = selection.solution.estimate, selection.model
     fold = balanced_folds(estimate, rows, model.board, FOLDS)
     uncorrected_errors, corrected_errors = (

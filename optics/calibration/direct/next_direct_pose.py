@@ -1,7 +1,7 @@
 """Next best view with a direct view and without a layout: visibility is predicted from the previous pictures.
 
-The candidate poses are those of previous pictures, tilted, shifted, nearer and farther. A mirror is assumed to reach
-somewhat beyond the corners seen in it.
+The candidate poses are those of previous pictures, tilted, shifted, nearer and farther. A mirror is assumed to extend
+somewhat beyond the corners observed in it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import shapely
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.checkerboard import spread_out
+from mirrorcam.optics.calibration.detection.checkerboard import non_collinear
 from mirrorcam.optics.calibration.detection.next_pose import (
     INTRINSIC_SIGMAS,
     SHIFTS,
@@ -22,10 +22,10 @@ from mirrorcam.optics.calibration.detection.next_pose import (
     NextPose,
     NextPosePlanner,
     Placement,
-    moved_in_words,
-    place_in_words,
+    indices_inside,
     planning_model,
-    shown_in,
+    position_in_words,
+    shift_in_words,
     tilt_in_words,
 )
 from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
@@ -39,9 +39,9 @@ DEPTHS = {0.8: "nearer by a fifth", 1.0: "", 1.25: "farther by a quarter"}
 MAX_EXAMPLES = 3
 """Number of pictures whose poses are varied: those with the most corners."""
 MIRROR_MARGIN = 0.25
-"""Assumed reach of a mirror beyond its corners, relative to the square root of their area."""
+"""Assumed extent of a mirror beyond its observed corners, relative to the square root of their hull's area."""
 MIN_FACING = 0.25
-"""Least cosine between a board's normal and the line of sight for which the print can be read."""
+"""Minimum cosine between a board's normal and the line of sight for which the print can be read."""
 CENTRE_SIGMA = 0.3
 """Prior standard deviation of a virtual centre, relative to its distance."""
 
@@ -75,7 +75,7 @@ def next_direct_pose(
     Returns
     -------
     NextPose or None
-        None if no candidate pose shows the board, as when the estimate explains none of its pictures.
+        None if no candidate pose shows the board, such as when the estimate fits none of its pictures.
     """
     camera, centres = start.camera, start.virtual_centres_in_rig_mm
     focal, centre, distortion = INTRINSIC_SIGMAS
@@ -83,37 +83,37 @@ def next_direct_pose(
     intrinsic_sigmas = [
         prior_sigmas.get(name[0], distortion) if name.endswith("_px") else distortion for name in intrinsics
     ]
-    plain = start.with_poses(start.rig_from_board)
-    placements = list(_placements(plain, observations, target, pictures))
+    start_poses = start.with_poses(start.rig_from_board)
+    placements = list(_placements(start_poses, observations, target, pictures))
     if not placements:
         return None
     planner = NextPosePlanner(
-        plain,
+        start_poses,
         planning_model(intrinsics, target),
         [*intrinsic_sigmas, *np.repeat(CENTRE_SIGMA * np.linalg.norm(centres, axis=1), 3)],
         [_name(camera, observations, mirror) for mirror in range(len(centres))],
         placements,
     )
-    for frame, pose in enumerate(plain.rig_from_board):
-        seen = _of_frame(observations, frame)
-        if len(seen):
-            planner.add(pose, seen)
-    for seen in base:
-        corners = Corners(seen.corner, seen.pixels)
-        found = camera_from_flat_board(camera, corners, target.corners_in_board_mm)
-        if found is not None:
-            planner.add(found, seen)
+    for frame, pose in enumerate(start_poses.rig_from_board):
+        rows = _frame_rows(observations, frame)
+        if len(rows):
+            planner.add(pose, rows)
+    for rows in base:
+        corners = Corners(rows.corner, rows.pixels)
+        pose = camera_from_flat_board(camera, corners, target.corners_in_board_mm)
+        if pose is not None:
+            planner.add(pose, rows)
     return planner.next()
 
 
-def _of_frame(observations: Observations, frame: int) -> Observations:
-    rows = observations.where(observations.frame == frame)
-    return rows.shifted(-frame)
+def _frame_rows(observations: Observations, frame: int) -> Observations:
+    frame_rows = observations.where(observations.frame == frame)
+    return frame_rows.with_frame_offset(-frame)
 
 
 def _name(camera: Camera, observations: Observations, mirror: int) -> str:
     centroid = observations.pixels[observations.view == mirror].mean(axis=0)
-    return f"mirror 0-{mirror} ({place_in_words(camera, centroid)})"
+    return f"mirror 0-{mirror} ({position_in_words(camera, centroid)})"
 
 
 def _placements(
@@ -124,19 +124,21 @@ def _placements(
     regions = _regions(start, observations)
     for frame in np.argsort(-counts, kind="stable")[:MAX_EXAMPLES].tolist():
         for factor, tilt, x, y in product(DEPTHS, TILTS, SHIFTS, SHIFTS):
-            pose, depth_mm = _varied(start.rig_from_board[frame], target, factor, tilt, (x, y))
+            pose, depth_mm = _varied_pose(start.rig_from_board[frame], target, factor, tilt, (x, y))
             corners = _visible_corners(start, pose, regions, target)
             if len(corners):
-                changes = [DEPTHS[factor], tilt_in_words(tilt, "the camera"), moved_in_words(x, y)]
+                changes = [DEPTHS[factor], tilt_in_words(tilt, "the camera"), shift_in_words(x, y)]
                 change_text = ", ".join(change for change in changes if change)
-                words = f"the board as in {pictures[frame]}, {'but ' + change_text if change_text else 'once more'}"
-                yield Placement(pose, depth_mm, tilt, words, corners)
+                description = (
+                    f"the board as in {pictures[frame]}, {'but ' + change_text if change_text else 'once more'}"
+                )
+                yield Placement(pose, depth_mm, tilt, description, corners)
 
 
-def _varied(
+def _varied_pose(
     pose: FloatArray, target: Target, factor: float, tilt_deg: tuple[float, float], shift: tuple[float, float]
 ) -> tuple[FloatArray, float]:
-    """Return a pose (4, 4) at `factor` times its distance, tilted, shifted in half board sizes; and its depth."""
+    """Return a pose at `factor` times its distance, tilted and shifted in half sizes of the board; and its depth."""
     half = np.array([*target.size_mm, 0.0]) / 2.0
     rotation = Rotation.from_euler("xy", tilt_deg, degrees=True).as_matrix() @ pose[:3, :3]
     centre = factor * transform(pose, half) + half.max() * np.array([*shift, 0.0])
@@ -157,17 +159,17 @@ def _regions(start: Estimate, observations: Observations) -> dict[int, shapely.G
 def _visible_corners(
     start: Estimate, pose: FloatArray, regions: dict[int, shapely.Geometry], target: Target
 ) -> Observations:
-    """Return the corners of a pose, as frame 0, in all views that see enough of it; none if the direct one fails."""
+    """Return the corners at a pose, as frame 0, in all views that show enough; none if the direct view does not."""
     board = Board.rigid(target.corners_in_board_mm)
     estimate, ids = start.with_poses(pose[None]), np.arange(len(board.corners_in_board_mm))
     parts = []
     for view, region in regions.items():
         pupil = np.zeros(3) if view == DIRECT else start.virtual_centres_in_rig_mm[view]
-        to_pupil = transform(inverse(pose), pupil) - np.array([*target.size_mm, 0.0]) / 2.0
+        pupil_from_centre = transform(inverse(pose), pupil) - np.array([*target.size_mm, 0.0]) / 2.0
         pixels = residuals(estimate, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
-        visible = shown_in(region, pixels)
-        facing = -to_pupil[2] > MIN_FACING * np.linalg.norm(to_pupil)
-        if facing and len(spread_out(Corners(visible, pixels[visible]))):
+        visible = indices_inside(region, pixels)
+        facing = -pupil_from_centre[2] > MIN_FACING * np.linalg.norm(pupil_from_centre)
+        if facing and len(non_collinear(Corners(visible, pixels[visible]))):
             parts.append(Observations.of_view(0, view, visible, pixels[visible]))
         elif view == DIRECT:
             break

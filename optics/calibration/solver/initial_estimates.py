@@ -63,7 +63,7 @@ def intrinsics(
     """
     if len(views) < MIN_VIEWS:
         raise InputError(
-            f"{len(views)} views show the board, expected at least {MIN_VIEWS} to find the camera's intrinsics"
+            f"{len(views)} views show the board, expected at least {MIN_VIEWS} to estimate the camera's intrinsics"
         )
     flags = 0 if full_distortion else cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
     objects = [corners_in_board_mm[view.ids].astype(np.float32) for view in views]
@@ -86,7 +86,7 @@ def intrinsics(
 
 
 def camera_from_flat_board(camera: Camera, view: Corners, corners_in_board_mm: FloatArray) -> FloatArray | None:
-    """Return the pose (4, 4) of a flat board that explains a view, mirrored or not; None if there is none.
+    """Return the pose (4, 4) of a flat board that fits a view, mirrored or not; None if there is none.
 
     For a mirrored view, it is the pose of the board's *image*, in which the sign of the board's z axis is lost.
     """
@@ -107,7 +107,7 @@ def rig_from_board(
 ) -> FloatArray | None:
     """Return the pose (4, 4) of the board from a mirrored view; from a direct view if `virtual_centre` is None.
 
-    None if no pose explains the view.
+    None if no pose fits the view.
     """
     matrix = camera_from_flat_board(camera, view, corners_in_board_mm)
     return matrix if virtual_centre is None or matrix is None else pose_from_image(matrix, virtual_centre)
@@ -127,7 +127,7 @@ def pose_from_image(image_pose: FloatArray, virtual_centre: FloatArray) -> Float
 
 
 def virtual_centre_between(points_in_rig: FloatArray, image_in_rig: FloatArray) -> tuple[FloatArray, float]:
-    """Return the virtual centre (3,) of the mirror that images points (n, 3) at `image_in_rig`, and the rms misfit, mm.
+    """Return the virtual centre (3,) of the mirror that maps points (n, 3) to `image_in_rig`, and the rms misfit, mm.
 
     The differences between points and their images are all parallel to the normal, and the plane bisects them.
     """
@@ -141,8 +141,8 @@ def virtual_centre_between(points_in_rig: FloatArray, image_in_rig: FloatArray) 
     return centre, float(np.sqrt(np.mean(np.sum(misfit**2, axis=1))))
 
 
-def behind(points_in_rig: FloatArray, virtual_centre: FloatArray) -> bool:
-    """Return whether points (n, 3) lie, on average, behind the mirror's plane, as its images do."""
+def is_behind(points_in_rig: FloatArray, virtual_centre: FloatArray) -> bool:
+    """Return whether points (n, 3) lie, on average, behind the mirror's plane, as the mirror's images do."""
     return bool(np.mean(points_in_rig @ virtual_centre) > virtual_centre @ virtual_centre / 2.0)
 
 
@@ -162,10 +162,10 @@ def best_pose(
         if pose is None:
             continue
         errors = []
-        for other, seen in views:
-            points = transform(pose, corners_in_board_mm[seen.ids])
+        for other, corners in views:
+            points = transform(pose, corners_in_board_mm[corners.ids])
             predicted = camera.project(points if other is None else other.reflect(points))
-            errors.append(np.linalg.norm(predicted - seen.pixels, axis=1))
+            errors.append(np.linalg.norm(predicted - corners.pixels, axis=1))
         cost = float(np.median(np.nan_to_num(np.concatenate(errors), nan=1e9)))
         if cost < best_cost:
             best, best_cost = pose, cost
@@ -174,7 +174,7 @@ def best_pose(
     return best
 
 
-def _corner_radius(camera: Camera) -> float:
+def _sensor_corner_radius(camera: Camera) -> float:
     """Normalized radius of the sensor's farthest corner."""
     x = max(camera.cx_px, camera.width_px - 1 - camera.cx_px) / camera.fx_px
     y = max(camera.cy_px, camera.height_px - 1 - camera.cy_px) / camera.fy_px
@@ -200,7 +200,7 @@ def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: Floa
         views, corners_in_board_mm, width_px=nominal.width_px, height_px=nominal.height_px, full_distortion=True
     )
     ratio = camera.fx_px / nominal.fx_px
-    plausible = 1.0 / MAX_FOCAL_RATIO < ratio < MAX_FOCAL_RATIO and camera.valid_radius > _corner_radius(camera)
+    plausible = 1.0 / MAX_FOCAL_RATIO < ratio < MAX_FOCAL_RATIO and camera.valid_radius > _sensor_corner_radius(camera)
     if not plausible:
         return nominal
     camera, _ = nearest_lens(camera, nominal.lens_model)
@@ -211,7 +211,7 @@ def base_camera(direct: Observations, nominal: Camera, corners_in_board_mm: Floa
 def first_estimate(
     observations: Observations, camera: Camera, layout: Layout, corners_in_board_mm: FloatArray
 ) -> Estimate:
-    """Return the nominal mirrors, and for each frame the board pose from the view that explains the frame best."""
+    """Return camera and nominal mirrors, and for each frame the pose from the view that predicts the frame best."""
     poses = []
     for frame in range(int(observations.frame[-1]) + 1):
         rows = observations.where(observations.frame == frame)

@@ -1,6 +1,6 @@
 """Levenberg-Marquardt for camera, mirrors and board poses: a robust start, then least squares without outliers.
 
-Noise averages out over corners and frames. Errors that all corners of a view share do not, and are added to the
+Noise averages out over corners and frames. Errors common to all corners of a view do not, and are added to the
 covariance. Ghost images of second-surface mirrors cause such errors: they shift edges by some hundredths of a pixel, of
 which a few percent remain even when modelled. Residuals do not reveal them, because mirrors and camera compensate.
 """
@@ -19,7 +19,7 @@ from mirrorcam.optics.calibration.solver.normal_equations import (
     Chunk,
     Grouped,
     NormalEquations,
-    Places,
+    ParameterIndices,
     columns_of,
     normal_equations,
     residuals_of,
@@ -33,21 +33,21 @@ HUBER_SCALE = 1.345
 CONVERGED = 0.99
 FIND_SIGMAS, DROP_SIGMAS = 5.0, 4.0
 MAX_OUTLIERS = 0.5
-"""Largest fraction of outliers in a mirror: more contradict the model rather than the other corners."""
+"""Maximum fraction of outliers in a mirror: a larger fraction means that the model is wrong."""
 MAX_ITERATIONS = 50
 MIN_RELATIVE_GAIN = 1e-9
-"""Least predicted decrease, as a fraction of the cost, for another step. With 60,000 residuals it corresponds to a
+"""Minimum predicted decrease, as a fraction of the cost, for another step. With 60,000 residuals it corresponds to a
 step of 0.008 sigma, and the next step would be a few hundredths of that."""
 ROUNDING_PX = 1e-10
 """Rounding error of a residual: a cost of this size is zero."""
 MIN_EIGENVALUE = 5e-14
-"""Least eigenvalue of the scaled information that counts as determined; rounding errors are below 1e-14. For a
-direction that only the prior of a rational lens determines, it is 5e-13 with 15,000 corners, and less with more."""
-SHARED_PX = 0.0005
-"""Standard deviation of the errors that corners of a second-surface mirror share: of a shift along each axis, and of
-linear fields along each axis, at their rms over the corners."""
+"""Minimum eigenvalue of the scaled information that counts as determined; rounding errors are below 1e-14. For a
+direction that only the prior of a rational lens determines, it is 5e-13 with 15,000 corners, and smaller with more."""
+COMMON_ERROR_PX = 0.0005
+"""Standard deviation of the errors common to the corners of a second-surface mirror: of a shift and of linear fields
+(rms over the corners), for each axis."""
 FIELDS = 6
-"""Shared error fields of a view: for x and y each, a shift and linear fields along x and along y."""
+"""Number of common error fields of a view: for x and y each, a shift and linear fields along x and along y."""
 
 
 class UndeterminedError(Exception):
@@ -76,11 +76,11 @@ class Solution:
     sigma_px
         Standard deviation of the residual of a typical (median) corner.
     parameters
-        Names (g,) of the free globals.
+        Names (g,) of the free global parameters.
     covariance
-        Covariance (g, g) of the free globals, marginalised over board poses and other per-frame parameters: scale^2
-        times the inverse of the reduced normal matrix, plus the shared errors (`shared_covariance`).
-    frame_terms
+        Covariance (g, g) of the free global parameters, marginalised over board poses and other per-frame ones: scale^2
+        times the inverse of the reduced normal matrix, plus the common errors (`common_error_covariance`).
+    effective_frame_terms
         Number of per-frame parameters, besides the poses, that the corners rather than their priors determine.
     """
 
@@ -93,7 +93,7 @@ class Solution:
     sigma_px: float
     parameters: tuple[str, ...]
     covariance: FloatArray
-    frame_terms: float = 0.0
+    effective_frame_terms: float = 0.0
 
     @property
     def rms_px(self) -> FloatArray:
@@ -120,7 +120,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     Raises
     ------
     UndeterminedError
-        If the corners leave a free parameter undetermined, or the start predicts a corner that cannot be seen.
+        If the corners leave a free parameter undetermined, or the start predicts a corner that is not visible.
     """
     if model.thickness and not (start.thickness_mm > 0.0).any():
         raise UndeterminedError("no mirror is second-surface, so no plate thickness can be determined")
@@ -149,7 +149,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
         scale = float(np.sqrt(np.sum(r[inliers] ** 2) / degrees_of_freedom))
         if np.array_equal(_without_outliers(r, observations.view, inliers, scale), inliers):
             break
-    covariance = scale**2 * _inverse_information(estimate, used, model) + shared_covariance(estimate, used, model)
+    covariance = scale**2 * _inverse_information(estimate, used, model) + common_error_covariance(estimate, used, model)
     sigma_px = scale * float(np.median(used.sigma_px))
     return Solution(estimate, r_px, inliers, r, iterations, scale, sigma_px, parameters, covariance, terms)
 
@@ -184,20 +184,20 @@ def _inverse_information(estimate: Estimate, observations: Observations, model: 
         largest = np.argsort(-np.abs(vectors[:, 0]), kind="stable")[:3]
         named = ", ".join(parameters[index] for index in largest)
         raise UndeterminedError(
-            f"{len(observations)} corners do not determine a direction of the problem, most of it {named}"
+            f"{len(observations)} corners do not determine a direction of the problem, mostly of {named}"
         )
     vectors = vectors * scale[:, None]
     return np.asarray((vectors / values) @ vectors.T)
 
 
 def _without_outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, scale: float) -> BoolArray:
-    """Mask of the inliers without outliers; unchanged if a mirror would lose too many, because the model is wrong."""
+    """Inliers after removing outliers; unchanged if a mirror would lose too many, because the model is wrong."""
     norm = np.abs(r).max(axis=1)
     outliers = inliers & (norm > FIND_SIGMAS * scale)
     remaining = inliers & ~(np.isin(view, view[outliers]) & (norm > DROP_SIGMAS * scale))
     _, mirror, corners = np.unique(view, return_inverse=True, return_counts=True)
-    kept_share = np.bincount(mirror, weights=remaining) / corners
-    return remaining if (kept_share >= 1.0 - MAX_OUTLIERS).all() else inliers
+    kept_fraction = np.bincount(mirror, weights=remaining) / corners
+    return remaining if (kept_fraction >= 1.0 - MAX_OUTLIERS).all() else inliers
 
 
 def _robust_scale(r: FloatArray) -> float:
@@ -209,8 +209,8 @@ def minimise(
 ) -> tuple[Estimate, int]:
     """Minimise the squares from `start` until a step predicts a relative decrease of the cost below MIN_RELATIVE_GAIN.
 
-    Returns the estimate and the number of iterations. Raises UndeterminedError if the start predicts a corner that
-    cannot be seen.
+    Returns the estimate and the number of iterations. Raises UndeterminedError if the start predicts an invisible
+    corner.
     """
     grouped = Grouped.of(observations, model)
     estimate, damping = start, _Damping()
@@ -233,7 +233,7 @@ def start_robustly(start: Estimate, observations: Observations, model: Model) ->
     """Return an estimate near the minimum of Huber's loss, which limits outliers, and the number of iterations.
 
     Scale and weights are updated after every step, until the median residual decreases by less than 1 %. Raises
-    UndeterminedError if the start predicts a corner that cannot be seen.
+    UndeterminedError if the start predicts a corner that is not visible.
     """
     grouped = Grouped.of(observations, model)
     estimate, damping = start, _Damping()
@@ -268,18 +268,18 @@ def _squares(r: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class _Huber:
-    """Huber's loss: the squared length of a corner's standardised residual up to `reach`, linear beyond."""
+    """Huber's loss: the squared length of a corner's standardised residual up to `threshold`, linear beyond."""
 
-    reach: float
+    threshold: float
 
     def __call__(self, r: FloatArray) -> float:
         norm = np.sqrt(r[0] ** 2 + r[1] ** 2)
-        return float(np.sum(np.where(norm <= self.reach, norm**2, self.reach * (2.0 * norm - self.reach))))
+        return float(np.sum(np.where(norm <= self.threshold, norm**2, self.threshold * (2.0 * norm - self.threshold))))
 
     def root_weights(self, r: FloatArray) -> FloatArray:
-        """Square roots (n,) of the weights for which the weighted squares of r (2, n) have the loss's gradient."""
+        """Square roots (n,) of the weights with which the weighted squares of r (2, n) have the loss's gradient."""
         norm = np.sqrt(r[0] ** 2 + r[1] ** 2)
-        return np.sqrt(self.reach / np.maximum(norm, self.reach))
+        return np.sqrt(self.threshold / np.maximum(norm, self.threshold))
 
 
 @dataclass
@@ -317,7 +317,7 @@ def _descend(
         except np.linalg.LinAlgError:
             damping.rejected()
             continue
-        if predicted <= 2.0 * grouped.per_variance * ROUNDING_PX**2:
+        if predicted <= 2.0 * grouped.sum_per_variance * ROUNDING_PX**2:
             return None
         trial = _trial(estimate, model, step_global, step_poses)
         if trial is not None:
@@ -330,22 +330,22 @@ def _descend(
     return None
 
 
-def _trial(estimate: Estimate, model: Model, step_free: FloatArray, step_own: FloatArray) -> Estimate | None:
+def _trial(estimate: Estimate, model: Model, step_global: FloatArray, step_frames: FloatArray) -> Estimate | None:
     """Return the estimate after a step; None if the camera or a plate would become invalid."""
     mirrors = len(estimate.virtual_centres_in_rig_mm)
     step = np.zeros(len(global_names(estimate.camera.intrinsic_names, mirrors, estimate.shape.size)))
-    step[model.free(estimate.camera, mirrors)] = step_free
+    step[model.free(estimate.camera, mirrors)] = step_global
     focal = estimate.camera.intrinsics[:2] + step[:2]
-    if not np.isfinite(step).all() or not np.isfinite(step_own).all() or (focal <= 0.0).any():
+    if not np.isfinite(step).all() or not np.isfinite(step_frames).all() or (focal <= 0.0).any():
         return None
-    step_frames = np.zeros((len(step_own), 12))
-    step_frames[:, model.frame_terms.free] = step_own
-    moved = estimate.moved(step, step_frames)
-    return moved if np.array_equal(moved.thickness_mm > 0.0, estimate.thickness_mm > 0.0) else None
+    step_all = np.zeros((len(step_frames), 12))
+    step_all[:, model.frame_terms.free] = step_frames
+    trial = estimate.moved(step, step_all)
+    return trial if np.array_equal(trial.thickness_mm > 0.0, estimate.thickness_mm > 0.0) else None
 
 
-def shared_covariance(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
-    """Covariance (g, g) of the free globals from errors that corners share.
+def common_error_covariance(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
+    """Covariance (g, g) of the free global parameters due to errors common to corners.
 
     Parameters
     ----------
@@ -357,37 +357,37 @@ def shared_covariance(estimate: Estimate, observations: Observations, model: Mod
         The model with its free parameters.
     """
     mirrors = len(estimate.virtual_centres_in_rig_mm)
-    places = Places.of(model, mirrors)
+    index = ParameterIndices.of(model, mirrors)
     plates = np.flatnonzero(estimate.thickness_mm > 0.0)
-    if not places.size or not np.isin(observations.view, plates).any():
-        return np.zeros((places.size, places.size))
+    if not index.size or not np.isin(observations.view, plates).any():
+        return np.zeros((index.size, index.size))
     grouped = Grouped.of(observations, model)
     matrix, solved = normal_equations(estimate, grouped, model).reduced(0.0)
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
-    middles, sizes = _extents(observations, mirrors)
-    right = np.zeros((places.size, mirrors, FIELDS))
+    centres, sizes = _extents(observations, mirrors)
+    gradients = np.zeros((index.size, mirrors, FIELDS))
     for chunk in grouped.chunks:
         if chunk.direct:
             continue
         columns = columns_of(estimate, chunk, model, corners)
-        fields = _fields((chunk.pixels - middles[chunk.view].T) / sizes[chunk.view].T) * chunk.per_sigma
-        for place, mirror, frame, start, stop in _groups(chunk, places):
+        fields = _fields((chunk.pixels - centres[chunk.view].T) / sizes[chunk.view].T) * chunk.per_sigma
+        for group_indices, mirror, frame, start, stop in _groups(chunk, index):
             if estimate.thickness_mm[mirror] > 0.0:
                 sums = np.einsum("cxn,fxn->cf", columns[:, :, start:stop], fields[:, :, start:stop])
-                own = solved.shape[1]
-                right[:, mirror] -= solved[frame, :, :-1].T @ sums[:own]
-                right[place, mirror] += sums[own + 1 :]
-    moved = SHARED_PX * cho_solve(cho_factor(matrix), right.reshape(places.size, mirrors * FIELDS))
-    return np.asarray(moved @ moved.T)
+                frame_size = solved.shape[1]
+                gradients[:, mirror] -= solved[frame, :, :-1].T @ sums[:frame_size]
+                gradients[group_indices, mirror] += sums[frame_size + 1 :]
+    shifts = COMMON_ERROR_PX * cho_solve(cho_factor(matrix), gradients.reshape(index.size, mirrors * FIELDS))
+    return np.asarray(shifts @ shifts.T)
 
 
-def _groups(chunk: Chunk, places: Places) -> list[tuple[FloatArray, int, int, int, int]]:
-    """For each group of a chunk: indices among the globals, mirror, frame, first and last row."""
+def _groups(chunk: Chunk, index: ParameterIndices) -> list[tuple[FloatArray, int, int, int, int]]:
+    """For each group of a chunk: parameter indices, mirror, frame, first and last row."""
     ends = zip(chunk.edges[:-1], chunk.edges[1:], strict=True)
-    columns = places.of_groups(chunk.group_view)
+    columns = index.of_groups(chunk.group_view)
     return [
-        (place, mirror, frame, start, stop)
-        for place, mirror, frame, (start, stop) in zip(
+        (group_indices, mirror, frame, start, stop)
+        for group_indices, mirror, frame, (start, stop) in zip(
             columns, chunk.group_view.tolist(), chunk.group_frame.tolist(), ends, strict=True
         )
     ]
@@ -404,6 +404,6 @@ def _extents(observations: Observations, mirrors: int) -> tuple[FloatArray, Floa
 
 
 def _fields(xy: FloatArray) -> FloatArray:
-    """Shared error fields (f, 2, n), of rms 1, at corner positions (2, n) normalised within their view."""
+    """Common error fields (f, 2, n), of rms 1, at corner positions (2, n) normalised within their view."""
     one, zero = np.ones(xy.shape[1]), np.zeros(xy.shape[1])
     return np.stack([pair for field in (one, *xy) for pair in (np.stack([field, zero]), np.stack([zero, field]))])

@@ -1,4 +1,4 @@
-"""Normal equations of a calibration, summed over groups of corners that share frame and view.
+"""Normal equations of a calibration, summed over groups of corners of one frame and view.
 
 A corner's pixels depend on the intrinsics, its mirror, the plate thickness, the board's modes and the pose of its
 frame: some 20 parameters, where a dense row would have hundreds of columns. The products of each group are computed
@@ -51,18 +51,18 @@ class Chunk:
     def of(cls, observations: Observations, order: IntArray, bounds: IntArray) -> Chunk:
         """Collect the groups that start at `bounds` (k + 1,), whose last entry is their end, in a row order."""
         rows = slice(int(bounds[0]), int(bounds[-1]))
-        taken = order[rows]
-        frame, view = observations.frame[taken], observations.view[taken]
+        selected = order[rows]
+        frame, view = observations.frame[selected], observations.view[selected]
         firsts = np.flatnonzero(np.diff(frame, prepend=-1))
-        lasts = np.append(firsts[1:], len(taken))
+        lasts = np.append(firsts[1:], len(selected))
         starts = bounds[:-1] - bounds[0]
         return cls(
             rows,
-            observations.corner[taken],
+            observations.corner[selected],
             view,
-            np.ascontiguousarray(observations.pixels[taken].T),
-            1.0 / observations.sigma_px[taken],
-            [*starts.tolist(), len(taken)],
+            np.ascontiguousarray(observations.pixels[selected].T),
+            1.0 / observations.sigma_px[selected],
+            [*starts.tolist(), len(selected)],
             list(zip(frame[firsts].tolist(), firsts.tolist(), lasts.tolist(), strict=True)),
             frame[starts],
             view[starts],
@@ -77,19 +77,19 @@ class Chunk:
 class Grouped:
     """Observations in groups of one frame and one view, direct views first; `order` (n,) holds their row numbers.
 
-    `per_variance` is the sum of the inverse variances of the corners.
+    `sum_per_variance` is the sum of the inverse variances of the corners.
     """
 
     order: IntArray
     chunks: list[Chunk]
-    per_variance: float
+    sum_per_variance: float
 
     @classmethod
     def of(cls, observations: Observations, model: Model) -> Grouped:
         order = np.lexsort((observations.view, observations.frame, observations.view != DIRECT))
         frame, view = observations.frame[order], observations.view[order]
-        new = (np.diff(frame, prepend=-1) != 0) | (np.diff(view, prepend=DIRECT - 1) != 0)
-        bounds = np.append(np.flatnonzero(new), len(order))
+        is_first = (np.diff(frame, prepend=-1) != 0) | (np.diff(view, prepend=DIRECT - 1) != 0)
+        bounds = np.append(np.flatnonzero(is_first), len(order))
         direct = view[bounds[:-1]] == DIRECT
         at_once = ROWS_AT_ONCE // (1 + len(model.board.modes) // 16)
         chunks, first = [], 0
@@ -103,7 +103,7 @@ class Grouped:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Normal equations with a block per frame: globals u (g, g), frames v (f, d, d), coupling w (f, d, g).
+    """Normal equations with a block per frame: global parameters u (g, g), frames v (f, d, d), coupling w (f, d, g).
 
     The parameters of a frame are its pose and the model's `frame_terms`, with their priors.
     """
@@ -115,7 +115,7 @@ class NormalEquations:
     gradient_poses: FloatArray
 
     def reduced(self, damping: float) -> tuple[FloatArray, FloatArray]:
-        """Eliminate the frames; return the matrix (g, g) of the globals, and V^-1 [W, gradient] (f, d, g + 1).
+        """Eliminate the frames; return the global matrix (g, g), and V^-1 [W, gradient] (f, d, g + 1).
 
         Every diagonal is increased by `damping` times itself. Raises LinAlgError if the pose of a frame is
         undetermined.
@@ -128,7 +128,7 @@ class NormalEquations:
         return matrix + damping * np.diag(np.diag(self.u)), solved
 
     def step(self, damping: float) -> tuple[FloatArray, FloatArray, float]:
-        """Return the damped step of globals (g,) and frames (f, d), and the predicted decrease of the cost.
+        """Return the damped step of global parameters (g,) and frames (f, d), and the predicted decrease of the cost.
 
         Raises LinAlgError if the matrix is not positive definite.
         """
@@ -138,16 +138,16 @@ class NormalEquations:
         step_poses = -solved[:, :, -1] - solved[:, :, :-1] @ step_global
         squared = np.sum(np.diag(self.u) * step_global**2)
         squared += np.sum(np.einsum("fii->fi", self.v) * step_poses**2)
-        slope = self.gradient_global @ step_global + np.sum(self.gradient_poses * step_poses)
-        return step_global, step_poses, float(damping * squared - slope)
+        directional = self.gradient_global @ step_global + np.sum(self.gradient_poses * step_poses)
+        return step_global, step_poses, float(damping * squared - directional)
 
 
 def normal_equations(
     estimate: Estimate, grouped: Grouped, model: Model, root_weights: FloatArray | None = None
 ) -> NormalEquations:
-    """Build the normal equations at an estimate; `root_weights` (n,) are per row in `grouped.order`, unsquared."""
-    places = Places.of(model, len(estimate.virtual_centres_in_rig_mm))
-    size, frames = places.size, len(estimate.rig_from_board)
+    """Build the normal equations; `root_weights` (n,) are the square roots of the weights, in the `grouped.order`."""
+    index = ParameterIndices.of(model, len(estimate.virtual_centres_in_rig_mm))
+    size, frames = index.size, len(estimate.rig_from_board)
     weights = model.frame_terms.weights
     per_frame = len(weights)
     u, w = np.zeros((size, size)), np.zeros((frames, per_frame, size))
@@ -158,9 +158,9 @@ def normal_equations(
     u[free, free] = np.diag(priors**2)
     gradient_global[free] = priors * model.intrinsic_values(estimate.camera)
     if (prior := model.prior_of_centres) is not None:
-        direction = prior.along.ravel()
-        u[places.centres, places.centres] += np.outer(direction, direction)
-        gradient_global[places.centres] += direction * prior.value(estimate.virtual_centres_in_rig_mm)
+        direction = prior.coefficients.ravel()
+        u[index.centres, index.centres] += np.outer(direction, direction)
+        gradient_global[index.centres] += direction * prior.value(estimate.virtual_centres_in_rig_mm)
     for chunk in grouped.chunks:
         columns = columns_of(estimate, chunk, model, corners)
         if root_weights is not None:
@@ -169,7 +169,7 @@ def normal_equations(
         for total, start, stop in zip(sums, chunk.edges[:-1], chunk.edges[1:], strict=True):
             x, y = columns[:, 0, start:stop], columns[:, 1, start:stop]
             np.add(x @ x.T, y @ y.T, out=total)
-        indices, frame = places.of_groups(chunk.group_view), chunk.group_frame
+        indices, frame = index.of_groups(chunk.group_view), chunk.group_frame
         last = per_frame + 1
         np.add.at(v, frame, sums[:, :per_frame, :per_frame])
         np.add.at(gradient_poses, frame, sums[:, :per_frame, per_frame])
@@ -184,8 +184,8 @@ def normal_equations(
 
 
 @dataclass(frozen=True)
-class Places:
-    """Indices of a group's columns among the free globals."""
+class ParameterIndices:
+    """Indices of a group's columns among the free global parameters."""
 
     intrinsics: int
     mirrors: int
@@ -193,7 +193,7 @@ class Places:
     rest: int
 
     @classmethod
-    def of(cls, model: Model, mirrors: int) -> Places:
+    def of(cls, model: Model, mirrors: int) -> ParameterIndices:
         return cls(
             len(model.intrinsics),
             mirrors,
@@ -217,15 +217,15 @@ class Places:
         if view[0] == DIRECT:
             return np.concatenate([first, last], axis=1)
         starts = self.intrinsics + 3 * self.mirrors * np.arange(len(self.numbers_per_mirror))
-        of_mirror = starts[:, None] + 3 * view[:, None, None] + np.arange(3)
-        return np.concatenate([first, of_mirror.reshape(len(view), -1), last], axis=1)
+        mirror_columns = starts[:, None] + 3 * view[:, None, None] + np.arange(3)
+        return np.concatenate([first, mirror_columns.reshape(len(view), -1), last], axis=1)
 
 
 def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArray) -> FloatArray:
-    """Columns (c, 2, n) of a chunk: derivatives of its standardised pixels by the frame's parameters, the residual, and
-    derivatives by the globals.
+    """Columns (c, 2, n) of a chunk's standardised pixels: derivatives with respect to the frame's parameters, the
+    residual, and derivatives with respect to the free global parameters.
 
-    The free globals are the intrinsics, the mirror's centre and curvature (unless direct), the plate thickness, and the
+    The latter are the intrinsics, the mirror's centre and curvature (unless direct), the plate thickness, and the
     modes.
     """
     about_origin, in_rig = _in_rig(estimate, chunk, corners, model.board)
@@ -238,11 +238,11 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
         bent=model.curvature,
         camera_from_rig=_camera_from_rig(estimate, chunk),
     )
-    parts = [linear.turn, linear.corner]
+    parts = [linear.board_rotation, linear.corner]
     if model.frame_terms.rotation_per_rad is not None:
         parts.append(linear.camera_rotation)
     if model.frame_terms.bow_per_mm is not None:
-        parts.append(_by_board(linear, estimate, chunk)[:, None, 2] * model.board.bows[:, chunk.corner])
+        parts.append(_d_board(linear, estimate, chunk)[:, None, 2] * model.board.bows[:, chunk.corner])
     parts.append((linear.pixels - chunk.pixels)[:, None])
     parts.append(linear.intrinsics[:, [name in model.intrinsics for name in estimate.camera.intrinsic_names]])
     if mirrors is not None:
@@ -253,7 +253,7 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
             plate = np.where(mirrors.thickness_mm > 0, linear.thickness, 0.0)
         parts.append(plate[:, None])
     if len(model.board.modes):
-        parts.append(_by_modes(linear, estimate, chunk, model.board.modes[:, chunk.corner]))
+        parts.append(_d_modes(linear, estimate, chunk, model.board.modes[:, chunk.corner]))
     columns = np.empty((sum(part.shape[1] for part in parts), 2, len(chunk.view)))
     start = 0
     for part in parts:
@@ -264,7 +264,7 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
 
 
 def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray, board: Board) -> tuple[FloatArray, FloatArray]:
-    """Transform a chunk's corners of a board (3, c): (3, n) about the board's origin in rig axes, and in rig."""
+    """Transform board corners (3, c) to a chunk's rows (3, n): about the board's origin in rig axes, and in the rig."""
     in_board = corners[:, chunk.corner]
     if estimate.bow_mm.any():
         for frame, first, last in chunk.runs:
@@ -286,33 +286,33 @@ def _camera_from_rig(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
     return np.repeat(rotations[[frame for frame, _, _ in chunk.runs]], counts, axis=0).transpose(1, 2, 0)
 
 
-def _by_modes(linear: LinearizedResiduals, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
-    """Derivatives (2, k, n) by the modes (k, n, 3) at the corners."""
-    by_board = _by_board(linear, estimate, chunk)
-    return np.asarray(sum(by_board[:, None, axis] * modes[None, :, :, axis] for axis in range(3)))
+def _d_modes(linear: LinearizedResiduals, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
+    """Derivatives (2, k, n) with respect to the modes, given the modes (k, n, 3) at the corners."""
+    d_board = _d_board(linear, estimate, chunk)
+    return np.asarray(sum(d_board[:, None, axis] * modes[None, :, :, axis] for axis in range(3)))
 
 
-def _by_board(linear: LinearizedResiduals, estimate: Estimate, chunk: Chunk) -> FloatArray:
-    """Derivatives (2, 3, n) by the corners in the board frame."""
-    by_board = np.empty_like(linear.corner)
+def _d_board(linear: LinearizedResiduals, estimate: Estimate, chunk: Chunk) -> FloatArray:
+    """Derivatives (2, 3, n) with respect to the corners in the board frame."""
+    d_board = np.empty_like(linear.corner)
     for frame, first, last in chunk.runs:
-        by_board[:, :, first:last] = estimate.rig_from_board[frame, :3, :3].T @ linear.corner[:, :, first:last]
-    return by_board
+        d_board[:, :, first:last] = estimate.rig_from_board[frame, :3, :3].T @ linear.corner[:, :, first:last]
+    return d_board
 
 
 def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArray:
-    """Standardised residuals (2, n) of the rows in `grouped.order`; NaN if a corner cannot be seen.
+    """Standardised residuals (2, n) of the rows in `grouped.order`; NaN if a corner is not visible.
 
     They are predicted minus observed pixels, in standard deviations of the corners.
     """
     r = np.empty((2, len(grouped.order)))
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
     for chunk in grouped.chunks:
-        _, seen = _in_rig(estimate, chunk, corners, model.board)
+        _, points = _in_rig(estimate, chunk, corners, model.board)
         if not chunk.direct:
-            seen = images(seen, mirrors_of_views(estimate, chunk.view)).image_mm
+            points = images(points, mirrors_of_views(estimate, chunk.view)).image_mm
         camera_from_rig = _camera_from_rig(estimate, chunk)
         if camera_from_rig is not None:
-            seen = np.einsum("ijn,jn->in", camera_from_rig, seen)
-        r[:, chunk.rows] = (estimate.camera.project(seen.T).T - chunk.pixels) * chunk.per_sigma
+            points = np.einsum("ijn,jn->in", camera_from_rig, points)
+        r[:, chunk.rows] = (estimate.camera.project(points.T).T - chunk.pixels) * chunk.per_sigma
     return r

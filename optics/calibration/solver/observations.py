@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from mirrorcam.core.values import FloatArray
 
 DIRECT = -1
-"""View index of corners seen without a mirror."""
+"""View index of corners observed without a mirror."""
 
 IntArray = NDArray[np.int64]
 
 MIN_CORNERS = 6
-"""Least number of corners of a view."""
+"""Minimum number of corners per view."""
 
 
 def _unknown_sigma() -> FloatArray:
@@ -46,8 +46,8 @@ class Corners:
             object.__setattr__(self, "sigma_px", np.ones(len(self.ids)))
 
     @classmethod
-    def none(cls) -> Self:
-        """Return no corners."""
+    def empty(cls) -> Self:
+        """Return an empty set of corners."""
         return cls(np.empty(0, dtype=np.int64), np.empty((0, 2)))
 
     def __len__(self) -> int:
@@ -92,7 +92,7 @@ class Observations:
         rows = len(self.frame)
         if self.sigma_px.size == 0:
             object.__setattr__(self, "sigma_px", np.ones(rows))
-        for name in (each.name for each in fields(self)):
+        for name in (column.name for column in fields(self)):
             array = np.array(getattr(self, name), dtype=np.float64 if name in {"pixels", "sigma_px"} else np.int64)
             expected = (rows, 2) if name == "pixels" else (rows,)
             if array.shape != expected:
@@ -116,8 +116,8 @@ class Observations:
         return bool(np.isin(self.frame[direct], self.frame[~direct]).any())
 
     @classmethod
-    def none(cls) -> Self:
-        """Return no rows."""
+    def empty(cls) -> Self:
+        """Return observations without rows."""
         empty = np.empty(0, dtype=np.int64)
         return cls(empty, empty, empty, np.empty((0, 2)))
 
@@ -133,7 +133,7 @@ class Observations:
     def join(cls, parts: list[Self]) -> Self:
         """Join the rows of several observations, sorted by frame (stable)."""
         if not parts:
-            return cls.none()
+            return cls.empty()
         frame = np.concatenate([part.frame for part in parts])
         order = np.argsort(frame, kind="stable")
         return cls(
@@ -148,7 +148,7 @@ class Observations:
         """Select the rows of a boolean mask (n,)."""
         return type(self)(self.frame[mask], self.view[mask], self.corner[mask], self.pixels[mask], self.sigma_px[mask])
 
-    def shifted(self, frames: int) -> Self:
+    def with_frame_offset(self, frames: int) -> Self:
         """Add `frames` to each frame number."""
         return replace(self, frame=self.frame + frames)
 

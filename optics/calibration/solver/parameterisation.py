@@ -23,7 +23,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
 PAIR_DEG = Tolerances().tilt_deg
-"""Standard deviation of that rotation about the design: the assembly tolerance of mirrors."""
+"""Standard deviation of that rotation from the design: the assembly tolerance of mirrors."""
 MIN_SINE = 1e-3
 
 
@@ -31,7 +31,7 @@ MIN_SINE = 1e-3
 class FrameTerms:
     """Per-frame parameters besides the board's pose, each with a normal prior around zero.
 
-    A prior is the weight that turns a value into an equally improbable standardised residual: the scale of such
+    A prior is the weight that converts a value to an equally improbable standardised residual: the scale of such
     residuals over the standard deviation of the value.
 
     Attributes
@@ -48,8 +48,8 @@ class FrameTerms:
     @property
     def free(self) -> IntArray:
         """Indices of the free parameters among the 12 of a frame, in the order of `Estimate.moved`."""
-        turn, bow = (prior is not None for prior in (self.rotation_per_rad, self.bow_per_mm))
-        return np.array([*range(6), *range(6, 6 + 3 * turn), *range(9, 9 + 3 * bow)], dtype=np.int64)
+        has_rotation, has_bow = (prior is not None for prior in (self.rotation_per_rad, self.bow_per_mm))
+        return np.array([*range(6), *range(6, 6 + 3 * has_rotation), *range(9, 9 + 3 * has_bow)], dtype=np.int64)
 
     @property
     def weights(self) -> FloatArray:
@@ -67,18 +67,17 @@ class FrameTerms:
 
 @dataclass(frozen=True, eq=False)
 class CentresPrior:
-    """Normal prior on a linear combination of the virtual centres: the sum over `along` (m, 3), per mm, times the
-    centres.
+    """Normal prior on a linear combination of the virtual centres, with `coefficients` (m, 3), per mm.
 
     It has the mean `expected` and a standard deviation of 1.
     """
 
-    along: FloatArray
+    coefficients: FloatArray
     expected: float
 
     def value(self, centres_mm: FloatArray) -> float:
         """Deviation of centres (m, 3) from the mean, in standard deviations; its square adds to the cost."""
-        return float(np.sum(self.along * centres_mm)) - self.expected
+        return float(np.sum(self.coefficients * centres_mm)) - self.expected
 
 
 @dataclass(frozen=True)
@@ -88,7 +87,7 @@ class Model:
     Attributes
     ----------
     intrinsics
-        Free intrinsics, from `Camera.intrinsic_names`; empty in the paper's calibration.
+        Free intrinsics, from `Camera.intrinsic_names`; empty in the original paper's calibration.
     thickness
         Whether one correction, in mm, applies to the thickness of all plates of second-surface mirrors. Their
         refractive index is fixed: only t (1 - tan' / tan) is observable, in which thickness and index are nearly
@@ -102,7 +101,7 @@ class Model:
     frame_terms
         Free per-frame parameters besides the pose.
     centres_prior
-        Prior on the virtual centres for a direction that no picture determines; None if pictures determine all.
+        Prior on the virtual centres in a direction that no picture determines; None if there is no such direction.
     """
 
     intrinsics: tuple[str, ...]
@@ -136,26 +135,26 @@ class Model:
         return float(np.sum(self.frame_terms.values(estimate) ** 2) + np.sum(intrinsics**2) + centres**2)
 
     def parameters(self, camera: Camera, mirrors: int) -> tuple[str, ...]:
-        """Names of the free globals of a camera with `mirrors` mirrors, in the order of `global_names`."""
+        """Names of the free global parameters of a camera with `mirrors` mirrors, in the order of `global_names`."""
         names = np.array(global_names(camera.intrinsic_names, mirrors, len(self.board.modes)))
         return tuple(names[self.free(camera, mirrors)].tolist())
 
     def free(self, camera: Camera, mirrors: int) -> NDArray[np.int64]:
-        """Indices (g,) of the free globals among `global_names`, increasing.
+        """Indices (g,) of the free global parameters among `global_names`, increasing.
 
         Raises ValueError if a free intrinsic is unknown to the camera.
         """
-        every = camera.intrinsic_names
-        if unknown := [name for name in self.intrinsics if name not in every]:
-            raise ValueError(f"unknown intrinsics {', '.join(unknown)}, expected some of {', '.join(every)}")
+        all_names = camera.intrinsic_names
+        if unknown := [name for name in self.intrinsics if name not in all_names]:
+            raise ValueError(f"unknown intrinsics {', '.join(unknown)}, expected some of {', '.join(all_names)}")
 
         def is_free(name: str) -> bool:
             if name.startswith("mirror "):
                 return self.curvature if "curvature" in name else self.mirrors
             return name in self.intrinsics or (self.thickness if name == "sheet_mm" else name.startswith("board "))
 
-        names = global_names(every, mirrors, len(self.board.modes))
-        return np.array([place for place, name in enumerate(names) if is_free(name)], dtype=np.int64)
+        names = global_names(all_names, mirrors, len(self.board.modes))
+        return np.array([index for index, name in enumerate(names) if is_free(name)], dtype=np.int64)
 
 
 def pair_prior(layout: Layout, sigma_deg: float = PAIR_DEG) -> CentresPrior | None:
@@ -169,22 +168,22 @@ def pair_prior(layout: Layout, sigma_deg: float = PAIR_DEG) -> CentresPrior | No
     if len(layout.mirrors) < 2:
         raise InputError("one mirror without a direct view of the board, expected two or more mirrors")
     centres = layout.virtual_centres_in_rig_mm
-    by_rotation = _Line.of(layout).by_rotation(centres)
-    along = by_rotation / (np.sum(by_rotation**2) * np.deg2rad(sigma_deg))
-    return CentresPrior(along, float(np.sum(along * centres)))
+    d_rotation = _Line.of(layout).d_rotation(centres)
+    coefficients = d_rotation / (np.sum(d_rotation**2) * np.deg2rad(sigma_deg))
+    return CentresPrior(coefficients, float(np.sum(coefficients * centres)))
 
 
 def rotated_like(layout: Layout, other: Layout) -> tuple[Layout, float]:
-    """Rotate a layout of two mirrors about their planes' line of intersection to best match another's normals.
+    """Rotate a layout of two mirrors about their planes' line of intersection to best match another layout's normals.
 
-    Returns the layout and the angle, rad. The views rotate along, so their relative poses are unchanged.
+    Returns the layout and the angle, rad. The views rotate with it, so their relative poses are unchanged.
     """
     line = _Line.of(layout)
     cosines, sines = [], []
     for mirror, reference in zip(layout.mirrors, other.mirrors, strict=True):
-        across = mirror.normal_in_rig - (mirror.normal_in_rig @ line.direction) * line.direction
-        cosines.append(across @ reference.normal_in_rig)
-        sines.append(np.cross(line.direction, across) @ reference.normal_in_rig)
+        perpendicular = mirror.normal_in_rig - (mirror.normal_in_rig @ line.direction) * line.direction
+        cosines.append(perpendicular @ reference.normal_in_rig)
+        sines.append(np.cross(line.direction, perpendicular) @ reference.normal_in_rig)
     angle = float(np.arctan2(sum(sines), sum(cosines)))
     return line.rotated(layout, angle), angle
 
@@ -208,12 +207,12 @@ class _Line:
         direction = direction / sine
         return cls(np.linalg.solve(np.vstack([normals, direction]), [*lengths / 2.0, 0.0]), direction)
 
-    def by_rotation(self, centres: FloatArray) -> FloatArray:
-        """Displacements (2, 3), mm per rad, of virtual centres (2, 3) as the planes rotate about the line."""
+    def d_rotation(self, centres: FloatArray) -> FloatArray:
+        """Derivatives (2, 3), mm per rad, of virtual centres (2, 3) as the planes rotate about the line."""
         lengths = np.linalg.norm(centres, axis=1)[:, None]
         normals = centres / lengths
-        by_normal = np.cross(self.direction, normals)
-        return np.asarray(2.0 * (by_normal @ self.point)[:, None] * normals + lengths * by_normal)
+        d_normal = np.cross(self.direction, normals)
+        return np.asarray(2.0 * (d_normal @ self.point)[:, None] * normals + lengths * d_normal)
 
     def rotated(self, layout: Layout, angle: float) -> Layout:
         """Rotate a layout about the line."""

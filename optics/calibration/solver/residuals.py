@@ -1,8 +1,8 @@
-"""Reprojection residuals of corners seen directly or through one mirror, and their exact derivatives.
+"""Reprojection residuals of corners observed directly or through one mirror, and their exact derivatives.
 
-In frame f, a corner X_b of the board is at X = R_f (X_b + sum_k a_k B_k + sum_k b_fk C_k) + t_f in rig, where a deforms
-the board in all frames and b_f bows it in this frame. Seen directly, it projects from X; through a mirror, from its
-image (`geometry.mirror_imaging`). The camera's rotation exp(w_f) in frame f, if any, applies to both.
+In frame f, a corner X_b of the board is at X = R_f (X_b + sum_k a_k B_k + sum_k b_fk C_k) + t_f in the rig frame, where
+a deforms the board in all frames and b_f bows it in this frame. Observed directly, it projects from X; through a
+mirror, from its image (`geometry.mirror_imaging`). The camera's rotation exp(w_f) in frame f, if any, applies to both.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mirrorcam.optics.geometry.mirror_imaging import images
 
 
 def global_names(intrinsics: Sequence[str], mirrors: int, modes: int) -> tuple[str, ...]:
-    """Names of all parameters that the frames of a calibration share, in the order of `Estimate.moved`.
+    """Names of all global parameters of a calibration, those common to its frames, in the order of `Estimate.moved`.
 
     `intrinsics` are `Camera.intrinsic_names`.
     """
@@ -59,7 +59,7 @@ class Board:
 
     @classmethod
     def free(cls, corners_in_board_mm: FloatArray) -> Board:
-        """Return a board with every corner free in x, y and z, without the seven rigid motions and scale of the board.
+        """Return a board with every corner free in x, y and z, except for the board's six rigid motions and its scale.
 
         After Strobl and Hirzinger, "More accurate pinhole camera calibration with imperfect planar target" (2011).
         """
@@ -81,7 +81,7 @@ class Board:
 
     @property
     def corners_from_centre(self) -> FloatArray:
-        """Positions (c, 2) of the corners relative to the drawing's centre, over the largest x and y."""
+        """Positions (c, 2) of the corners relative to the drawing's centre, divided by the largest x and y."""
         flat = self.corners_in_board_mm[:, :2]
         centred = flat - (flat.min(axis=0) + flat.max(axis=0)) / 2.0
         return np.asarray(centred / np.maximum(np.abs(centred).max(axis=0), 1e-9))
@@ -111,9 +111,9 @@ class Estimate:
         Refractive indices (m,) of the plates. Default: 1.
     curvature_per_m
         Curvatures (m, 3), as `Mirror.curvature_per_m`. Default: flat.
-    middles_in_rig_mm
-        Middles (m, 3) of the outlines as designed; their feet on the planes are the origins of the mirrors' own frames.
-        Default: the feet of the pupil.
+    centroids_in_rig_mm
+        Centroids (m, 3) of the outlines as designed; their feet on the planes are the origins of the mirrors' own
+        frames. Default: the feet of the pupil.
     camera_rotation
         Rotation vectors (f, 3), rad, of the camera in each frame, from rig to camera axes. Default: none.
     bow_mm
@@ -127,7 +127,7 @@ class Estimate:
     thickness_mm: FloatArray = field(default_factory=lambda: np.zeros(0))
     refractive_index: FloatArray = field(default_factory=lambda: np.zeros(0))
     curvature_per_m: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    middles_in_rig_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    centroids_in_rig_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     camera_rotation: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     bow_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
@@ -139,7 +139,7 @@ class Estimate:
             "thickness_mm": np.zeros(mirrors),
             "refractive_index": np.ones(mirrors),
             "curvature_per_m": np.zeros((mirrors, 3)),
-            "middles_in_rig_mm": self.virtual_centres_in_rig_mm / 2.0,
+            "centroids_in_rig_mm": self.virtual_centres_in_rig_mm / 2.0,
         }
         for name, default in defaults.items():
             if getattr(self, name).size == 0:
@@ -157,13 +157,13 @@ class Estimate:
             thickness_mm=np.array([mirror.front_mm for mirror in mirrors]),
             refractive_index=np.array([mirror.refractive_index for mirror in mirrors]),
             curvature_per_m=np.array([mirror.curvature_per_m for mirror in mirrors]),
-            middles_in_rig_mm=np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in mirrors]),
+            centroids_in_rig_mm=np.array([mirror.outline_in_rig_mm.mean(axis=0) for mirror in mirrors]),
         )
 
     def with_poses(self, rig_from_board: FloatArray) -> Self:
-        """Return camera and mirrors with other board poses (f, 4, 4), without other per-frame parameters."""
-        none = np.zeros((0, 3))
-        return replace(self, rig_from_board=rig_from_board, camera_rotation=none, bow_mm=none)
+        """Return camera and mirrors with new board poses (f, 4, 4), without other per-frame parameters."""
+        empty = np.zeros((0, 3))
+        return replace(self, rig_from_board=rig_from_board, camera_rotation=empty, bow_mm=empty)
 
     def of_frames(self, frames: NDArray[np.bool_] | IntArray) -> Self:
         """Select some frames."""
@@ -175,13 +175,13 @@ class Estimate:
         )
 
     def moved(self, step_global: FloatArray, step_frames: FloatArray) -> Estimate:
-        """Apply a step of all globals, in the order of `global_names`, and of each frame's parameters.
+        """Apply a step of all global parameters, in the order of `global_names`, and of each frame's parameters.
 
         `step_frames` is (f, 6), a twist of rotation and translation, or (f, 12), followed by the camera's rotation and
         the bow. A rotation vector w rotates the board about its origin, R <- exp(w) R; the translation is added. The
         thickness correction applies to every plate.
         """
-        step_poses, step_turn, step_bow = np.split(step_frames, [6, 9], axis=1)
+        step_poses, step_rotation, step_bow = np.split(step_frames, [6, 9], axis=1)
         poses = self.rig_from_board.copy()
         poses[:, :3, :3] = Rotation.from_rotvec(step_poses[:, :3]).as_matrix() @ poses[:, :3, :3]
         poses[:, :3, 3] += step_poses[:, 3:]
@@ -197,13 +197,13 @@ class Estimate:
             shape=self.shape + shape,
             thickness_mm=np.where(self.thickness_mm > 0.0, self.thickness_mm + thickness, 0.0),
             curvature_per_m=self.curvature_per_m + curvatures.reshape(-1, 3),
-            camera_rotation=_rotated_by(self.camera_rotation, step_turn),
+            camera_rotation=_rotated_by(self.camera_rotation, step_rotation),
             bow_mm=self.bow_mm + step_bow if step_bow.size else self.bow_mm,
         )
 
 
 def _rotated_by(rotation: FloatArray, step: FloatArray) -> FloatArray:
-    """Rotation vectors (f, 3) followed by steps (f, 3), if any."""
+    """Rotation vectors (f, 3) of rotations followed by steps (f, 3), if any."""
     if not step.size:
         return rotation
     return np.asarray((Rotation.from_rotvec(step) * Rotation.from_rotvec(rotation)).as_rotvec())
@@ -216,34 +216,34 @@ def points_at_camera(
 
     Returns
     -------
-    turned
+    about_origin
         The corners about their board's origin, in rig axes (n, 3), mm.
     in_rig
-        The corners in rig (n, 3), mm.
-    seen
+        The corners in the rig frame (n, 3), mm.
+    image
         Their images in the mirrors of their views (n, 3), mm, exact in direction; `in_rig` for direct views. In camera
         axes if the camera is rotated.
     """
     poses = estimate.rig_from_board[observations.frame]
     in_board = board.shaped(estimate.shape)[observations.corner]
     in_board[:, 2] += np.einsum("nk,kn->n", estimate.bow_mm[observations.frame], board.bows[:, observations.corner])
-    turned = np.einsum("nij,nj->ni", poses[:, :3, :3], in_board)
-    in_rig = turned + poses[:, :3, 3]
-    seen = in_rig.copy()
+    about_origin = np.einsum("nij,nj->ni", poses[:, :3, :3], in_board)
+    in_rig = about_origin + poses[:, :3, 3]
+    image = in_rig.copy()
     mirrored = observations.view != DIRECT
     mirrors = mirrors_of_views(estimate, observations.view[mirrored])
-    seen[mirrored] = images(in_rig[mirrored].T, mirrors).image_mm.T
+    image[mirrored] = images(in_rig[mirrored].T, mirrors).image_mm.T
     if estimate.camera_rotation.any():
-        turns = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
-        seen = np.einsum("nij,nj->ni", turns[observations.frame], seen)
-    return turned, in_rig, seen
+        camera_rotations = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
+        image = np.einsum("nij,nj->ni", camera_rotations[observations.frame], image)
+    return about_origin, in_rig, image
 
 
 def mirrors_of_views(estimate: Estimate, view: IntArray) -> MirrorArrays:
     """Gather the mirrors of views (n,)."""
     return MirrorArrays(
         centre_mm=estimate.virtual_centres_in_rig_mm.T[:, view],
-        centroid_mm=estimate.middles_in_rig_mm.T[:, view],
+        centroid_mm=estimate.centroids_in_rig_mm.T[:, view],
         thickness_mm=estimate.thickness_mm[view],
         refractive_index=estimate.refractive_index[view],
         curvature_per_m=estimate.curvature_per_m.T[:, view],
@@ -252,17 +252,17 @@ def mirrors_of_views(estimate: Estimate, view: IntArray) -> MirrorArrays:
 
 def residuals(estimate: Estimate, observations: Observations, board: Board) -> FloatArray:
     """Predicted minus observed pixels (n, 2); NaN if a corner is predicted behind the camera or a mirror."""
-    _, _, seen = points_at_camera(estimate, observations, board)
-    return estimate.camera.project(seen) - observations.pixels
+    _, _, image = points_at_camera(estimate, observations, board)
+    return estimate.camera.project(image) - observations.pixels
 
 
 @dataclass(frozen=True)
 class LinearizedResiduals:
     """Predicted pixels (2, n) and their derivatives, component first.
 
-    The derivatives are by the intrinsics (2, k, n), the mirror's virtual centre (2, 3, n), thickness (2, n) and
-    curvature (2, 3 or 0, n), the corner in rig axes (2, 3, n), the rotation of the board about its origin (2, 3, n),
-    and the rotation of the camera (2, 3, n).
+    The derivatives are with respect to the intrinsics (2, k, n), the mirror's virtual centre (2, 3, n), thickness
+    (2, n) and curvature (2, 3 or 0, n), the corner in rig axes (2, 3, n), the rotation of the board about its origin
+    (2, 3, n), and the rotation of the camera (2, 3, n).
     """
 
     pixels: FloatArray
@@ -271,13 +271,13 @@ class LinearizedResiduals:
     thickness: FloatArray
     curvature: FloatArray
     corner: FloatArray
-    turn: FloatArray
+    board_rotation: FloatArray
     camera_rotation: FloatArray
 
 
 def linearized(
     camera: Camera,
-    turned: FloatArray,
+    about_origin: FloatArray,
     in_rig: FloatArray,
     mirrors: MirrorArrays | None,
     *,
@@ -290,40 +290,40 @@ def linearized(
     ----------
     camera
         The base camera.
-    turned, in_rig
-        The corners (3, n), mm: about their board's origin in rig axes, and in rig.
+    about_origin, in_rig
+        The corners (3, n), mm: about their board's origin in rig axes, and in the rig frame.
     mirrors
         The mirror of each corner; None for direct views.
     bent
-        Whether derivatives by curvature are needed.
+        Whether derivatives with respect to curvature are needed.
     camera_from_rig
         Rotations (3, 3, n) of the camera at each corner; None if it is not rotated.
     """
     mirrored = None if mirrors is None else images(in_rig, mirrors, bent=bent)
-    seen = in_rig if mirrored is None else mirrored.image_mm
+    image = in_rig if mirrored is None else mirrored.image_mm
     if camera_from_rig is not None:
-        seen = np.einsum("ijn,jn->in", camera_from_rig, seen)
-    pixels, by_seen, by_intrinsics = camera.project_with_jacobians(seen.T)
-    rows, none = by_seen.transpose(1, 2, 0), np.empty((2, 0, in_rig.shape[1]))
-    camera_rotation = _by_rotation(seen, rows)
+        image = np.einsum("ijn,jn->in", camera_from_rig, image)
+    pixels, d_image, d_intrinsics = camera.project_with_jacobians(image.T)
+    rows, empty = d_image.transpose(1, 2, 0), np.empty((2, 0, in_rig.shape[1]))
+    camera_rotation = _d_rotation(image, rows)
     if camera_from_rig is not None:
         rows = np.einsum("pin,ijn->pjn", rows, camera_from_rig)
-    change = ImageDerivatives(rows, none, none, none) if mirrored is None else mirrored.vjp(rows)
+    change = ImageDerivatives(rows, empty, empty, empty) if mirrored is None else mirrored.vjp(rows)
     return LinearizedResiduals(
         pixels.T,
-        by_intrinsics.transpose(1, 2, 0),
+        d_intrinsics.transpose(1, 2, 0),
         change.centre,
         change.thickness,
         change.curvature,
         change.point,
-        _by_rotation(turned, change.point),
+        _d_rotation(about_origin, change.point),
         camera_rotation,
     )
 
 
-def _by_rotation(points: FloatArray, by_point: FloatArray) -> FloatArray:
-    """Derivatives (2, 3, n) by a rotation of points (3, n), from derivatives by the points: J (w x p) = w . (p x J)."""
-    x, y, z = by_point[:, 0], by_point[:, 1], by_point[:, 2]
+def _d_rotation(points: FloatArray, d_point: FloatArray) -> FloatArray:
+    """Derivatives (2, 3, n) for a rotation of points (3, n), from those for the points: J (w x p) = w . (p x J)."""
+    x, y, z = d_point[:, 0], d_point[:, 1], d_point[:, 2]
     return np.stack(
         [points[1] * z - points[2] * y, points[2] * x - points[0] * z, points[0] * y - points[1] * x], axis=1
     )
@@ -332,39 +332,39 @@ def _by_rotation(points: FloatArray, by_point: FloatArray) -> FloatArray:
 def residuals_with_jacobians(
     estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2), and their derivatives by the globals (n, 2, g) and by the frame's parameters (n, 2, 12).
+    """Residuals (n, 2) and their derivatives (n, 2, g) and (n, 2, 12): global parameters and the frame's parameters.
 
-    The globals are ordered as `global_names`, the frame's parameters as in `Estimate.moved`. The result is dense and
+    Global parameters are ordered as in `global_names`, the frame's as in `Estimate.moved`. The result is dense and
     mostly zeros; the solver sums the same blocks by groups (`normal_equations`).
     """
-    turned, in_rig, _ = points_at_camera(estimate, observations, board)
+    about_origin, in_rig, _ = points_at_camera(estimate, observations, board)
     count = len(estimate.virtual_centres_in_rig_mm)
     lens = estimate.camera.intrinsics.size
     thickness = lens + 6 * count
     r = np.empty((len(observations), 2))
-    by_global = np.zeros((len(observations), 2, thickness + 1 + estimate.shape.size))
-    by_frame = np.empty((len(observations), 2, 12))
-    turns = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
+    d_global = np.zeros((len(observations), 2, thickness + 1 + estimate.shape.size))
+    d_frame = np.empty((len(observations), 2, 12))
+    camera_rotations = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
     for is_direct in (True, False):
         rows = np.flatnonzero((observations.view == DIRECT) == is_direct)
         view = observations.view[rows]
         mirrors = None if is_direct else mirrors_of_views(estimate, view)
         frame, corner = observations.frame[rows], observations.corner[rows]
-        rotations = turns[frame].transpose(1, 2, 0)
+        rotations = camera_rotations[frame].transpose(1, 2, 0)
         linear = linearized(
-            estimate.camera, turned[rows].T, in_rig[rows].T, mirrors, bent=True, camera_from_rig=rotations
+            estimate.camera, about_origin[rows].T, in_rig[rows].T, mirrors, bent=True, camera_from_rig=rotations
         )
         r[rows] = linear.pixels.T - observations.pixels[rows]
-        by_global[rows, :, :lens] = linear.intrinsics.transpose(2, 0, 1)
-        by_corner = np.einsum("ijn,njk->nik", linear.corner, estimate.rig_from_board[frame, :3, :3])
-        by_global[rows, :, thickness + 1 :] = np.einsum("nij,knj->nik", by_corner, board.modes[:, corner])
-        by_frame[rows, :, :9] = np.concatenate([linear.turn, linear.corner, linear.camera_rotation], axis=1).transpose(
-            2, 0, 1
-        )
-        by_frame[rows, :, 9:] = np.einsum("ni,kn->nik", by_corner[:, :, 2], board.bows[:, corner])
+        d_global[rows, :, :lens] = linear.intrinsics.transpose(2, 0, 1)
+        d_corner = np.einsum("ijn,njk->nik", linear.corner, estimate.rig_from_board[frame, :3, :3])
+        d_global[rows, :, thickness + 1 :] = np.einsum("nij,knj->nik", d_corner, board.modes[:, corner])
+        d_frame[rows, :, :9] = np.concatenate(
+            [linear.board_rotation, linear.corner, linear.camera_rotation], axis=1
+        ).transpose(2, 0, 1)
+        d_frame[rows, :, 9:] = np.einsum("ni,kn->nik", d_corner[:, :, 2], board.bows[:, corner])
         if mirrors is not None:
             for k in range(3):
-                by_global[rows, :, lens + 3 * view + k] = linear.centre[:, k].T
-                by_global[rows, :, lens + 3 * (count + view) + k] = linear.curvature[:, k].T
-            by_global[rows, :, thickness] = np.where(mirrors.thickness_mm > 0.0, linear.thickness, 0.0).T
-    return r, by_global, by_frame
+                d_global[rows, :, lens + 3 * view + k] = linear.centre[:, k].T
+                d_global[rows, :, lens + 3 * (count + view) + k] = linear.curvature[:, k].T
+            d_global[rows, :, thickness] = np.where(mirrors.thickness_mm > 0.0, linear.thickness, 0.0).T
+    return r, d_global, d_frame

@@ -18,9 +18,9 @@ from mirrorcam.bench.suite_folder import FinishedSuite
 from mirrorcam.calibration.comparison import (
     BAR_IN,
     HEAD_IN,
+    HEIGHT_RATIO,
     PANEL_IN,
     ROW_IN,
-    SLIMMEST,
     draw_arrows,
     draw_map,
     panel_extent,
@@ -151,7 +151,7 @@ def score_figure(score: CalibrationScore, truth: Layout, path: Path, *, title: s
     """Write a PNG: the error of the calibration in every view at the working distance, in px, as map and arrows."""
     views = view_errors(score)
     wide, high = np.diff(panel_extent(truth, views), axis=0)[0]
-    height_in = PANEL_IN * float(np.clip(high / wide, *SLIMMEST)) + ROW_IN + HEAD_IN
+    height_in = PANEL_IN * float(np.clip(high / wide, *HEIGHT_RATIO)) + ROW_IN + HEAD_IN
     figure = Figure(figsize=(PANEL_IN + BAR_IN, height_in), layout="constrained")
     axes = figure.subplots()
     lengths = [view.length_px for view in views]

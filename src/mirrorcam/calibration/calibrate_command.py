@@ -67,8 +67,8 @@ def calibrate(
             )
         with output.staged(result="layout.json") as folder:
             write_calibration(calibration, folder, command="mirrorcam calibrate")
-    shown: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}
-    print_metrics({"calibrated": shown})
+    printed: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}
+    print_metrics({"calibrated": printed})
     diagnostics = calibration.diagnostics
     notes, alarms = (diagnostics.notes, diagnostics.alarms) if diagnostics else ((), ())
     for note in (*calibration.notes, *notes):

@@ -29,7 +29,7 @@ from mirrorcam.optics.calibration.corner_files import SUFFIX as MRCAL_SUFFIX
 from mirrorcam.optics.calibration.corner_files import load_corners, save_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, SharpFrame
-from mirrorcam.optics.calibration.detection.next_pose import NextPose, NextPosePlanner, pose_by_layout
+from mirrorcam.optics.calibration.detection.next_pose import NextPose, NextPosePlanner, board_pose
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.view_statistics import ARROWS_ACROSS, cell_means
@@ -41,10 +41,10 @@ from mirrorcam.optics.geometry.targets import Target, load_board
 
 FILES = ("layout.json", "metrics.json", "report.html", "residuals.png", "corners.csv")
 """Names of the files that a calibration writes."""
-MOST_FRAMES, MOST_BASE_FRAMES = 30, 15
-"""Largest numbers of video frames that a calibration uses, with and without mirrors."""
-SEARCHED = 60
-"""Number of frames of a video in which boards are searched."""
+MAX_FRAMES, MAX_BASE_FRAMES = 30, 15
+"""Maximum numbers of video frames that a calibration uses, with and without mirrors."""
+SEARCHED_FRAMES = 60
+"""Maximum number of frames of a video in which boards are searched."""
 ARROW_CELLS = 0.8  # length, in cells, at which the RMS of the mean residuals is drawn
 
 
@@ -83,7 +83,7 @@ def calibrate_files(
     if bool(pictures) == bool(request.corners):
         raise InputError("expected pictures, or --corners FILE")
     if request.corners and on_hint is not None:
-        raise InputError("--live-hint goes with pictures, expected it without --corners")
+        raise InputError("--live-hint works only with pictures, expected no --corners")
     target = load_board(request.board)
     if request.direct_view is not None:
         return _calibrate_directly(pictures, request, request.direct_view, target, progress, on_hint, on_note)
@@ -92,48 +92,48 @@ def calibrate_files(
     layout = Layout.load(request.layout)
     if request.corners:
         return _with_surface(layout, request.model, _fit_to_corners(request, layout, target))
-    seen, base = (
-        calibration_pictures(paths, most, camera=layout.camera, on_note=on_note)
-        for paths, most in ((pictures, MOST_FRAMES), (request.base, MOST_BASE_FRAMES))
+    mirrored, base = (
+        calibration_pictures(paths, max_pictures, camera=layout.camera, on_note=on_note)
+        for paths, max_pictures in ((pictures, MAX_FRAMES), (request.base, MAX_BASE_FRAMES))
     )
-    planner = None if on_hint is None else NextPosePlanner.designed(layout, target)
+    planner = None if on_hint is None else NextPosePlanner.for_layout(layout, target)
 
-    def hint(found: Sequence[Observations]) -> None:
+    def hint(detected: Sequence[Observations]) -> None:
         if planner is not None and on_hint is not None:
-            pose = pose_by_layout(layout, target, found[-1])
+            pose = board_pose(layout, target, detected[-1])
             if pose is not None:
-                planner.add(pose, found[-1])
-            on_hint(seen.names[len(found) - 1], planner.next())
+                planner.add(pose, detected[-1])
+            on_hint(mirrored.names[len(detected) - 1], planner.next())
 
     def fit(layout: Layout, model: RequestedModel, *, last: bool) -> Calibration:
         return calibrate(
-            seen.pictures,
+            mirrored.pictures,
             base.pictures,
             layout,
             target,
             model=model,
             detections=detections,
             workers=cores(),
-            most=(seen.most, base.most),
-            names=(seen.labels, base.labels),
-            on_frame=lambda done: progress(done, len(seen.pictures) + len(base.pictures)),
-            on_seen=hint if last else lambda found: None,
+            max_pictures=(mirrored.max_pictures, base.max_pictures),
+            names=(mirrored.labels, base.labels),
+            on_frame=lambda done: progress(done, len(mirrored.pictures) + len(base.pictures)),
+            on_observations=hint if last else lambda detected: None,
         )
 
     return _with_surface(layout, request.model, fit)
 
 
 class _Fit(Protocol):
-    """Fits a model, starting from a layout; `last` is false for a fit whose result only starts another."""
+    """Fits a model, starting from a layout; `last` is false for a fit that only provides the start of another one."""
 
     def __call__(self, layout: Layout, model: RequestedModel, *, last: bool) -> Calibration: ...
 
 
 def _with_surface(layout: Layout, requested: RequestedModel, fit: _Fit) -> Calibration:
-    """Fit with mirrors of the requested surface; the thickness of new second-surface ones is fitted first."""
+    """Fit with mirrors of the requested surface; for new second-surface mirrors, fit the thickness first."""
     model = replace(requested, surface=None)
     if requested.surface == "second" and not layout.mirrors[0].is_second_surface:
-        # The thickness determines the ghost images; the pictures determine it better than the data sheet.
+        # The thickness determines the ghost images, and pictures determine it better than a data sheet does.
         first = fit(layout, RequestedModel(lens=model.lens), last=False)
         other_surface = first.diagnostics.other_surface if first.diagnostics is not None else None
         layout = layout.with_surface("second", None if other_surface is None else other_surface.thickness_mm)
@@ -148,21 +148,23 @@ def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target)
     """Return a function that fits a model to the corners of a request's tables."""
     corners_mm = target.corners_in_board_mm
     tables = [load_corners(path, layout, len(corners_mm)) for path in request.corners]
-    seen = [picture for table in tables for picture in table.seen.items()]
+    mirrored = [picture for table in tables for picture in table.mirrored.items()]
     base = [picture for table in tables for picture in table.base.items()]
-    if not seen:
-        raise InputError(f"{request.corners[0]}: all corners are seen directly, expected pictures through the mirrors")
+    if not mirrored:
+        raise InputError(
+            f"{request.corners[0]}: all corners are in direct views, expected pictures through the mirrors"
+        )
 
     def fit(layout: Layout, model: RequestedModel, *, last: bool) -> Calibration:
-        found = calibrate_corners(
-            [corners for _, corners in seen],
+        detected = calibrate_corners(
+            [corners for _, corners in mirrored],
             [corners for _, corners in base],
             layout,
             corners_mm,
             model=model,
-            names=[name for name, _ in (*seen, *base)],
+            names=[name for name, _ in (*mirrored, *base)],
         )
-        return replace(found, notes=(*(note for table in tables for note in table.notes), *found.notes))
+        return replace(detected, notes=(*(note for table in tables for note in table.notes), *detected.notes))
 
     return fit
 
@@ -176,18 +178,18 @@ def _calibrate_directly(
     on_hint: Callable[[str, NextPose], None] | None,
     on_note: Callable[[str], None],
 ) -> Calibration:
-    taken = calibration_pictures(pictures, MOST_FRAMES, on_note=on_note)
-    base = calibration_pictures(request.base, MOST_BASE_FRAMES, on_note=on_note)
+    mirrored = calibration_pictures(pictures, MAX_FRAMES, on_note=on_note)
+    base = calibration_pictures(request.base, MAX_BASE_FRAMES, on_note=on_note)
     return calibrate_with_direct_view(
-        taken.read(),
+        mirrored.read(),
         target,
         mirrors=mirrors,
-        names=taken.names,
+        names=mirrored.names,
         base=base.read(),
         base_names=base.labels,
-        most=taken.most,
+        max_pictures=mirrored.max_pictures,
         model=request.model,
-        adjacent=taken.adjacent if any(taken.sources) else None,
+        adjacent=mirrored.adjacent if any(mirrored.sources) else None,
         progress=progress,
         on_hint=on_hint,
     )
@@ -209,44 +211,44 @@ def write_calibration(calibration: Calibration, folder: Path, *, command: str) -
 class CalibrationPictures:
     """Pictures to search, each a file or the grey values (h, w) of a frame, and their names.
 
-    `most` is the number to use if there are video frames among them; None means all. `sources` holds the video and
-    frame index of each; None for a picture.
+    `max_pictures` is the number to use if there are video frames among them; None uses all. `sources` holds the video
+    and frame index of each; None for a picture.
     """
 
     pictures: list[Path | Grey]
     names: list[str]
-    most: int | None
+    max_pictures: int | None
     sources: list[tuple[Path, int] | None]
 
     @property
     def labels(self) -> list[str]:
         """Unique names: paths as given, and names of video frames."""
         return [
-            each.as_posix() if source is None and isinstance(each, Path) else name
-            for each, name, source in zip(self.pictures, self.names, self.sources, strict=True)
+            picture.as_posix() if source is None and isinstance(picture, Path) else name
+            for picture, name, source in zip(self.pictures, self.names, self.sources, strict=True)
         ]
 
     def read(self) -> list[Grey]:
         """Read all pictures in grey; raises InputError for a file that cannot be read."""
-        return [read_image(each, grey=True) if isinstance(each, Path) else each for each in self.pictures]
+        return [read_image(item, grey=True) if isinstance(item, Path) else item for item in self.pictures]
 
     def adjacent(self, numbers: Sequence[int]) -> list[tuple[Grey, Grey] | None]:
-        """The frames before and after some pictures; None for a picture that is no video frame, or lacks either."""
-        wanted: dict[Path, set[int]] = {}
+        """The frames before and after some pictures; None for a picture not from a video, or without both of them."""
+        frame_numbers: dict[Path, set[int]] = {}
         for source in (self.sources[number] for number in numbers):
             if source is not None:
-                wanted.setdefault(source[0], set()).update((source[1] - 1, source[1] + 1))
-        found = {path: _frames(path, frames) for path, frames in wanted.items()}
+                frame_numbers.setdefault(source[0], set()).update((source[1] - 1, source[1] + 1))
+        detected = {path: _frames(path, frames) for path, frames in frame_numbers.items()}
         pairs: list[tuple[Grey, Grey] | None] = []
         for source in (self.sources[number] for number in numbers):
-            of_video = {} if source is None else found[source[0]]
-            before, after = (None if source is None else of_video.get(source[1] + step) for step in (-1, 1))
+            frames = {} if source is None else detected[source[0]]
+            before, after = (None if source is None else frames.get(source[1] + step) for step in (-1, 1))
             pairs.append(None if before is None or after is None else (before, after))
         return pairs
 
 
 def calibration_pictures(
-    paths: Sequence[Path], most: int, *, camera: Camera | None = None, on_note: Callable[[str], None]
+    paths: Sequence[Path], max_pictures: int, *, camera: Camera | None = None, on_note: Callable[[str], None]
 ) -> CalibrationPictures:
     """Collect the pictures of files, folders and videos, in order.
 
@@ -254,7 +256,7 @@ def calibration_pictures(
     ----------
     paths
         Picture files, folders of them, and videos.
-    most
+    max_pictures
         Number of pictures to use if there is a video among them.
     camera
         Camera whose picture size videos must have; None for any size.
@@ -265,7 +267,7 @@ def calibration_pictures(
     Raises
     ------
     InputError
-        For a folder without pictures, and for a file that is neither a picture nor a video, or has another size.
+        For a folder without pictures, and for a file that is neither a picture nor a video, or has a different size.
     """
     pictures: list[Path | Grey] = []
     names: list[str] = []
@@ -282,12 +284,12 @@ def calibration_pictures(
             pictures.append(frame.picture)
             names.append(f"{path.name} frame {frame.number}")
             sources.append((path, frame.number))
-    return CalibrationPictures(pictures, names, most if any(sources) else None, sources)
+    return CalibrationPictures(pictures, names, max_pictures if any(sources) else None, sources)
 
 
 def _sharp_frames(path: Path, camera: Camera | None, on_note: Callable[[str], None]) -> list[SharpFrame]:
     started = time.monotonic()
-    video, kept, count, damaged, missing = Video(path, on_note), SharpestFrames(SEARCHED), 0, 0, 0
+    video, sharpest, count, damaged, missing = Video(path, on_note), SharpestFrames(SEARCHED_FRAMES), 0, 0, 0
     if camera is not None:
         check_size(path, (video.width_px, video.height_px), (camera.width_px, camera.height_px), "the layout's camera")
     if video.sample_bits.largest:
@@ -298,14 +300,14 @@ def _sharp_frames(path: Path, camera: Camera | None, on_note: Callable[[str], No
             missing += frame.reason == MISSING
             damaged += frame.reason != MISSING
             continue
-        kept.add(SharpFrame.of(frame.number, _grey(frame)))
-    chosen = kept.chosen()
+        sharpest.add(SharpFrame.of(frame.number, _grey(frame)))
+    chosen = sharpest.chosen()
     if not chosen:
         raise InputError(f"{path}: none of its {count} frames can be read, expected a video of a board")
-    lost = f", {damaged} of them damaged" if damaged else ""
-    lost += f", {missing} more missing by its times" if missing else ""
+    skipped = f", {damaged} of them damaged" if damaged else ""
+    skipped += f", {missing} more missing according to its time stamps" if missing else ""
     on_note(
-        f"{path.name}: the {len(chosen)} sharpest of {count - missing} frames, from all of the video{lost}, "
+        f"{path.name}: the {len(chosen)} sharpest of {count - missing} frames, from all of the video{skipped}, "
         f"read in {time.monotonic() - started:.1f} s"
     )
     return chosen
@@ -313,13 +315,13 @@ def _sharp_frames(path: Path, camera: Camera | None, on_note: Callable[[str], No
 
 def _frames(path: Path, numbers: set[int]) -> dict[int, Grey]:
     """Frames of a video by index, without missing or damaged ones."""
-    found: dict[int, Grey] = {}
+    detected: dict[int, Grey] = {}
     for frame in Video(path).frames():
         if frame.number > max(numbers):
             break
         if frame.number in numbers and isinstance(frame, Frame):
-            found[frame.number] = _grey(frame)
-    return found
+            detected[frame.number] = _grey(frame)
+    return detected
 
 
 def _grey(frame: Frame) -> Grey:
@@ -327,9 +329,9 @@ def _grey(frame: Frame) -> Grey:
 
 
 def residual_figure(calibration: Calibration, path: Path) -> None:
-    """Write a PNG: mean residuals in each part of the sensor, by view, and their distribution.
+    """Write a PNG: mean residuals in each part of the sensor, by view, and the distribution of all residuals.
 
-    Means over a cell show systematic errors of the model; without any, the arrows point in random directions.
+    Mean residuals in cells show systematic errors of the model; without such errors, arrows point in random directions.
     """
     figure, (sensor, plot) = plt.subplots(1, 2, figsize=(13, 5), width_ratios=(2.3, 1), layout="constrained")
     _arrows(sensor, calibration)
@@ -348,7 +350,7 @@ def _arrows(axes: Axes, calibration: Calibration) -> None:
         name = "direct" if view == DIRECT else f"mirror {calibration.layout.mirror_names[view]}"
         colour = "0.65" if view == DIRECT else colours(view % 10)
         axes.quiver(
-            *cells.at_px.T,
+            *cells.centres_px.T,
             *(gain * cells.mean_px.T),
             color=colour,
             angles="xy",
@@ -366,11 +368,11 @@ def _arrows(axes: Axes, calibration: Calibration) -> None:
 
 def _distribution(axes: Axes, calibration: Calibration) -> None:
     used = calibration.residuals_px[calibration.inliers]
-    reach = 4.0 * float(used.std())
+    limit = 4.0 * float(used.std())
     for axis, values in zip("xy", used.T, strict=True):
         axes.hist(
             values,
-            bins=np.linspace(-reach, reach, 61).tolist(),
+            bins=np.linspace(-limit, limit, 61).tolist(),
             histtype="step",
             label=f"{axis}: {values.std():.3f} px",
         )

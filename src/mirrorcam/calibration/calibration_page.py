@@ -12,7 +12,7 @@ from markupsafe import Markup
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.calibration.drawings import (
     board_distances,
-    board_turns,
+    board_tilts,
     coverage_map,
     depth_sigmas,
     projection_sigmas,
@@ -73,7 +73,7 @@ def report_html(calibration: Calibration, *, command: str) -> str:
         verdict=STATES[verdict.state],
         reasons=verdict.reasons,
         advice=verdict.advice,
-        weakest=diagnostics.weak[0].words if diagnostics is not None and diagnostics.weak else None,
+        weakest=diagnostics.weak[0].description if diagnostics is not None and diagnostics.weak else None,
         tiles=_tiles(calibration),
         mirrors=count_text(len(calibration.layout.mirrors), "mirror"),
         camera=f"{camera.name}, {camera.width_px} {TIMES} {camera.height_px} px",
@@ -92,13 +92,13 @@ def _tiles(calibration: Calibration) -> list[Tile]:
     """Headline figures of a calibration."""
     metrics, diagnostics = calibration.metrics, calibration.diagnostics
     tiles = []
-    for name, what in (("held_out_rms", "frames left out of the fit"), ("rms", "fitted corners")):
+    for name, subject in (("held_out_rms", "frames left out of the fit"), ("rms", "fitted corners")):
         if f"{name}_x_px" in metrics:
             worse = max(metrics[f"{name}_{axis}_px"].value for axis in "xy")
-            tiles.append(Tile(f"{figure_text(worse, 3)} px", f"RMS reprojection error per axis, {what}"))
+            tiles.append(Tile(f"{figure_text(worse, 3)} px", f"RMS reprojection error per axis, {subject}"))
             break
     if diagnostics is not None:
-        tiles.append(Tile(diagnostics.level.replace("+", " +\N{NO-BREAK SPACE}"), "selected model"))
+        tiles.append(Tile(diagnostics.model_name.replace("+", " +\N{NO-BREAK SPACE}"), "selected model"))
         normal = float(np.max(diagnostics.mirrors.normal_deg))
         tiles.append(Tile(f"{figure_text(normal, 2)}°", f"{SIGMA} of the least certain mirror normal"))
         depth = float(np.interp(diagnostics.range_mm, diagnostics.depth.range_mm, diagnostics.depth.total_mm))
@@ -115,39 +115,39 @@ def _checks(calibration: Calibration, verdict: Verdict) -> FigureTable:
 
 
 def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, Card | None]:
-    """The drawings of every calibration; the direct view's is None without one."""
+    """The drawings of every calibration; that of the direct view is None if there is no such view."""
     mirrors = [view for view in views if view.view != DIRECT]
     direct = [view for view in views if view.view == DIRECT]
-    turned = "Tilt of the boards, a dot per frame"
+    tilt_caption = "Tilt of the boards, a dot per frame"
     if not board_normals(calibration)[1].all():
-        turned += f": filled, through the mirrors; open, {direct[0].name}"
+        tilt_caption += f": filled, through the mirrors; open, {direct[0].name}"
     return {
         "residuals": Card(
             residual_needles(calibration, mirrors),
             "Mean residuals, predicted minus detected. Red: significant at the 1 % level, as 1 % are by noise alone.",
         ),
         "histogram": Card(residual_histogram(calibration), "Residuals without outliers; logarithmic counts."),
-        "direct": Card(residual_needles(calibration, direct), f"Mean residuals of {direct[0].called}.")
+        "direct": Card(residual_needles(calibration, direct), f"Mean residuals of {direct[0].name_in_sentence}.")
         if direct
         else None,
         "coverage": Card(
             coverage_map(calibration.layout, views), "Number of corners per cell, and the coverage of every view."
         ),
         "distances": Card(board_distances(views), "Distance of the board, a dot per frame."),
-        "turns": Card(board_turns(calibration), f"{turned}."),
+        "turns": Card(board_tilts(calibration), f"{tilt_caption}."),
     }
 
 
 def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> dict[str, object]:
     """Values of the diagnostics for the page."""
-    known = np.isfinite(diagnostics.depth.total_mm).sum() >= 2
+    has_depth = np.isfinite(diagnostics.depth.total_mm).sum() >= 2
     free = diagnostics.free_views
     return {
         "common": common_table(diagnostics),
         "tilt": figure_text(HARDWARE.mount.tilt_deg, 2),
         "weak": weak_table(diagnostics) if diagnostics.weak else None,
         "projection": _projection(calibration, diagnostics, views),
-        "depth": Card(depth_sigmas(diagnostics.depth, diagnostics.range_mm)) if known else None,
+        "depth": Card(depth_sigmas(diagnostics.depth, diagnostics.range_mm)) if has_depth else None,
         "models": model_table(diagnostics),
         "free": None
         if free is None
@@ -163,29 +163,36 @@ def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequ
 
 
 def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> list[Card]:
-    """Maps of the standard deviation of projected points, in the rig and against the reference view."""
-    maps = [one for one in diagnostics.projection if one.view != DIRECT]
-    direct = [one.in_rig_px for one in diagnostics.projection if one.view == DIRECT]
-    unshown = ""
+    """Maps of the standard deviation of projected points, in the rig frame and relative to the reference view."""
+    maps = [projection_map for projection_map in diagnostics.projection if projection_map.view != DIRECT]
+    direct = [projection_map.in_rig_px for projection_map in diagnostics.projection if projection_map.view == DIRECT]
+    direct_note = ""
     if direct:
-        unshown = f" The direct view, not shown, has {np.median(direct):.2g} px over the complete picture."
-    reference = next(view.called for view in views if view.view == diagnostics.reference)
+        direct_note = (
+            f" The direct view, not shown, has a median of {np.median(direct):.2g} px over the complete picture."
+        )
+    reference = next(view.name_in_sentence for view in views if view.view == diagnostics.reference)
     cards = []
-    for name, values, words, further in (
-        ("rig", [one.in_rig_px for one in maps], "of a point fixed in front of the camera", unshown),
+    for name, values, description, suffix in (
+        (
+            "rig",
+            [projection_map.in_rig_px for projection_map in maps],
+            "of a point fixed in front of the camera",
+            direct_note,
+        ),
         (
             "reference",
-            [one.against_reference_px for one in maps],
+            [projection_map.against_reference_px for projection_map in maps],
             f"of a point fixed where {reference} shows it, which determines depth",
             "",
         ),
     ):
-        most = float(np.max(np.concatenate(values)))
+        max_sigma = float(np.max(np.concatenate(values)))
         cards.append(
             Card(
-                projection_sigmas(calibration.layout, views, maps, values, most, name=f"sigma-{name}"),
-                f"{SIGMA} px {words}, {diagnostics.range_mm:.0f} mm away: medians; the strongest colour is "
-                f"{most:.2g} px.{further}",
+                projection_sigmas(calibration.layout, views, maps, values, max_sigma, name=f"sigma-{name}"),
+                f"{SIGMA} px {description}, {diagnostics.range_mm:.0f} mm away: medians; the strongest colour is "
+                f"{max_sigma:.2g} px.{suffix}",
             )
         )
     return cards
@@ -216,31 +223,36 @@ def mirror_table(calibration: Calibration) -> Table:
         ]
     else:
         heads += [f"{SIGMA} against the others mm", f"{SIGMA} against the others °"]
-        known = diagnostics.mirrors
-        columns = (known.distance_mm, known.normal_deg, known.relative_distance_mm, known.relative_normal_deg)
+        uncertainty = diagnostics.mirrors
+        columns = (
+            uncertainty.distance_mm,
+            uncertainty.normal_deg,
+            uncertainty.relative_distance_mm,
+            uncertainty.relative_normal_deg,
+        )
         sigmas = [tuple(float(column[number]) for column in columns) for number in range(len(mirrors))]
     decimals = max(sigma_decimals(distance) or 3 for distance, *_ in sigmas)
     rows = [
-        (f"mirror {name}", f"{mirror.distance_mm:.{decimals}f}", *(sigma_text(sigma) for sigma in known_to))
-        for name, mirror, known_to in zip(calibration.layout.mirror_names, mirrors, sigmas, strict=True)
+        (f"mirror {name}", f"{mirror.distance_mm:.{decimals}f}", *(sigma_text(sigma) for sigma in sigmas_of_mirror))
+        for name, mirror, sigmas_of_mirror in zip(calibration.layout.mirror_names, mirrors, sigmas, strict=True)
     ]
     return Table(heads, rows, FIGURES)
 
 
 def common_table(diagnostics: Diagnostics) -> Table:
     """Sigmas of the common rotation and translation of all mirrors."""
-    known = diagnostics.mirrors
+    uncertainty = diagnostics.mirrors
     rows = [
-        ("turn, °", *(sigma_text(float(value)) for value in known.common_turn_deg)),
-        ("shift, mm", *(sigma_text(float(value)) for value in known.common_shift_mm)),
+        ("rotation, °", *(sigma_text(float(value)) for value in uncertainty.common_rotation_deg)),
+        ("shift, mm", *(sigma_text(float(value)) for value in uncertainty.common_shift_mm)),
     ]
     return Table(("", "x, image right", "y, image down", "z, optical axis"), rows, FIGURES)
 
 
 def weak_table(diagnostics: Diagnostics) -> Table:
-    """The combinations of parameters that the pictures determine worst."""
+    """The combinations of parameters that the pictures determine least."""
     rows = [
-        (full_stop(direction.words), "; ".join(_amount(*sigma) for sigma in direction.sigmas))
+        (full_stop(direction.description), "; ".join(_amount(*sigma) for sigma in direction.sigmas))
         for direction in diagnostics.weak
     ]
     return Table(("Direction", f"One {SIGMA} of it"), rows, "plain words")
@@ -256,10 +268,10 @@ def camera_table(calibration: Calibration) -> Table:
 
 
 def _camera_rows(calibration: Calibration) -> list[list[str]]:
-    known = calibration.layout.uncertainty
+    uncertainty = calibration.layout.uncertainty
     sigmas: dict[str, float] = {}
-    if known is not None:
-        sigmas = dict(zip(known.parameters, np.sqrt(np.diag(known.covariance)).tolist(), strict=True))
+    if uncertainty is not None:
+        sigmas = dict(zip(uncertainty.parameters, np.sqrt(np.diag(uncertainty.covariance)).tolist(), strict=True))
     rows = []
     camera = calibration.layout.camera
     for name, value in zip(camera.intrinsic_names, camera.intrinsics, strict=True):
@@ -297,22 +309,24 @@ def model_table(diagnostics: Diagnostics) -> Table:
         "Better by",
         "",
     )
-    return Table(heads, [_model_row(each, diagnostics.level) for each in diagnostics.comparisons], FIGURES)
+    return Table(
+        heads, [_model_row(comparison, diagnostics.model_name) for comparison in diagnostics.comparisons], FIGURES
+    )
 
 
-def _model_row(comparison: ModelComparison, level: str) -> tuple[str, ...]:
-    against = ("", "", "", "")
+def _model_row(comparison: ModelComparison, selected_name: str) -> tuple[str, ...]:
+    nested_columns = ("", "", "", "")
     if comparison.against is not None:
         drop, chance = figure_text(comparison.drop, 3), chance_text(comparison.chance)
-        against = (comparison.against, drop, chance, _held_out(comparison))
-    selected = comparison.name == level
+        nested_columns = (comparison.against, drop, chance, _held_out(comparison))
+    selected = comparison.name == selected_name
     return (
         Markup("<b>{}</b>").format(comparison.name) if selected else comparison.name,
         str(comparison.parameters),
         f"{comparison.rms_px:.4f}",
-        *against,
+        *nested_columns,
         f"{comparison.held_out_gain:.1f} {SIGMA}" if np.isfinite(comparison.held_out_gain) else "",
-        _state(comparison, level),
+        _state(comparison, selected_name),
     )
 
 
@@ -322,20 +336,20 @@ def _held_out(comparison: ModelComparison) -> str:
     return "open" if comparison.chance < SUPPORTED_CHANCE and comparison.information_gain > 0.0 else "not needed"
 
 
-def _state(comparison: ModelComparison, level: str) -> str:
-    if comparison.name == level:
+def _state(comparison: ModelComparison, selected_name: str) -> str:
+    if comparison.name == selected_name:
         return Markup('<b class="pass">selected</b>')
-    if comparison.name == "paper" or level.startswith(f"{comparison.name}+"):
+    if comparison.name == "paper" or selected_name.startswith(f"{comparison.name}+"):
         return "nested"
     return Markup('<b class="fail">supported</b>') if comparison.supported else "no"
 
 
 def split_table(diagnostics: Diagnostics) -> Table:
-    """Difference between calibrations of two halves of the frames, next to the predicted one."""
+    """Difference between calibrations of two halves of the frames, next to the predicted difference."""
     heads = ("Halves", "Frames", "Max. difference px", "Max. predicted px", "Overall ratio", "p")
     rows = [
         (
-            split.how,
+            split.division,
             f"{split.frames[0]} and {split.frames[1]}",
             f"{np.max(split.difference_px):.3g}",
             f"{np.max(split.predicted_px):.3g}",
@@ -353,6 +367,6 @@ def chance_text(value: float) -> str:
 
 
 def chance_words(value: float) -> str:
-    """A probability as in a sentence: "p < 0.001", "p = 0.120"."""
+    """A probability for a sentence: "p < 0.001", "p = 0.120"."""
     text = chance_text(value)
     return f"p {text}" if text.startswith("<") else f"p = {text}"

@@ -29,7 +29,7 @@ COLUMNS = {
 
 def compare(
     a: Annotated[Path, Parameter(name="A", help="layout.json of one calibration")],
-    b: Annotated[Path, Parameter(name="B", help="layout.json of the other")],
+    b: Annotated[Path, Parameter(name="B", help="layout.json of the other calibration")],
     /,
     *,
     distance_mm: Annotated[
@@ -88,7 +88,7 @@ def _print(difference: CalibrationDifference, layout: Layout) -> None:
     names = [name for name in COLUMNS if name in rows["all views"]]
     columns = [equal_decimals([figures[name].value for figures in rows.values()], digits=3) for name in names]
     print_table(["", *(COLUMNS[name] for name in names)], list(zip(rows, *columns, strict=True)))
-    turn, shift = (figure_text(difference.motion[f"motion_{name}"].value, 3) for name in ("turn_deg", "shift_mm"))
+    rotation, shift = (figure_text(difference.motion[f"motion_{name}"].value, 3) for name in ("turn_deg", "shift_mm"))
     say("compare", _verdict(difference, layout))
-    at = f"points {difference.range_mm:.0f} mm from each view"
-    say("compare", f"{at}; a motion of the rig by {turn}° and {shift} mm is removed")
+    points = f"points {difference.range_mm:.0f} mm from each view"
+    say("compare", f"{points}; a motion of the rig by {rotation}° and {shift} mm is removed")

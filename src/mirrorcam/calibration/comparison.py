@@ -28,18 +28,18 @@ from mirrorcam.optics.geometry.layout import Layout, working_distance_mm
 
 FILES = ("difference.png", "metrics.json")
 KINDS = ("difference", "sigma")
-SLIMMEST = 0.3, 1.5
-"""Least and greatest height of a panel, relative to its width."""
+HEIGHT_RATIO = 0.3, 1.5
+"""Minimum and maximum height of a panel, relative to its width."""
 MARGIN = 0.02
 """Space around the views of a panel, relative to their extent."""
-LABEL_SHARE = 0.4
+LABEL_FRACTION = 0.4
 """Width of a label, relative to the width of its view."""
 LONGEST_ARROW = 0.9
 """Length, in cells, of the arrow of the largest difference."""
 
 
 def compare_files(a: Path, b: Path, distance_mm: float | None) -> CalibrationDifference:
-    """Compare two `layout.json` for points at a distance from each view, by default that of A's board.
+    """Compare two `layout.json` files for points at a distance from each view, by default the distance of A's board.
 
     Raises InputError if a file cannot be read, if the devices differ, or if A states no distance.
     """
@@ -55,21 +55,21 @@ def compare_files(a: Path, b: Path, distance_mm: float | None) -> CalibrationDif
 
 
 def read_compared(path: Path) -> Layout:
-    """Read a layout; the InputError for another file names the format of another tool's calibration."""
+    """Read a layout; the InputError for a different file names its format if it is another tool's calibration."""
     try:
         return Layout.load(path)
     except InputError:
         if not path.is_file():
             raise
-        of_others = [name for name in formats_in(path) if name != "mirrorcam"]
-        named = f"a calibration as {of_others[0]}" if of_others else reason_unread(path)
-        if not named:
+        other_formats = [name for name in formats_in(path) if name != "mirrorcam"]
+        description = f"a calibration as {other_formats[0]}" if other_formats else reason_unread(path)
+        if not description:
             raise
-        raise InputError(f"{path}: {named}, expected a layout.json, as `mirrorcam calibrate` writes it") from None
+        raise InputError(f"{path}: {description}, expected a layout.json, as `mirrorcam calibrate` writes it") from None
 
 
 def comparison_metrics(difference: CalibrationDifference, layout: Layout) -> dict[str, Metric]:
-    """The figures of a comparison: over all views, of the motion of the rig, and of each view."""
+    """The figures of a comparison: for all views together, for the motion of the rig, and for each view."""
     metrics = {"distance_mm": Metric(value=difference.range_mm, unit="mm")}
     metrics |= {f"all_{name}": figure for name, figure in difference.figures(difference.views).items()}
     metrics |= difference.motion
@@ -92,27 +92,27 @@ PANEL_IN, ROW_IN, BAR_IN, HEAD_IN = 7.0, 0.7, 1.2, 0.3
 def difference_figure(difference: CalibrationDifference, layout: Layout, path: Path) -> None:
     """Write a PNG: the difference in every view where the sensor has it, and its predicted sigma, in px and in mm.
 
-    Panels of one unit share a scale. The direct view, which overlaps the mirrors' sub-images, has rows of its own.
+    Panels with the same unit have a common scale. The direct view, which overlaps the sub-images, has its own rows.
     """
     mirrors = [view for view in difference.views if view.view != DIRECT]
     direct = [view for view in difference.views if view.view == DIRECT]
     rows = [(unit, views) for unit in ("px", "mm") for views in (mirrors, direct) if views]
     columns = 2 if any(difference.predicted) else 1
     sizes = [np.diff(panel_extent(layout, views), axis=0)[0] for _, views in rows]
-    heights_in = [PANEL_IN * float(np.clip(high / wide, *SLIMMEST)) + ROW_IN for wide, high in sizes]
+    heights_in = [PANEL_IN * float(np.clip(high / wide, *HEIGHT_RATIO)) + ROW_IN for wide, high in sizes]
     figure = Figure(figsize=(columns * PANEL_IN + BAR_IN, sum(heights_in) + HEAD_IN), layout="constrained")
     panels = figure.subplots(len(rows), columns, squeeze=False, height_ratios=heights_in)
     for (unit, views), axes in zip(rows, panels, strict=True):
-        highest = max(float(np.max(_values(view, unit, what))) for view in difference.views for what in KINDS)
-        shown = draw_map(axes[0], layout, views, [_values(view, unit, "difference") for view in views], highest)
+        max_value = max(float(np.max(_values(view, unit, kind))) for view in difference.views for kind in KINDS)
+        cells_drawn = draw_map(axes[0], layout, views, [_values(view, unit, "difference") for view in views], max_value)
         longest_px = draw_arrows(axes[0], views)
         axes[0].set_title(f"difference, {unit} (RMS of each view; longest arrow: {longest_px:.2g} px)")
         if columns == 2:
-            draw_map(axes[1], layout, views, [_values(view, unit, "sigma") for view in views], highest)
+            draw_map(axes[1], layout, views, [_values(view, unit, "sigma") for view in views], max_value)
             axes[1].set_title(f"predicted {SIGMA}{_which_sigma(difference)}, {unit} (RMS of each view)")
-        figure.colorbar(shown, ax=axes, label=unit, fraction=0.03, pad=0.01)
-    turn, shift = (difference.motion[f"motion_{name}"].value for name in ("turn_deg", "shift_mm"))
-    removed = f"a motion of the rig by {turn:.2g}° and {shift:.2g} mm is removed"
+        figure.colorbar(cells_drawn, ax=axes, label=unit, fraction=0.03, pad=0.01)
+    rotation, shift = (difference.motion[f"motion_{name}"].value for name in ("turn_deg", "shift_mm"))
+    removed = f"a motion of the rig by {rotation:.2g}° and {shift:.2g} mm is removed"
     figure.suptitle(f"B minus A of points {difference.range_mm:.0f} mm from each view; {removed}")
     with atomic(path) as temporary:
         figure.savefig(temporary, dpi=110, metadata={"Software": None})
@@ -126,7 +126,7 @@ def _values(view: ViewDifference, unit: str, kind: str) -> FloatArray:
 
 
 def panel_extent(layout: Layout, views: list[ViewDifference]) -> FloatArray:
-    """Least and greatest pixel (2, 2) of a panel that shows some views, with a margin."""
+    """Minimum and maximum pixel (2, 2) of a panel that shows some views, with a margin."""
     outlines = np.concatenate([outline_px(layout, view.view) for view in views])
     low, high = outlines.min(axis=0), outlines.max(axis=0)
     return np.array([low, high]) + MARGIN * (high - low).max() * np.array([[-1.0], [1.0]])
@@ -146,23 +146,23 @@ def _cell_px(view: ViewDifference) -> tuple[float, float]:
 
 
 def draw_map(
-    axes: Axes, layout: Layout, views: list[ViewDifference], values: list[FloatArray], highest: float
+    axes: Axes, layout: Layout, views: list[ViewDifference], values: list[FloatArray], max_value: float
 ) -> PatchCollection:
-    """Draw the cells of some views, clipped to outlines, with name and RMS; returns one view's cells, for the scale."""
+    """Draw the cells of views, clipped to outlines, with name and RMS; return one view's cells, for the colour bar."""
     (left, top), (right, bottom) = panel_extent(layout, views)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.set(xlabel="x px", ylabel="y px", facecolor="0.93")
     for view, value in zip(views, values, strict=True):
         width, height = _cell_px(view)
         cells = [Rectangle((u - width / 2, v - height / 2), width, height) for u, v in view.pixels.tolist()]
-        shown = PatchCollection(cells, cmap="viridis", edgecolor="face", linewidth=0.3)
-        shown.set_array(value)
-        shown.set_clim(0.0, max(highest, 1e-12))
-        axes.add_collection(shown)
+        cells_drawn = PatchCollection(cells, cmap="viridis", edgecolor="face", linewidth=0.3)
+        cells_drawn.set_array(value)
+        cells_drawn.set_clim(0.0, max(max_value, 1e-12))
+        axes.add_collection(cells_drawn)
         outline = outline_px(layout, view.view)
-        shown.set_clip_path(axes.add_patch(Polygon(outline, facecolor="none", edgecolor="0.3", linewidth=0.8)))
+        cells_drawn.set_clip_path(axes.add_patch(Polygon(outline, facecolor="none", edgecolor="0.3", linewidth=0.8)))
         rms = float(np.sqrt(np.mean(value**2)))
-        x, y = _label_place(outline)
+        x, y = _label_position(outline)
         axes.annotate(
             f"{view_label(layout, view.view).removeprefix('mirror ')}: {rms:.2g}",
             (x, y),
@@ -173,16 +173,16 @@ def draw_map(
             fontsize=8,
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.75},
         )
-    return shown
+    return cells_drawn
 
 
-def _label_place(outline: FloatArray) -> tuple[float, float]:
-    """Top middle (x, y) of a label within an outline (n, 2), also a slanted one."""
+def _label_position(outline: FloatArray) -> tuple[float, float]:
+    """Top centre (x, y) of a label within an outline (n, 2), which may be slanted."""
     polygon = shapely.Polygon(outline)
     left, top, right, bottom = polygon.bounds
-    middle, half = polygon.centroid.x, LABEL_SHARE * (right - left) / 2.0
-    columns = [shapely.LineString([(x, top), (x, bottom)]) for x in (middle - half, middle, middle + half)]
-    return middle, max(polygon.intersection(column).bounds[1] for column in columns)
+    centre, half = polygon.centroid.x, LABEL_FRACTION * (right - left) / 2.0
+    columns = [shapely.LineString([(x, top), (x, bottom)]) for x in (centre - half, centre, centre + half)]
+    return centre, max(polygon.intersection(column).bounds[1] for column in columns)
 
 
 def draw_arrows(axes: Axes, views: list[ViewDifference]) -> float:

@@ -57,13 +57,13 @@ def _outlines(views: Sequence[ViewFigures], window: _Window) -> str:
     return "".join(f'<polygon points="{points(window(view.outline_px))}" class="outline"/>' for view in views)
 
 
-def _tags(views: Sequence[ViewFigures], window: _Window, *, words: Callable[[ViewFigures], str]) -> str:
+def _tags(views: Sequence[ViewFigures], window: _Window, *, label: Callable[[ViewFigures], str]) -> str:
     """Labels in the top left corner of every mirror's sub-image, to be drawn last."""
     parts = []
     for view in views:
         if view.view != DIRECT:
             x, y = window(view.outline_px[np.argmin(view.outline_px.sum(axis=1))])
-            parts.append(text(x + 7, y + 16, words(view), anchor="start", style="tag"))
+            parts.append(text(x + 7, y + 16, label(view), anchor="start", style="tag"))
     return "".join(parts)
 
 
@@ -79,13 +79,13 @@ def residual_needles(calibration: Calibration, views: Sequence[ViewFigures]) -> 
     gain = NEEDLE_CELLS * cell / max(rms, 1e-12)
     parts = [_outlines(views, window)]
     for means in all_means:
-        for at, mean, systematic in zip(means.at_px, means.mean_px, means.systematic, strict=True):
-            start, along = window(at), mean * gain
-            length = float(np.linalg.norm(along))
-            across = np.array([-along[1], along[0]]) / max(length, 1e-9) * 1.3
-            needle = points([start - across, start + across, start + along])
+        for point, mean, systematic in zip(means.centres_px, means.mean_px, means.systematic, strict=True):
+            start, vector = window(point), mean * gain
+            length = float(np.linalg.norm(vector))
+            normal = np.array([-vector[1], vector[0]]) / max(length, 1e-9) * 1.3
+            needle = points([start - normal, start + normal, start + vector])
             parts.append(f'<polygon points="{needle}" class="{"needle bad" if systematic else "needle"}"/>')
-    parts.append(_tags(views, window, words=lambda view: view.name))
+    parts.append(_tags(views, window, label=lambda view: view.name))
     step = float(f"{40.0 / gain:.0e}")
     y = window.height + 22
     parts.append(line(2, y - 4, 2 + step * gain, y - 4, "ruler"))
@@ -108,7 +108,7 @@ def residual_histogram(calibration: Calibration) -> str:
     for power in range(int(top) + 1):
         parts.append(line(x.start, y(power), x.end, y(power), "grid"))
         parts.append(text(x.start - 8, y(power) + 4, f"{10**power:,}", anchor="end", style="tick"))
-    shown = expected > 10.0**y.low
+    visible = expected > 10.0**y.low
     grid = np.linspace(-5.0, 5.0, 201)
     for axis, values in zip("xy", counts, strict=True):
         heights = np.log10(np.maximum(values, 10.0**y.low))
@@ -116,7 +116,7 @@ def residual_histogram(calibration: Calibration) -> str:
         for left, right, high in zip(edges[:-1], edges[1:], heights, strict=True):
             steps += [(x(left), y(high)), (x(right), y(high))]
         parts.append(f'<polyline points="{points([*steps, (x(edges[-1]), y(y.low))])}" class="steps {axis}"/>')
-    curve = [(x(at), y(np.log10(value))) for at, value in zip(grid[shown], expected[shown], strict=True)]
+    curve = [(x(point), y(np.log10(value))) for point, value in zip(grid[visible], expected[visible], strict=True)]
     parts.append(f'<polyline points="{points(curve)}" class="normal"/>')
     for value in x.ticks(10):
         parts.append(line(x(value), y.start, x(value), y.start + 5, "axis"))
@@ -138,13 +138,13 @@ def residual_histogram(calibration: Calibration) -> str:
 
 
 def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
-    """Draw the number of corners in cells of every view: darker where there are more, red where there are none.
+    """Draw the number of corners in cells of every view: the more, the darker; red without any.
 
     Cells are clipped to the outline of their view, and opaque, so that overlapping views do not add up.
     """
     mirrors = [view for view in views if view.view != DIRECT]
     window = _window(layout, mirrors, WIDTH)
-    most = max(int(view.cell_counts.max()) for view in mirrors)
+    max_value = max(int(view.cell_counts.max()) for view in mirrors)
     parts = []
     for view in mirrors:
         outline, clip = points(window(view.outline_px)), f"coverage-{view.view}"
@@ -155,70 +155,73 @@ def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
         ):
             corner = f'x="{coordinate(left)}" y="{coordinate(top)}"'
             size = f'width="{coordinate(right - left)}" height="{coordinate(bottom - top)}"'
-            shade = _corners_shade(int(count), most)
+            shade = _corners_shade(int(count), max_value)
             parts.append(f"<rect {corner} {size} {shade}><title>{view.name}: {count} corners</title></rect>")
         parts.append("</g>")
     parts.append(_outlines(mirrors, window))
-    parts.append(_tags(mirrors, window, words=lambda view: f"{view.name}: {view.coverage:.0%}"))
-    parts.append(_corners_legend(most, window.height + 10))
+    parts.append(_tags(mirrors, window, label=lambda view: f"{view.name}: {view.coverage:.0%}"))
+    parts.append(_corners_legend(max_value, window.height + 10))
     return drawing(WIDTH, window.height + 30, "".join(parts), "Coverage of every view by corners")
 
 
-def _corners_shade(count: int, most: int, style: str = "cell") -> str:
-    return f'class="{style}" fill-opacity="{0.12 + 0.75 * count / most:.2f}"' if count else f'class="{style} none"'
+def _corners_shade(count: int, max_value: int, style: str = "cell") -> str:
+    return f'class="{style}" fill-opacity="{0.12 + 0.75 * count / max_value:.2f}"' if count else f'class="{style} none"'
 
 
-def _corners_legend(most: int, top: float) -> str:
-    """Swatches of cells: without a corner, with one, and up to the largest count."""
+def _corners_legend(max_value: int, top: float) -> str:
+    """Swatches of cells: without a corner, with one corner, and up to the largest count."""
     parts, x = [], 2.0
-    for count in sorted({0, 1, (most + 1) // 2, most}):
+    for count in sorted({0, 1, (max_value + 1) // 2, max_value}):
         parts.append(f'<rect x="{coordinate(x)}" y="{coordinate(top)}" width="24" height="14" ')
-        parts.append(f"{_corners_shade(count, most, 'key')}/>")
-        words = "no corner in the cell" if count == 0 else count_text(count, "corner")
-        parts.append(text(x + 31, top + 12, words, anchor="start", style="tick"))
-        x += 60 + 7.5 * len(words)
+        parts.append(f"{_corners_shade(count, max_value, 'key')}/>")
+        label = "no corner in the cell" if count == 0 else count_text(count, "corner")
+        parts.append(text(x + 31, top + 12, label, anchor="start", style="tick"))
+        x += 60 + 7.5 * len(label)
     return "".join(parts)
 
 
-def board_turns(calibration: Calibration) -> str:
-    """Draw the tilt of every board, in the direction of its nearer edge."""
+def board_tilts(calibration: Calibration) -> str:
+    """Draw the tilt of every board as a dot, in the direction of its nearer edge."""
     normals, mirrored = board_normals(calibration)
     tilts = np.degrees(np.arccos(np.clip(normals[:, 2], -1.0, 1.0)))
     flat = np.linalg.norm(normals[:, :2], axis=1)
-    turns = (
+    tilt_vectors = (
         np.divide(normals[:, :2], flat[:, None], out=np.zeros((len(flat), 2)), where=flat[:, None] > 0) * tilts[:, None]
     )
     step = 15.0 if tilts.max() <= 60.0 else 30.0
-    reach = max(45.0, step * float(np.ceil(tilts.max() / step)))
-    middle, radius, top = HALF / 2.0, 130.0, 28.0
-    x, y = Scale(-reach, reach, middle - radius, middle + radius), Scale(-reach, reach, top + 2 * radius, top)
+    max_tilt = max(45.0, step * float(np.ceil(tilts.max() / step)))
+    centre, radius, top = HALF / 2.0, 130.0, 28.0
+    x, y = (
+        Scale(-max_tilt, max_tilt, centre - radius, centre + radius),
+        Scale(-max_tilt, max_tilt, top + 2 * radius, top),
+    )
     parts = []
-    rings = np.arange(step, reach + 1.0, step)
+    rings = np.arange(step, max_tilt + 1.0, step)
     for ring in rings:
-        r = coordinate(radius * ring / reach)
-        parts.append(f'<circle cx="{coordinate(middle)}" cy="{coordinate(top + radius)}" r="{r}" class="ring"/>')
-    parts.append(line(x.start, y(0), x.end, y(0), "grid") + line(middle, y.start, middle, y.end, "grid"))
-    for (right, down), through in zip(turns, mirrored, strict=True):
-        at = f'cx="{coordinate(x(right))}" cy="{coordinate(y(-down))}"'
-        parts.append(f'<circle {at} r="5" class="{"dot" if through else "dot open"}"/>')
+        r = coordinate(radius * ring / max_tilt)
+        parts.append(f'<circle cx="{coordinate(centre)}" cy="{coordinate(top + radius)}" r="{r}" class="ring"/>')
+    parts.append(line(x.start, y(0), x.end, y(0), "grid") + line(centre, y.start, centre, y.end, "grid"))
+    for (right, down), through in zip(tilt_vectors, mirrored, strict=True):
+        point = f'cx="{coordinate(x(right))}" cy="{coordinate(y(-down))}"'
+        parts.append(f'<circle {point} r="5" class="{"dot" if through else "dot open"}"/>')
     for ring in rings:
-        across = ring * np.sqrt(0.5)
-        parts.append(text(x(across), y(-across) + 4, f"{ring:g}°", style="tick on"))
-    parts.append(text(middle, y.end - 10, "top edge nearer", style="name"))
-    parts.append(text(middle, y.start + 20, "bottom edge nearer", style="name"))
+        normal = ring * np.sqrt(0.5)
+        parts.append(text(x(normal), y(-normal) + 4, f"{ring:g}°", style="tick on"))
+    parts.append(text(centre, y.end - 10, "top edge nearer", style="name"))
+    parts.append(text(centre, y.start + 20, "bottom edge nearer", style="name"))
     parts.append(text(x.start - 8, y(0) + 4, "left edge nearer", anchor="end", style="name"))
     parts.append(text(x.end + 8, y(0) + 4, "right edge nearer", anchor="start", style="name"))
-    return drawing(HALF, y.start + 32, "".join(parts), "Turns of the board in every frame")
+    return drawing(HALF, y.start + 32, "".join(parts), "Tilts of the board in every frame")
 
 
 def board_distances(views: Sequence[ViewFigures]) -> str:
     """Draw distances of the board from the centre of each view's camera, a row for each view."""
-    far = max(float(view.distances_mm.max(initial=0.0)) for view in views)
-    near = min(float(view.distances_mm.min(initial=far)) for view in views)
-    margin = 0.08 * (far - near) + 1.0
+    max_mm = max(float(view.distances_mm.max(initial=0.0)) for view in views)
+    min_mm = min(float(view.distances_mm.min(initial=max_mm)) for view in views)
+    margin = 0.08 * (max_mm - min_mm) + 1.0
     row = min(34.0, 300.0 / len(views))
     bottom = 10 + row * len(views)
-    x = Scale(near - margin, far + margin, 84, HALF - 10)
+    x = Scale(min_mm - margin, max_mm + margin, 84, HALF - 10)
     parts = []
     for value in x.ticks(5):
         parts.append(line(x(value), 10, x(value), bottom, "grid"))
@@ -227,9 +230,9 @@ def board_distances(views: Sequence[ViewFigures]) -> str:
         y = 10 + row * (index + 0.5)
         parts.append(text(76, y + 4, view.name, anchor="end", style="tick"))
         for distance, tilt in zip(view.distances_mm, view.tilts_deg, strict=True):
-            at = f'cx="{coordinate(x(distance))}" cy="{coordinate(y)}" r="{min(5.0, row / 3):.1f}"'
+            point = f'cx="{coordinate(x(distance))}" cy="{coordinate(y)}" r="{min(5.0, row / 3):.1f}"'
             parts.append(
-                f'<circle {at} class="dot faint"><title>{distance:.0f} mm, tilted {tilt:.0f}°</title></circle>'
+                f'<circle {point} class="dot faint"><title>{distance:.0f} mm, tilted {tilt:.0f}°</title></circle>'
             )
     parts.append(line(x.start, bottom, x.end, bottom, "axis"))
     parts.append(
@@ -248,7 +251,7 @@ def projection_sigmas(
     views: Sequence[ViewFigures],
     maps: Sequence[ProjectionMap],
     values: Sequence[FloatArray],
-    most: float,
+    max_value: float,
     *,
     name: str,
 ) -> str:
@@ -264,52 +267,52 @@ def projection_sigmas(
         The pixels at which points were projected, for each view; the view without a mirror is left out.
     values
         Standard deviations (n,) in px, at the pixels of each map.
-    most
+    max_value
         Standard deviation in px of the darkest shade.
     name
         Beginning of the identifiers in the drawing, unique in the page.
     """
     outlines = {view.view: view for view in views}
-    shown = [outlines[one.view] for one in maps if one.view != DIRECT]
-    window = _window(layout, shown, HALF)
+    visible = [outlines[projection_map.view] for projection_map in maps if projection_map.view != DIRECT]
+    window = _window(layout, visible, HALF)
     parts = []
-    for one, sigmas in zip(maps, values, strict=True):
-        if one.view == DIRECT:
+    for projection_map, sigmas in zip(maps, values, strict=True):
+        if projection_map.view == DIRECT:
             continue
-        clip = f"{name}-{one.view}"
-        outline = window(outlines[one.view].outline_px)
+        clip = f"{name}-{projection_map.view}"
+        outline = window(outlines[projection_map.view].outline_px)
         parts.append(
             f'<clipPath id="{clip}"><polygon points="{points(outline)}"/></clipPath><g clip-path="url(#{clip})">'
         )
-        at = window(one.pixels)
-        step = [float(np.diff(np.unique(at[:, axis].round(3))).max(initial=1.0)) for axis in (0, 1)]
-        for (x, y), sigma in zip(at, sigmas, strict=True):
+        point = window(projection_map.pixels)
+        step = [float(np.diff(np.unique(point[:, axis].round(3))).max(initial=1.0)) for axis in (0, 1)]
+        for (x, y), sigma in zip(point, sigmas, strict=True):
             corner = f'x="{coordinate(x - step[0] / 2)}" y="{coordinate(y - step[1] / 2)}"'
             size = f'width="{coordinate(step[0])}" height="{coordinate(step[1])}"'
-            shade = f'fill-opacity="{min(0.04 + 0.9 * sigma / most, 1.0):.2f}"'
+            shade = f'fill-opacity="{min(0.04 + 0.9 * sigma / max_value, 1.0):.2f}"'
             parts.append(f'<rect {corner} {size} class="shade" {shade}><title>{sigma:.2g} px</title></rect>')
         parts.append("</g>")
     medians = {
-        one.view: f"{np.median(sigmas):.2g}" if sigmas.max() > 1e-9 else "reference"
-        for one, sigmas in zip(maps, values, strict=True)
+        projection_map.view: f"{np.median(sigmas):.2g}" if sigmas.max() > 1e-9 else "reference"
+        for projection_map, sigmas in zip(maps, values, strict=True)
     }
-    parts.append(_outlines(shown, window))
-    parts.append(_tags(shown, window, words=lambda view: f"{view.name}: {medians[view.view]}"))
+    parts.append(_outlines(visible, window))
+    parts.append(_tags(visible, window, label=lambda view: f"{view.name}: {medians[view.view]}"))
     return drawing(HALF, window.height, "".join(parts), "Standard deviations of projected points in every view")
 
 
 def depth_sigmas(depth: DepthUncertainty, range_mm: float) -> str:
-    """Draw the standard deviation of depth over the range: by matching, by calibration, and in total."""
-    known = np.isfinite(depth.total_mm)
-    ranges, total = depth.range_mm[known], depth.total_mm[known]
+    """Draw the standard deviation of depth over the range: from matching, from calibration, and in total."""
+    valid = np.isfinite(depth.total_mm)
+    ranges, total = depth.range_mm[valid], depth.total_mm[valid]
     x = Scale(float(ranges[0]), float(ranges[-1]), 64, WIDTH - 150)
     y = Scale(0.0, 1.05 * float(total.max()), 270, 12)
     parts = [axes(x, y, "distance from the reference view, mm", f"{SIGMA} of depth, mm", x_ticks=9)]
-    named = (("both", total), ("matching", depth.matching_mm[known]), ("calibration", depth.calibration_mm[known]))
+    named = (("both", total), ("matching", depth.matching_mm[valid]), ("calibration", depth.calibration_mm[valid]))
     ends = sorted(((y(float(values[-1])), name) for name, values in named), reverse=True)
     label_y: dict[str, float] = {}
-    for at, name in ends:  # from the bottom up, each label clear of the one below
-        label_y[name] = min([at, *(y - 16 for y in label_y.values())])
+    for point, name in ends:  # from the bottom up, so that no label overlaps the one below
+        label_y[name] = min([point, *(y - 16 for y in label_y.values())])
     for name, values in named:
         curve = [(x(float(r)), y(float(value))) for r, value in zip(ranges, values, strict=True)]
         parts.append(f'<polyline points="{points(curve)}" class="curve {name}"/>')

@@ -26,8 +26,8 @@ from mirrorcam.optics.light_field.frame_checks import check_frames
 
 DRIFT = "drift.json"
 TILT = "mount.tilt_deg"
-SURE = 3.5
-"""Number of standard deviations by which a common turn must exceed bending for a warning."""
+WARNING_SIGMAS = 3.5
+"""Number of standard deviations by which a common rotation must exceed bending for a warning."""
 FILES = (DRIFT, "layout.json")
 
 
@@ -39,7 +39,7 @@ def drift_of(layout: Layout, frames: Sequence[Any], reference_depth_mm: float | 
 
 @dataclass(frozen=True)
 class DriftReporter:
-    """Reports for each decoded recording whether mirrors moved, in a line and in a file next to it.
+    """Reports whether mirrors moved, for each decoded recording, in a line and in a file next to it.
 
     `reference_depth_mm` is the decoder's; the suggested command uses `layout_path`.
     """
@@ -84,9 +84,9 @@ def drift_line(layout: Layout, drift: Drift) -> str:
     """The result for a recording, in one line."""
     names = layout.mirror_names
     if drift.moved:
-        each = [f"{names[m.index]} by {m.angle_deg:.3f}° ± {m.rotation_sigma_deg:.3f}°" for m in drift.moved]
-        subject = "a mirror has" if len(each) == 1 else f"{len(each)} mirrors have"
-        return f"{subject} moved since the calibration: {', '.join(each[:4])}{', ...' if len(each) > 4 else ''}"
+        moves = [f"{names[m.index]} by {m.angle_deg:.3f}° ± {m.rotation_sigma_deg:.3f}°" for m in drift.moved]
+        subject = "a mirror has" if len(moves) == 1 else f"{len(moves)} mirrors have"
+        return f"{subject} moved since the calibration: {', '.join(moves[:4])}{', ...' if len(moves) > 4 else ''}"
     if drift.undetermined and drift.mismatched:
         return (
             "the pictures have detail, but do not fit this layout: corners are not found in other views, or where no "
@@ -95,16 +95,16 @@ def drift_line(layout: Layout, drift: Drift) -> str:
     if drift.undetermined:
         worst = max(drift.undetermined, key=lambda mirror: mirror.detectable_deg)
         count = len(drift.undetermined)
-        which = f"{count} of {len(names)} mirrors" if count > 1 else f"mirror {names[worst.index]}"
-        detectable = f"turns from {worst.detectable_deg:.2g}° on" if worst.detectable_deg < 10.0 else "nothing"
+        subject_text = f"{count} of {len(names)} mirrors" if count > 1 else f"mirror {names[worst.index]}"
+        detectable = f"rotations of {worst.detectable_deg:.2g}° or more" if worst.detectable_deg < 10.0 else "nothing"
         return (
-            f"not enough texture to determine whether {which} moved by {TARGET_DEG:g}°: "
+            f"not enough texture to determine whether {subject_text} moved by {TARGET_DEG:g}°: "
             f"{count_text(worst.points, 'point')} matched in mirror {names[worst.index]} show {detectable}; expected a "
             f"scene with detail all over, in more frames"
         )
     largest = max(drift.mirrors, key=lambda mirror: mirror.detectable_deg)
     return (
-        f"no mirror has moved: turns from {largest.detectable_deg:.3f}° on would show in "
+        f"no mirror has moved: rotations of {largest.detectable_deg:.3f}° or more would show in "
         f"{count_text(drift.points, 'point')} of {count_text(drift.frames, 'frame')}"
     )
 
@@ -142,19 +142,19 @@ def write_drift(layout: Layout, drift: Drift, path: Path) -> None:
 
 @dataclass(frozen=True)
 class MountTilt:
-    """Largest angle by which gravity turns all mirrors together by bending the mount, and its source."""
+    """Maximum angle by which gravity, bending the mount, rotates all mirrors together; and its source."""
 
     deg: float
     source: str
 
 
 def mount_tilt(checks: Path | None) -> MountTilt:
-    """Read the tilt of the mount from a device's `checks.json`; None gives the limit that mounts are designed to.
+    """Read the tilt of the mount from a device's `checks.json`; if None, return the limit that mounts are designed for.
 
     Raises InputError if the file lacks it.
     """
     if checks is None:
-        return MountTilt(HARDWARE.mount.tilt_deg, "the limit that mounts are designed to")
+        return MountTilt(HARDWARE.mount.tilt_deg, "the limit that mounts are designed for")
     figures = read_json(checks, LARGEST_LAYOUT_BYTES)
     entry = figures.get(TILT) if isinstance(figures, dict) else None
     value = entry.get("value") if isinstance(entry, dict) else None
@@ -164,32 +164,32 @@ def mount_tilt(checks: Path | None) -> MountTilt:
 
 
 def bending_line(drift: Drift, tilt: MountTilt) -> str:
-    """State whether bending of the mount explains the common turn of all mirrors."""
-    bound = f"gravity bends the mount by {tilt.deg:.2g}° at most ({tilt.source}), which turns all mirrors equally"
+    """State whether bending of the mount explains the common rotation of all mirrors."""
+    bound = f"gravity bends the mount by {tilt.deg:.2g}° at most ({tilt.source}), which rotates all mirrors equally"
     turn, sigma = drift.common_rotation_deg, drift.common_rotation_sigma_deg
-    exceeds = np.abs(turn) - SURE * sigma > tilt.deg
+    exceeds = np.abs(turn) - WARNING_SIGMAS * sigma > tilt.deg
     if exceeds.any():
         axis = int(np.argmax(np.abs(turn) / sigma))
         return (
-            f"all mirrors together have turned by {abs(turn[axis]):.2g}° ± {sigma[axis]:.2g}° about {'xyz'[axis]} of "
+            f"all mirrors together have rotated by {abs(turn[axis]):.2g}° ± {sigma[axis]:.2g}° about {'xyz'[axis]} of "
             f"the rig: more than bending, has the camera slipped? {bound}"
         )
-    return f"{bound}; bending does not turn one mirror against the others"
+    return f"{bound}; bending does not rotate one mirror relative to the others"
 
 
 def find_drift_files(
     paths: Sequence[Path], layout: Layout, layout_path: Path, on_note: Callable[[str], None] = lambda line: None
 ) -> Drift:
-    """Test the mirrors of a calibrated layout by pictures and videos of one recording.
+    """Test the mirrors of a calibrated layout with pictures and videos of one recording.
 
     A few evenly spread frames are used. `on_note` receives remarks on videos and on pictures of 16 bits. Raises
-    InputError for a layout that is not calibrated, and for files that are unreadable, damaged or of another size than
-    its camera's pictures.
+    InputError for a layout that is not calibrated, and for files that are unreadable, damaged or not of the size of its
+    camera's pictures.
     """
     if not shows_drift(layout):
         nominal = layout.kind == "nominal"
         state = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
-        raise InputError(f"{layout_path}: {state}, expected a calibrated one of {MIN_MIRRORS} mirrors or more")
+        raise InputError(f"{layout_path}: {state}, expected a calibrated layout of {MIN_MIRRORS} mirrors or more")
     check_frames(paths, layout, layout_path, on_note)
     sample = SpreadFrames()
     for path in paths:

@@ -33,7 +33,7 @@ def drift(
         Parameter(
             metavar="FILE",
             help="checks.json of the device by mirrorcam cad: the bending of its mount by gravity. [default: the "
-            "limit that parts are designed to]",
+            "limit that parts are designed for]",
         ),
     ] = None,
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/drift"),
@@ -62,29 +62,29 @@ def drift(
     tilt = mount_tilt(checks)
     with output_folder(out, "drift", force=force) as output:
         output.refuse_others(*FILES)
-        found = find_drift_files(frames, calibrated, layout, partial(say, "drift"))
+        result = find_drift_files(frames, calibrated, layout, partial(say, "drift"))
         with output.staged(result="drift.json") as folder:
-            write_drift_files(calibrated, found, tilt, [path.name for path in frames], folder)
-    _print(calibrated, found)
-    say("drift", drift_line(calibrated, found))
-    say("drift", bending_line(found, tilt))
-    resolved = f"; {out / 'layout.json'} has the mirrors' new positions" if found.moved else ""
+            write_drift_files(calibrated, result, tilt, [path.name for path in frames], folder)
+    _print(calibrated, result)
+    say("drift", drift_line(calibrated, result))
+    say("drift", bending_line(result, tilt))
+    resolved = f"; {out / 'layout.json'} has the mirrors' new positions" if result.moved else ""
     say("drift", f"{out / 'drift.json'} written{resolved}")
-    return 1 if found.moved or found.undetermined else 0
+    return 1 if result.moved or result.undetermined else 0
 
 
-def _print(layout: layouts.Layout, found: Drift) -> None:
+def _print(layout: layouts.Layout, result: Drift) -> None:
     """Print a row for each mirror."""
     rows = [
         (f"mirror {layout.mirror_names[mirror.index]}", *_figures(mirror), str(mirror.points))
-        for mirror in found.mirrors
+        for mirror in result.mirrors
     ]
-    print_table(["", "turn °", f"{SIGMA} °", "shift mm", "of threshold", "detectable °", "points"], rows)
-    say("drift", "of threshold: over 1, the mirror has moved; detectable: the smallest turn that would be detected")
+    print_table(["", "rotation °", f"{SIGMA} °", "shift mm", "of threshold", "detectable °", "points"], rows)
+    say("drift", "of threshold: over 1, the mirror has moved; detectable: the smallest rotation that would be detected")
 
 
 def _figures(mirror: MirrorMove) -> tuple[str, ...]:
-    """Turn and its sigma, shift, statistic and smallest detectable turn, as far as pictures determine them."""
+    """Rotation and its sigma, shift, statistic and smallest detectable rotation, as far as pictures determine them."""
     if not mirror.tested:
         return ("-",) * 5
     return (

@@ -21,7 +21,7 @@ from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray, Matrix4, Metric, Value
 from mirrorcam.optics.calibration.calibration import calibrate
-from mirrorcam.optics.calibration.detection.detect_boards import direct_view
+from mirrorcam.optics.calibration.detection.detect_boards import detect_direct_view
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.parameterisation import rotated_like
 from mirrorcam.optics.geometry.layout import Layout
@@ -53,7 +53,7 @@ class _Poses(Value):
 
 @dataclass(frozen=True)
 class Validation:
-    """A blind calibration, and its figures against the truth; it passes if all are within their limits."""
+    """A blind calibration, and its figures relative to the truth; it passes if all are within their limits."""
 
     calibration: Calibration
     metrics: dict[str, Metric]
@@ -80,7 +80,7 @@ def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: N
 def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     """Calibrate and decode a rendered set from its pictures alone, then compare the result with the set's truth.
 
-    With two mirrors, their common turn about the intersection of their planes, which no picture determines, is removed.
+    With two mirrors, their common rotation about the line where their planes meet, which no picture shows, is removed.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     Returns
     -------
     Validation
-        The calibration, and its figures against the truth.
+        The calibration, and its figures relative to the truth.
 
     Raises
     ------
@@ -107,14 +107,14 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     calibration = calibrate_set(folder, lambda done: progress(done, total))
     truth = true_layout(folder)
     poses = read_model(_Poses, folder / "truth" / "poses.json", LARGEST_FILE_BYTES).frames
-    layout, apart = calibration.layout, {}
+    layout, pair_metrics = calibration.layout, {}
     if len(layout.mirrors) == 2:
         layout, angle = rotated_like(layout, truth)
-        apart["pair_turn_deg"] = Metric(value=abs(np.degrees(angle)), unit="deg")
-    metrics = mirror_errors(layout, truth) | apart
+        pair_metrics["pair_turn_deg"] = Metric(value=abs(np.degrees(angle)), unit="deg")
+    metrics = mirror_errors(layout, truth) | pair_metrics
     metrics |= {name: figure for name, figure in calibration.metrics.items() if not name.startswith("mirror_")}
     if len(poses) != dataset.frames:
-        raise InputError(f"{folder}: {len(poses)} true poses of {dataset.frames} frames, expected one for each")
+        raise InputError(f"{folder}: {len(poses)} true poses for {dataset.frames} frames, expected one for each")
     decoder = Decoder(layout)
     errors = []
     for done, (name, rig_from_board) in enumerate(zip(dataset.frame_names, poses, strict=True), start=1):
@@ -130,13 +130,13 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
 
 
 def decoded_metrics(distance_px: FloatArray) -> dict[str, Metric]:
-    """Figures of the distances (n,) of decoded corners from their true places; not known if no corner was found."""
-    why, known = ("", True) if len(distance_px) else ("no corner was found in any decoded view", False)
-    rms = np.sqrt(np.mean(distance_px**2)) if known else np.nan
-    p95 = np.percentile(distance_px, 95) if known else np.nan
+    """Figures of the distances (n,) of decoded corners from their true positions; unknown if no corner was found."""
+    reason, has_corners = ("", True) if len(distance_px) else ("no corner was found in any decoded view", False)
+    rms = np.sqrt(np.mean(distance_px**2)) if has_corners else np.nan
+    p95 = np.percentile(distance_px, 95) if has_corners else np.nan
     return {
-        "decoded_corner_rms_px": Metric(value=float(rms), unit="px", reason=why),
-        "decoded_corner_p95_px": Metric(value=float(p95), unit="px", reason=why),
+        "decoded_corner_rms_px": Metric(value=float(rms), unit="px", reason=reason),
+        "decoded_corner_p95_px": Metric(value=float(p95), unit="px", reason=reason),
         "decoded_corners": Metric(value=len(distance_px), unit="1"),
     }
 
@@ -148,7 +148,7 @@ def write_validation(validation: Validation, folder: Path, *, command: str) -> N
 
 
 def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
-    """Angles between calibrated and true normals, and differences of distance: worst, and rms over the mirrors.
+    """Angles between calibrated and true normals, and errors of distance: worst, and rms over the mirrors.
 
     `normal_error_between_mirrors_max_deg` excludes the mean rotation of all normals.
     """
@@ -176,21 +176,21 @@ def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
 
 
 def decoded_errors(light_field: LightField, truth: Layout, board: Target, rig_from_board: FloatArray) -> FloatArray:
-    """Found minus predicted pixels (n, 2) of the corners in all decoded views.
+    """Detected minus predicted pixels (n, 2) of the corners in all decoded views.
 
-    The prediction is a pinhole at the *true* position of the view with the intrinsics that the light field states.
+    The prediction is that of a pinhole at the *true* position of the view, with the light field's intrinsics.
     """
     centres = truth.virtual_centres_in_rig_mm.reshape(truth.rows, truth.cols, 3)
     true_positions = (centres - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
     points = transform(rig_from_board, board.corners_in_board_mm)
-    in_view = (points - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
+    points_in_view = (points - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
     errors = [np.empty((0, 2))]
     for t in range(light_field.rows):
         for s in range(light_field.cols):
             grey = light_field.samples[t, s].astype(np.float64).mean(axis=-1)
-            found = direct_view(np.rint(grey).astype(np.uint8), board)
-            offset = in_view - true_positions[t, s]
+            corners = detect_direct_view(np.rint(grey).astype(np.uint8), board)
+            offset = points_in_view - true_positions[t, s]
             matrix = light_field.matrices[t, s]
             predicted = offset[:, :2] / offset[:, 2:] * matrix[0, 0] + matrix[:2, 2]
-            errors.append(found.pixels - predicted[found.corner])
+            errors.append(corners.pixels - predicted[corners.corner])
     return np.concatenate(errors)

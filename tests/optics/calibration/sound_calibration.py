@@ -43,7 +43,7 @@ def board_poses() -> tuple[list[FloatArray], list[FloatArray]]:
 def sound_calibration() -> Calibration:
     """The calibration from corners of all boards, with noise."""
     views = views_of(true_layout(), BOARD, *board_poses(), noise_px=NOISE_PX)
-    return calibrate_corners(views.seen, views.base, nominal_layout(), BOARD.corners_in_board_mm)
+    return calibrate_corners(views.mirrored, views.base, nominal_layout(), BOARD.corners_in_board_mm)
 
 
 def rows_of(calibration: Calibration, keep: np.ndarray) -> Calibration:

@@ -24,7 +24,7 @@ MARGIN = 0.95  # of an outline or sensor, about its middle, within which corners
 class Views:
     """Corners of frames with and without mirrors, and the poses of their boards."""
 
-    seen: list[Observations]
+    mirrored: list[Observations]
     base: list[Observations]
 
 
@@ -53,7 +53,7 @@ def direct_corners(
     size = np.array([truth.camera.width_px, truth.camera.height_px])
     ids = np.flatnonzero((np.abs(pixels - (size - 1) / 2.0) < MARGIN * size / 2.0).all(axis=1))
     if len(ids) < MIN_CORNERS:
-        return Observations.none()
+        return Observations.empty()
     return noisy(Observations.of_view(0, DIRECT, ids, pixels[ids]), noise_px, random)
 
 

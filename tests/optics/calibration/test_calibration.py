@@ -17,7 +17,7 @@ from mirrorcam.optics.calibration import calibration
 from mirrorcam.optics.calibration.calibration import PictureReader, calibrate
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, sub_images
+from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, detect_sub_images
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -203,7 +203,7 @@ def test_without_a_readable_picture_the_first_damaged_one_is_named(small_set: Se
 
 def test_corners_match_the_truth(small_set: Set) -> None:
     pose = mirrored_pose(0)
-    seen = sub_images(small_set.frames[0], small_set.nominal, BOARD).corners
+    seen = detect_sub_images(small_set.frames[0], small_set.nominal, BOARD).corners
     points = transform(pose, BOARD.corners_in_board_mm)
     for mirror in range(4):
         rows = seen.view == mirror
@@ -215,7 +215,9 @@ def test_corners_match_the_truth(small_set: Set) -> None:
 def test_a_plain_board_has_the_same_numbers_in_all_views(small_set: Set) -> None:
     even = Checkerboard(cols=8, rows=6, square_mm=9.0)
     pose = posed(even, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
-    seen = sub_images(render(small_set.truth.camera, small_set.truth, even, pose), small_set.nominal, even).corners
+    seen = detect_sub_images(
+        render(small_set.truth.camera, small_set.truth, even, pose), small_set.nominal, even
+    ).corners
     assert sorted(set(seen.view.tolist())) == [0, 1, 2, 3]
     points = transform(pose, even.corners_in_board_mm)
     way_up = set()
@@ -236,7 +238,7 @@ def test_a_plain_board_with_rows_and_columns_exchanged_is_the_same_board(small_s
     assert (exchanged.cols, exchanged.rows) == (drawn.rows, drawn.cols)
     pose = posed(drawn, np.array([0.0, 330.0, 85.0]), np.array([10.0, 12.0, 20.0]), direct=False)
     frame = render(small_set.truth.camera, small_set.truth, drawn, pose)
-    seen = sub_images(frame, small_set.nominal, exchanged).corners
+    seen = detect_sub_images(frame, small_set.nominal, exchanged).corners
     assert sorted(set(seen.view.tolist())) == [0, 1, 2, 3]
     points = transform(pose, drawn.corners_in_board_mm)
     places = {}
@@ -259,7 +261,7 @@ def test_a_plain_board_with_rows_and_columns_exchanged_is_the_same_board(small_s
 def test_a_plain_board_of_more_squares_than_the_picture_shows_is_not_found(
     small_set: Set, plain_frames: list[Grey], cols: int, rows: int
 ) -> None:
-    assert len(sub_images(plain_frames[0], small_set.nominal, PLAIN).corners)
+    assert len(detect_sub_images(plain_frames[0], small_set.nominal, PLAIN).corners)
     found = r"no corner of the board found in any of 1 frames|the pictures show a checkerboard of 9 x 6 squares"
     with pytest.raises(InputError, match=found):
         calibrate(plain_frames[:1], [], small_set.nominal, Checkerboard(cols=cols, rows=rows, square_mm=9.0))
@@ -296,7 +298,7 @@ def test_a_model_for_other_pictures_is_refused_before_any_is_searched(
 
 def test_insufficient_pictures_are_refused_in_one_line(small_set: Set) -> None:
     blank = np.full_like(small_set.frames[0], 60)
-    assert len(sub_images(blank, small_set.nominal, BOARD).corners) == 0
+    assert len(detect_sub_images(blank, small_set.nominal, BOARD).corners) == 0
     with pytest.raises(InputError, match="no corner of the board found in any of 2 frames"):
         calibrate([blank, blank], small_set.base, small_set.nominal, BOARD)
     with pytest.raises(InputError, match="frame 0 is 100x50 px, the layout's camera 960x540"):
@@ -321,8 +323,8 @@ def test_a_layout_with_the_wrong_coating_raises_an_alarm(small_set: Set, detecti
     )
     found = calibrate(small_set.frames, small_set.base, second, BOARD, detections=detections)
     assert found.diagnostics is not None
-    assert found.diagnostics.level == "joint+sheet"
-    assert any("look first-surface" in alarm for alarm in found.diagnostics.alarms)
+    assert found.diagnostics.model_name == "joint+sheet"
+    assert any("appear to be first-surface" in alarm for alarm in found.diagnostics.alarms)
 
 
 def grey(level: int) -> Grey:
@@ -356,7 +358,7 @@ def test_the_first_pictures_of_each_kind_are_searched_for_other_boards(monkeypat
         return "another board" if mirrored and not fits else None
 
     monkeypatch.setattr(calibration, "other_board", other)
-    taken.refuse_other_board(TINY_BOARD, seen=True, base=False, fits=True)
+    taken.refuse_other_board(TINY_BOARD, mirrored=True, base=False, fits=True)
     assert requests == [([50], False, True, False), ([10, 20], True, True, True)]
     with pytest.raises(InputError, match="another board"):
-        taken.refuse_other_board(TINY_BOARD, seen=False, base=True, fits=False)
+        taken.refuse_other_board(TINY_BOARD, mirrored=False, base=True, fits=False)

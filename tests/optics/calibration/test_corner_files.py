@@ -39,10 +39,10 @@ def test_written_corners_give_the_same_calibration(tmp_path: Path) -> None:
     first = sound_calibration()
     save_corners(tmp_path / "corners.csv", first)
     found = read(tmp_path / "corners.csv")
-    assert (len(found.seen), len(found.base), found.notes) == (12, 5, ())
-    assert (*found.seen, *found.base) == first.pictures
+    assert (len(found.mirrored), len(found.base), found.notes) == (12, 5, ())
+    assert (*found.mirrored, *found.base) == first.pictures
     again = calibrate_corners(
-        [*found.seen.values()], [*found.base.values()], nominal_layout(), BOARD.corners_in_board_mm
+        [*found.mirrored.values()], [*found.base.values()], nominal_layout(), BOARD.corners_in_board_mm
     )
     assert again.layout.provenance == first.layout.provenance
     difference = calibration_difference(first.layout, again.layout, range_mm=400.0)
@@ -62,7 +62,7 @@ def test_the_file_states_its_conventions_and_omissions(tmp_path: Path) -> None:
     lines = text.splitlines()[HEADER.count("\n") :]
     assert lines[0] == f"{HEADS},sigma_px,used"
     assert [line[-2:] for line in lines[1:7]] == [",1", ",1", ",1", ",0", ",1", ",1"]
-    rows, again = calibration.observations, read(tmp_path / "corners.csv").seen
+    rows, again = calibration.observations, read(tmp_path / "corners.csv").mirrored
     assert rows.corner[:5].tolist() == [0, 1, 2, 3, 4]
     assert again["frame 0"].corner[:4].tolist() == [0, 1, 2, 4]
     assert sum(map(len, again.values())) == (rows.view >= 0).sum() - 1
@@ -73,7 +73,7 @@ def test_names_of_pictures_may_be_anything(tmp_path: Path) -> None:
     names = [f"{number}" for number in range(len(calibration.pictures))]
     names[:4] = ["# one, two", 'a "b"', "two\nlines", "not text \udcff"]
     save_corners(tmp_path / "corners.csv", replace(calibration, pictures=tuple(names)))
-    assert [*read(tmp_path / "corners.csv").seen][:4] == ["# one, two", 'a "b"', "two lines", "not text ?"]
+    assert [*read(tmp_path / "corners.csv").mirrored][:4] == ["# one, two", 'a "b"', "two lines", "not text ?"]
 
 
 def test_a_foreign_table_needs_neither_sigmas_nor_order(tmp_path: Path) -> None:
@@ -81,9 +81,9 @@ def test_a_foreign_table_needs_neither_sigmas_nor_order(tmp_path: Path) -> None:
     path = tmp_path / "others.csv"
     path.write_bytes(("# mine\r\n\r\n" + "\r\n".join([HEADS, *lines])).encode("utf-8-sig"))
     found = read(path)
-    assert [*found.seen] == ["a.png"]
-    assert found.seen["a.png"].view.tolist() == [1] * 7 + [2] * 6
-    np.testing.assert_array_equal(found.seen["a.png"].pixels[1], [101.0, 201.5])
+    assert [*found.mirrored] == ["a.png"]
+    assert found.mirrored["a.png"].view.tolist() == [1] * 7 + [2] * 6
+    np.testing.assert_array_equal(found.mirrored["a.png"].pixels[1], [101.0, 201.5])
     assert found.base["b.png"].view.tolist() == [-1] * 8
     assert set(found.base["b.png"].sigma_px) == {1.0}
 
@@ -93,7 +93,7 @@ def test_columns_may_stand_in_any_order_and_few_corners_are_left_out(tmp_path: P
     lines = [f"0.0{corner + 1},{corner},0-0,a,20,{corner}" for corner in range(6)]
     lines += [f"0.02,{corner},0-1,a,20,{corner}" for corner in range(5)]
     found = read(table(tmp_path / "t.csv", *lines, heads=heads))
-    np.testing.assert_allclose(found.seen["a"].sigma_px, [0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
+    np.testing.assert_allclose(found.mirrored["a"].sigma_px, [0.01, 0.02, 0.03, 0.04, 0.05, 0.06])
     assert found.notes == ("t.csv: 5 corners in views of fewer than 6, not used",)
 
 
@@ -139,10 +139,10 @@ def test_other_heads_are_refused(heads: str, tmp_path: Path) -> None:
 
 
 def test_files_that_are_not_tables_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no corners, expected lines of columns"):
+    with pytest.raises(InputError, match="no corners, expected lines with the columns"):
         read(table(tmp_path / "t.csv"))
     (tmp_path / "t.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="not a text in UTF-8"):
+    with pytest.raises(InputError, match="not text in UTF-8"):
         read(tmp_path / "t.csv")
     with pytest.raises(InputError, match="no such file"):
         read(tmp_path / "none.csv")
@@ -164,7 +164,7 @@ def read_vnl(folder: Path, *content: str, name: str = "corners.vnl") -> CornerTa
 def test_unseen_corners_are_left_out_and_the_others_keep_their_numbers(tmp_path: Path, name: str) -> None:
     unseen = (0, 3, CORNERS - 1)
     found = read_vnl(tmp_path, "## made by", LEGEND, *lines("a.png", unseen), "b.png - - -", *lines("c.png"), name=name)
-    assert not found.seen and list(found.base) == ["a.png", "c.png"]
+    assert not found.mirrored and list(found.base) == ["a.png", "c.png"]
     rows = found.base["a.png"]
     assert rows.corner.tolist() == [corner for corner in range(CORNERS) if corner not in unseen]
     np.testing.assert_array_equal(rows.pixels[:, 0], 100 + rows.corner)

@@ -29,11 +29,11 @@ def off_in_sigmas(nominal: Layout, seed: int) -> float:
         direct_poses(BOARD, 5, tilt_deg=35.0, seed=seed),
     )
     views = views_of(truth, BOARD, mirrored, direct, noise_px=0.02, seed=seed)
-    frames = [o for o in [*views.seen, *views.base] if len(o)]
-    rows = Observations.join([o.shifted(place) for place, o in enumerate(frames)])
+    frames = [o for o in [*views.mirrored, *views.base] if len(o)]
+    rows = Observations.join([o.with_frame_offset(place) for place, o in enumerate(frames)])
     camera = initial_estimates.base_camera(rows.where(rows.view == DIRECT), nominal.camera, CORNERS)
     reached = select_model(initial_estimates.first_estimate(rows, camera, nominal, CORNERS), rows, CORNERS)
-    assert reached.level == "joint+sheet", f"seed {seed}"
+    assert reached.model_name == "joint+sheet", f"seed {seed}"
     place = reached.solution.parameters.index("sheet_mm")
     sigma = float(np.sqrt(reached.solution.covariance[place, place]))
     assert sigma < SPREAD_MM / 4.0, "otherwise the test proves nothing"

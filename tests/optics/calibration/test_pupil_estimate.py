@@ -9,8 +9,8 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration import pupil_estimate
 from mirrorcam.optics.calibration.detection.border_light import Border, BorderLight, borders
 from mirrorcam.optics.calibration.pupil_estimate import (
+    INVERSE_FOCUS_SIGMA,
     MARGIN_PX,
-    NEARNESS_SIGMA,
     BoardPictures,
     PupilFit,
     estimated_pupil,
@@ -105,15 +105,15 @@ def test_undetermined_values_of_the_pupil_are_kept(
     assert (found.camera.aperture_mm, found.camera.focus_mm) == pytest.approx(expected)
     assert words in found.note
     assert ("aperture_sigma_mm" in found.metrics) == (seen is not None)
-    assert ("focus_mm" in found.metrics) == (seen is not None and seen.nearness_sigma < NEARNESS_SIGMA / 4.0)
+    assert ("focus_mm" in found.metrics) == (seen is not None and seen.inverse_focus_sigma < INVERSE_FOCUS_SIGMA / 4.0)
 
 
 def test_unavailable_pictures_are_skipped() -> None:
     grey = np.zeros((4, 4), np.uint8)
     pictures = BoardPictures([None, grey, grey], default_board())
     poses = np.stack([np.eye(4), 2.0 * np.eye(4)])
-    placed = pictures.placed([0, 2], poses)
-    assert [frame.rig_from_board[0, 0] for frame in placed] == [2.0]
+    with_poses = pictures.with_poses([0, 2], poses)
+    assert [frame.rig_from_board[0, 0] for frame in with_poses] == [2.0]
 
 
 def places(pupil: Pupil) -> FloatArray:
@@ -164,7 +164,7 @@ def found(layout: Layout, pupil: Pupil, seed: int, assumed: Pupil) -> PupilFit:
 def test_diameter_and_focus_are_found_within_their_uncertainty(fold_90_layout: Layout, true: Pupil, seed: int) -> None:
     seen = found(fold_90_layout, true, seed, Pupil(1.8, 500.0))
     assert abs(seen.aperture_mm - true.aperture_mm) < 2.5 * seen.aperture_sigma_mm
-    assert abs(seen.nearness - 1.0 / true.focus_mm) < 2.5 * seen.nearness_sigma
+    assert abs(seen.inverse_focus - 1.0 / true.focus_mm) < 2.5 * seen.inverse_focus_sigma
     assert seen.aperture_sigma_mm < 0.04 * true.aperture_mm
     assert seen.shows_focus
     assert not seen.is_pinhole
@@ -176,7 +176,7 @@ def test_a_pinhole_is_recognised_and_its_focus_left_undetermined(fold_90_layout:
     assert not seen.shows_focus
     assert seen.aperture_mm < 0.15
     assert 0.0 < seen.aperture_sigma_mm < 0.15
-    assert seen.nearness_sigma > 0.9 * NEARNESS_SIGMA
+    assert seen.inverse_focus_sigma > 0.9 * INVERSE_FOCUS_SIGMA
 
 
 def test_few_or_dim_borders_determine_nothing(fold_90_layout: Layout) -> None:

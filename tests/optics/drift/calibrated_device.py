@@ -38,7 +38,7 @@ def device(rows: int = 3, cols: int = 3, noise_px: float = 0.03) -> Device:
     truth = as_built(nominal, seed=3)
     poses = mirrored_poses(BOARD, 12, tilt_deg=30, seed=1), direct_poses(BOARD, 5, tilt_deg=30, seed=2)
     views = views_of(truth, BOARD, *poses, noise_px=noise_px)
-    found = calibrate_corners(views.seen, views.base, nominal, BOARD.corners_in_board_mm, model=RequestedModel())
+    found = calibrate_corners(views.mirrored, views.base, nominal, BOARD.corners_in_board_mm, model=RequestedModel())
     return Device(truth, found.layout)
 
 

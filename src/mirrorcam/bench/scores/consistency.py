@@ -23,7 +23,7 @@ from mirrorcam.bench.scores.matched_views import MatchedView
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.calibration_difference import without_motion
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import remove_motion
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX, project_points
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, ParametricProjection
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
@@ -100,7 +100,7 @@ def by_parameters(
 
 def _by_layout_parameters(layout: Layout, view: NDArray[np.int64], points_in_rig: FloatArray) -> FloatArray:
     try:
-        return project_points(layout, view, points_in_rig).by_parameter
+        return project_points(layout, view, points_in_rig).d_parameter
     except KeyError as error:
         raise InputError(
             f"the layout's covariance has the parameter {str(error)[:60]}, not of its camera and mirrors"
@@ -168,7 +168,7 @@ def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
         error = gauge.pixels - gauge.points.pixels
         kept = np.isfinite(error).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
         columns = gauge.motion_columns[kept]
-        predicted.append(without_motion(slopes[kept] @ root, columns, gauge.weights[kept]).reshape(-1, root.shape[1]))
+        predicted.append(remove_motion(slopes[kept] @ root, columns, gauge.weights[kept]).reshape(-1, root.shape[1]))
         errors.append(error[kept].ravel())
     return _of(np.concatenate(predicted), np.concatenate(errors))
 

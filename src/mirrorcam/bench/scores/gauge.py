@@ -13,7 +13,7 @@ from shapely import Polygon, contains_xy
 from mirrorcam.bench.scores.matched_views import MatchedView
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.calibration_difference import best_motion, by_motion
+from mirrorcam.optics.calibration.diagnostics.calibration_difference import best_motion, motion_jacobian
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import grid_px, points_at_pixels
 from mirrorcam.optics.geometry.layout import VOLUME, Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -169,7 +169,7 @@ class Gauge:
         """Derivatives (n, 2, 6 or 7) of the pixels by the motion."""
         centred = self.points.points_in_rig - self.points.points_in_rig.mean(axis=0)
         lever_mm = float(np.linalg.norm(centred, axis=1).max())
-        return by_motion(self.by_point, self.points.points_in_rig, lever_mm, scaled=self.scaled)
+        return motion_jacobian(self.by_point, self.points.points_in_rig, lever_mm, scaled=self.scaled)
 
 
 def gauges(views: Sequence[MatchedView], points: ScorePoints, *, scaled: bool) -> tuple[Gauge, ...]:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner, SceneAligner
-from mirrorcam.optics.calibration.detection.detect_boards import sub_images
-from mirrorcam.optics.calibration.detection.next_pose import NextPosePlanner, pose_by_layout
+from mirrorcam.optics.calibration.detection.detect_boards import detect_sub_images
+from mirrorcam.optics.calibration.detection.next_pose import NextPosePlanner, board_pose
 from mirrorcam.optics.drift.drift import MIN_MIRRORS
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import load_board
@@ -128,9 +128,9 @@ class LiveSetup:
         if self._target is None:
             raise InputError("no board is stated, expected --board board.toml to take calibration pictures")
         if self._planner is None:
-            self._planner = NextPosePlanner.designed(self.layout, self._target)
-        corners = sub_images(read_image(path, grey=True), self.layout, self._target).corners
-        pose = pose_by_layout(self.layout, self._target, corners) if len(corners) else None
+            self._planner = NextPosePlanner.for_layout(self.layout, self._target)
+        corners = detect_sub_images(read_image(path, grey=True), self.layout, self._target).corners
+        pose = board_pose(self.layout, self._target, corners) if len(corners) else None
         if pose is not None:
             self._planner.add(pose, corners)
         next_pose = self._planner.next()

@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, outlined, seen_edges
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, detected_edges, with_detected_outlines
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -111,4 +111,4 @@ def seen_in(pictures: list[Grey]) -> Extremes:
 
 
 def outlined_in(layout: Layout, extremes: Extremes) -> tuple[Layout, tuple[str, ...]]:
-    return outlined(layout, seen_edges(layout, extremes))
+    return with_detected_outlines(layout, detected_edges(layout, extremes))

@@ -9,7 +9,7 @@ import pytest
 from mirrorcam.optics.calibration.detection.blurred_print import (
     PX_PER_SQUARE,
     blurred_print,
-    in_print_px,
+    image_px_of_print,
     px_per_pitch,
     sample,
     sample_blurred,
@@ -82,7 +82,7 @@ def test_a_directional_blur_equals_the_sharp_print_blurred_that_way() -> None:
 def test_a_print_of_tags_is_half_black_at_its_corners(spacing: float) -> None:
     target = AprilGrid(cols=3, rows=2, tag_mm=20.0, spacing=spacing)
     assert 32 <= px_per_pitch(target) <= 60
-    at = in_print_px(target, target.corners_in_board_mm[:, :2] / target.pitch_mm)
+    at = image_px_of_print(target, target.corners_in_board_mm[:, :2] / target.pitch_mm)
     values = sample(blurred_print(target, 0.02).value, at[None])
     assert np.abs(values).max() < 0.02
     # The paper around it is white.

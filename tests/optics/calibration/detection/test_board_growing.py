@@ -7,14 +7,14 @@ import pytest
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.board_growing import grow_board, same_board, smooth
-from mirrorcam.optics.calibration.detection.board_warp import corner_places
+from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.targets import Charuco
 from tests.optics.calibration.detection.one_mirror import CAMERA, seen
 from tests.optics.synthetic import posed, render
 
 BOARD = Charuco(cols=11, rows=7, square_mm=18.0, marker_mm=11.25)
-PLACES = corner_places(BOARD)
+PLACES = corner_print_xy(BOARD)
 
 
 @pytest.fixture(scope="module")

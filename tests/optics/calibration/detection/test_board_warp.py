@@ -6,10 +6,16 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.board_warp import CUBIC, QUINTIC, BoardWarp, corner_places, typical_cell_px
+from mirrorcam.optics.calibration.detection.board_warp import (
+    CUBIC,
+    QUINTIC,
+    BoardWarp,
+    corner_print_xy,
+    typical_cell_px,
+)
 from mirrorcam.optics.geometry.targets import Charuco
 
-PLACES = corner_places(Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0))
+PLACES = corner_print_xy(Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0))
 HOMOGRAPHY = np.array([[30.0, 3.0, 200.0], [-2.0, 28.0, 150.0], [0.002, -0.004, 1.0]])
 
 
@@ -42,49 +48,49 @@ def test_places_count_squares_from_the_top_left_of_the_print() -> None:
 @pytest.mark.parametrize("count", [4, 12, 54])
 def test_a_homography_is_reproduced(count: int) -> None:
     some = np.random.default_rng(count).choice(54, count, replace=False) if count > 4 else np.array([0, 8, 45, 53])
-    warp = BoardWarp.through(PLACES[some], projected(PLACES[some]))
+    warp = BoardWarp.fit(PLACES[some], projected(PLACES[some]))
     assert warp is not None
-    np.testing.assert_allclose(warp.at(PLACES), projected(PLACES), atol=0.01)
+    np.testing.assert_allclose(warp.map(PLACES), projected(PLACES), atol=0.01)
 
 
 def test_fewer_than_four_points_have_no_warp() -> None:
-    assert BoardWarp.through(PLACES[:3], projected(PLACES[:3])) is None
+    assert BoardWarp.fit(PLACES[:3], projected(PLACES[:3])) is None
 
 
 def test_the_cubic_fits_a_lens_and_ignores_outliers() -> None:
     pixels = curved(PLACES)
     pixels[[5, 30]] += [9.0, -7.0]
-    warp = BoardWarp.through(PLACES, pixels)
+    warp = BoardWarp.fit(PLACES, pixels)
     assert warp is not None
-    rest = np.linalg.norm(warp.at(PLACES) - curved(PLACES), axis=1)
+    rest = np.linalg.norm(warp.map(PLACES) - curved(PLACES), axis=1)
     assert rest.max() < 0.1
-    plain = BoardWarp(warp.homography, warp.middle, warp.half, np.zeros((10, 2)))
-    assert np.linalg.norm(plain.at(PLACES) - curved(PLACES), axis=1).max() > 3.0 * rest.max()
+    plain = BoardWarp(warp.homography, warp.centre, warp.half_extent, np.zeros((10, 2)))
+    assert np.linalg.norm(plain.map(PLACES) - curved(PLACES), axis=1).max() > 3.0 * rest.max()
 
 
 def test_derivatives_are_finite_differences() -> None:
-    warp = BoardWarp.through(PLACES, curved(PLACES))
+    warp = BoardWarp.fit(PLACES, curved(PLACES))
     assert warp is not None
-    cells, bends = warp.shapes(PLACES)
+    cells, bends = warp.derivatives(PLACES)
     h = 1e-4
     for k, step in enumerate(np.eye(2) * h):
-        expected = (warp.at(PLACES + step) - warp.at(PLACES - step)) / (2.0 * h)
+        expected = (warp.map(PLACES + step) - warp.map(PLACES - step)) / (2.0 * h)
         np.testing.assert_allclose(cells[:, :, k], expected, atol=0.01)
     right = np.array([0.05, 0.0])
-    second = (warp.at(PLACES + right) + warp.at(PLACES - right) - 2.0 * warp.at(PLACES)) / 0.05**2
+    second = (warp.map(PLACES + right) + warp.map(PLACES - right) - 2.0 * warp.map(PLACES)) / 0.05**2
     np.testing.assert_allclose(2.0 * bends[:, :, 0], second, atol=0.01)
     np.testing.assert_array_equal(warp.expected(PLACES, curved(PLACES)).cells, cells)
 
 
 def test_a_quintic_has_the_second_derivatives_of_a_strong_lens() -> None:
     """On a large board with noise, against the derivatives of the true map; a cubic's differ."""
-    large = corner_places(Charuco(cols=20, rows=14, square_mm=12.0, marker_mm=8.4))
+    large = corner_print_xy(Charuco(cols=20, rows=14, square_mm=12.0, marker_mm=8.4))
     noise = np.random.default_rng(0).normal(0.0, 0.005, (len(large), 2))
     errors = {}
     for degree in (CUBIC, QUINTIC):
-        warp = BoardWarp.through(large, strongly_curved(large) + noise, degree=degree)
+        warp = BoardWarp.fit(large, strongly_curved(large) + noise, degree=degree)
         assert warp is not None
-        off = warp.shapes(large)[1][:, :, [0, 2]]
+        off = warp.derivatives(large)[1][:, :, [0, 2]]
         for column, step in enumerate(0.01 * np.eye(2)):
             true = strongly_curved(large + step) + strongly_curved(large - step) - 2.0 * strongly_curved(large)
             off[:, :, column] -= true / (2.0 * 0.01**2)
@@ -94,14 +100,14 @@ def test_a_quintic_has_the_second_derivatives_of_a_strong_lens() -> None:
 
 
 def test_few_points_have_a_cubic_for_a_quintic() -> None:
-    warp = BoardWarp.through(PLACES, curved(PLACES), degree=QUINTIC)
+    warp = BoardWarp.fit(PLACES, curved(PLACES), degree=QUINTIC)
     assert warp is not None
     assert len(warp.polynomial) == 10
 
 
 def test_points_behind_the_camera_have_no_pixel() -> None:
     warp = BoardWarp(HOMOGRAPHY, np.zeros(2), 1.0, np.zeros((10, 2)))
-    assert np.isnan(warp.at(np.array([[0.0, 300.0]]))).all()
+    assert np.isnan(warp.map(np.array([[0.0, 300.0]]))).all()
 
 
 def test_the_typical_cell_is_the_scale_of_a_similarity() -> None:

@@ -76,7 +76,7 @@ def test_the_pupil_is_found_from_rendered_frames(halved: Layout, lights: list[Bo
     seen = fit_pupil(halved, lights)
     assert seen is not None
     assert seen.aperture_mm == pytest.approx(PUPIL.aperture_mm, abs=3.0 * seen.aperture_sigma_mm)
-    assert seen.nearness == pytest.approx(1.0 / PUPIL.focus_mm, abs=3.0 * seen.nearness_sigma)
+    assert seen.inverse_focus == pytest.approx(1.0 / PUPIL.focus_mm, abs=3.0 * seen.inverse_focus_sigma)
 
 
 def test_points_off_the_sensor_are_unknown_and_short_borders_are_skipped(fold_90_layout: Layout) -> None:

@@ -11,7 +11,7 @@ from mirrorcam.optics.calibration.detection.charuco import (
     find_markers,
     groups,
     linked_tags,
-    marker_places,
+    marker_corners,
 )
 from mirrorcam.optics.calibration.detection.checkerboard import linked_grids
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
@@ -28,11 +28,11 @@ def test_charuco_corners_are_named_and_exact(mirrored: bool) -> None:
     middle = np.array([20.0, 300.0, 80.0]) if mirrored else np.array([20.0, 0.0, 300.0])
     pose = posed(CHARUCO, middle, np.array([10.0, -12.0, 6.0]), direct=not mirrored)
     picture = render(CAMERA, layout, CHARUCO, pose, noise_grey=1.0)
-    (corners,) = find_marked_boards(picture, CHARUCO, mirrored=mirrored, most=4)
+    (corners,) = find_marked_boards(picture, CHARUCO, mirrored=mirrored, max_boards=4)
     assert len(corners) > 40
     truth = seen(CHARUCO.corners_in_board_mm, pose, layout)[corners.ids]
     assert rms(corners.pixels - truth) < 0.01
-    assert find_marked_boards(picture, CHARUCO, mirrored=not mirrored, most=4) == []
+    assert find_marked_boards(picture, CHARUCO, mirrored=not mirrored, max_boards=4) == []
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -42,11 +42,11 @@ def test_aprilgrid_corners_are_named_and_exact(turn_deg: float, mirrored: bool) 
     middle = np.array([10.0, 300.0, 80.0]) if mirrored else np.array([10.0, 0.0, 300.0])
     pose = posed(Sheet(), middle, np.array([10.0, -12.0, turn_deg]), direct=not mirrored)
     picture = render(CAMERA, layout, Sheet(), pose, noise_grey=1.0)
-    (corners,) = find_marked_boards(picture, GRID, mirrored=mirrored, most=4)
+    (corners,) = find_marked_boards(picture, GRID, mirrored=mirrored, max_boards=4)
     assert len(corners) > 80
     truth = seen(GRID.corners_in_board_mm, pose, layout)[corners.ids]
     assert rms(corners.pixels - truth) < 0.01
-    assert find_marked_boards(picture, GRID, mirrored=not mirrored, most=4) == []
+    assert find_marked_boards(picture, GRID, mirrored=not mirrored, max_boards=4) == []
 
 
 def test_a_board_without_a_grid_is_found_by_its_markers_next_to_one_with_a_grid(
@@ -55,21 +55,21 @@ def test_a_board_without_a_grid_is_found_by_its_markers_next_to_one_with_a_grid(
     pose = posed(CHARUCO, np.array([20.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
     picture = render(CAMERA, None, CHARUCO, pose, noise_grey=1.0)
     twice = np.hstack([picture, picture])
-    first, second = find_marked_boards(twice, CHARUCO, mirrored=False, most=4)
+    first, second = find_marked_boards(twice, CHARUCO, mirrored=False, max_boards=4)
     original = linked_grids
     monkeypatch.setattr(
         charuco, "linked_grids", lambda grey: [grid for grid in original(grey) if grid[1][:, 0].max() < CAMERA.width_px]
     )
-    found = find_marked_boards(twice, CHARUCO, mirrored=False, most=4)
+    found = find_marked_boards(twice, CHARUCO, mirrored=False, max_boards=4)
     assert {len(board) for board in found} == {len(first), len(second)}
     assert sorted(board.pixels[:, 0].min() > CAMERA.width_px for board in found) == [False, True]
     # If grids show at least half of the possible boards, markers are not searched one by one.
-    assert len(find_marked_boards(twice, CHARUCO, mirrored=False, most=2)) == 1
+    assert len(find_marked_boards(twice, CHARUCO, mirrored=False, max_boards=2)) == 1
 
 
 def test_corners_of_tags_are_not_drawn_to_either_side() -> None:
     pose = posed(Sheet(), np.array([10.0, 0.0, 300.0]), np.array([10.0, -12.0, 6.0]), direct=True)
-    (corners,) = find_marked_boards(render(CAMERA, None, Sheet(), pose), GRID, mirrored=False, most=1)
+    (corners,) = find_marked_boards(render(CAMERA, None, Sheet(), pose), GRID, mirrored=False, max_boards=1)
     off = corners.pixels - seen(GRID.corners_in_board_mm, pose, None)[corners.ids]
     row, col = np.divmod(corners.ids, 2 * GRID.cols)
     for kind in range(4):
@@ -81,13 +81,13 @@ def test_tags_have_their_places_and_rotation() -> None:
     picture = render(CAMERA, None, Sheet(), pose)
     ids, quads = find_markers(picture, GRID, mirrored=False)
     assert len(ids) >= 2, "most tags are joined by the squares between them"
-    at = marker_places(GRID)[ids].reshape(-1, 2) * GRID.pitch_mm
+    at = marker_corners(GRID)[ids].reshape(-1, 2) * GRID.pitch_mm
     points = np.column_stack([at, np.zeros(len(at))])
     assert rms(quads.reshape(-1, 2) - seen(points, pose, None)) < 1.5
 
 
 def test_markers_lie_in_the_middle_of_white_squares() -> None:
-    places = marker_places(CHARUCO)
+    places = marker_corners(CHARUCO)
     assert len(places) == 11 * 7 // 2
     middles = places.mean(axis=1)
     np.testing.assert_allclose(middles % 1.0, 0.5, atol=1e-6)
@@ -96,7 +96,7 @@ def test_markers_lie_in_the_middle_of_white_squares() -> None:
 
 
 def test_markers_of_two_boards_fall_into_two_groups_and_misread_ones_into_none() -> None:
-    places = marker_places(CHARUCO)
+    places = marker_corners(CHARUCO)
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     near, far = 30.0 * places + [100.0, 50.0], 22.0 * places @ turn.T + [600.0, 80.0]
     misread = np.roll(near[:4], 17, axis=0) + 300.0 * np.arange(4)[:, None, None]

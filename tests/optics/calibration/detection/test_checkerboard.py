@@ -15,12 +15,12 @@ from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import (
     Grey,
-    board_ends,
+    board_limits,
     cell_px,
     complete_board,
     confirm,
     find_checkerboards,
-    spread_out,
+    non_collinear,
 )
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.targets import Checkerboard, load_board
@@ -167,10 +167,10 @@ def test_corners_behind_a_hand_are_not_confirmed() -> None:
 def test_corners_on_one_line_are_rejected() -> None:
     x = np.arange(10.0) * 20
     row = Corners(np.arange(10), np.column_stack([x, 0.1 * x]))
-    assert len(spread_out(row)) == 0
+    assert len(non_collinear(row)) == 0
     two_rows = Corners(np.arange(20), np.concatenate([row.pixels, row.pixels + np.array([-2.0, 20.0])]))
-    assert len(spread_out(two_rows)) == 20
-    assert len(spread_out(Corners(np.arange(4), two_rows.pixels[[0, 5, 10, 15]]))) == 0
+    assert len(non_collinear(two_rows)) == 20
+    assert len(non_collinear(Corners(np.arange(4), two_rows.pixels[[0, 5, 10, 15]]))) == 0
 
 
 def test_cell_is_the_distance_to_the_nearest_neighbour() -> None:
@@ -191,7 +191,7 @@ def ends(picture: NDArray[np.float32], cols: slice, rows: slice) -> NDArray[np.b
     corners = np.stack([x.ravel(), y.ravel()], axis=1)
     pixels = np.asarray(MARGIN + SIDE * (corners + 2.0) - 0.5, dtype=np.float64)
     # The first corner has black right of and below it, so that its sum is odd.
-    return np.isfinite(board_ends(picture, corners + np.array([1, 0]), pixels))
+    return np.isfinite(board_limits(picture, corners + np.array([1, 0]), pixels))
 
 
 @pytest.mark.parametrize("beyond", [20, 120, 250])

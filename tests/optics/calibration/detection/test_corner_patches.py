@@ -10,7 +10,7 @@ from scipy.special import ndtr
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE
-from mirrorcam.optics.calibration.detection.board_warp import corner_places
+from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.detection.corner_patches import (
     CONTRAST,
     GHOSTS,
@@ -25,7 +25,7 @@ from mirrorcam.optics.calibration.detection.corner_patches import (
 from mirrorcam.optics.geometry.targets import Charuco
 
 BOARD = Charuco(cols=8, rows=6, square_mm=20.0, marker_mm=14.0)
-PLACES = corner_places(BOARD)
+PLACES = corner_print_xy(BOARD)
 CELL_PX = 24.0
 LOOK = Appearance(BOARD, blur_px=0.0625 * CELL_PX)
 
@@ -40,7 +40,7 @@ def corners(places: FloatArray = PLACES, cell_px: float = CELL_PX) -> ExpectedCo
 def columns(expected: ExpectedCorners, look: Appearance = LOOK, seen: FloatArray | None = None) -> FloatArray:
     """Terms of the model, unscaled, as columns (n, m, c), for grey values (n, m)."""
     patches = Patches.around(expected)
-    grey = np.zeros(patches.on_print.shape[:2]) if seen is None else seen
+    grey = np.zeros(patches.print_offsets.shape[:2]) if seen is None else seen
     model = LinearModel.of(expected, patches, look, grey.astype(np.float32))
     return (model.terms * model.scale[..., None]).transpose(0, 2, 1).astype(np.float64)
 
@@ -57,15 +57,15 @@ def test_a_patch_covers_half_a_cell_in_each_direction_up_to_its_limit(cell_px: f
     patches = Patches.around(corners(cell_px=cell_px))
     np.testing.assert_allclose(patches.side_px, cell_px)
     np.testing.assert_allclose(np.abs(patches.offsets_px).max(axis=1), half_px)
-    np.testing.assert_allclose(patches.offsets_px, cell_px * patches.on_print)
+    np.testing.assert_allclose(patches.offsets_px, cell_px * patches.print_offsets)
 
 
 def test_a_bend_adds_its_second_order() -> None:
     straight, bends = corners(), np.zeros((len(PLACES), 2, 3))
     bends[:, 0, 2] = 3.0  # x by y squared
-    bent = Patches.around(ExpectedCorners(straight.places, straight.pixels, straight.cells, bends))
+    bent = Patches.around(ExpectedCorners(straight.print_xy, straight.pixels, straight.cells, bends))
     added = bent.offsets_px - Patches.around(straight).offsets_px
-    np.testing.assert_allclose(added[..., 0], 3.0 * bent.on_print[..., 1] ** 2)
+    np.testing.assert_allclose(added[..., 0], 3.0 * bent.print_offsets[..., 1] ** 2)
     np.testing.assert_array_equal(added[..., 1], 0.0)
 
 
@@ -110,7 +110,7 @@ def test_the_skew_of_edges_is_the_best_fitting_shift() -> None:
     upright = ExpectedCorners(np.ones((1, 2)), np.zeros((1, 2)), cell_px * np.eye(2)[None], bends)
     np.testing.assert_allclose(upright.skew_px(np.array([sigma])), [[shift, 0.0]], rtol=0.1)
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
-    turned = ExpectedCorners(upright.places, upright.pixels, turn @ upright.cells, turn @ bends)
+    turned = ExpectedCorners(upright.print_xy, upright.pixels, turn @ upright.cells, turn @ bends)
     np.testing.assert_allclose(turned.skew_px(np.array([sigma])), [shift * turn[:, 0]], rtol=0.1, atol=1e-9)
 
 

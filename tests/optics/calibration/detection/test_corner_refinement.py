@@ -10,13 +10,13 @@ import pytest
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, blurred_print, sample
-from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_places
+from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_print_xy
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners, GhostImages
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 
 BOARD = Charuco(cols=8, rows=6, square_mm=20.0, marker_mm=14.0)
-PLACES = corner_places(BOARD)
+PLACES = corner_print_xy(BOARD)
 SIZE = (300, 360)
 BLUR = 0.0625  # an exact step of the blurs
 SQUARES_FROM_PX = np.array([[0.028, 0.002, -0.9], [-0.0015, 0.027, -0.8]])
@@ -44,7 +44,7 @@ def blurred_picture(x_px: float, y_px: float) -> FloatArray:
 
 
 def expected(off_px: FloatArray) -> ExpectedCorners:
-    warp = BoardWarp.through(PLACES, PIXELS)
+    warp = BoardWarp.fit(PLACES, PIXELS)
     assert warp is not None
     return warp.expected(PLACES, PIXELS + off_px)
 
@@ -58,7 +58,7 @@ def test_corners_are_found_from_a_pixel_away_to_a_hundredth() -> None:
     seen = found(picture(), off)
     assert np.abs(seen.pixels - PIXELS).max() < 0.01
     np.testing.assert_allclose(seen.contrast, 80.0, rtol=0.03)
-    assert (seen.explained > 0.99).all()
+    assert (seen.explained_variance > 0.99).all()
     np.testing.assert_allclose(seen.blur_px, BLUR_PX, rtol=0.2)
     assert seen.ghost_strengths.shape == (len(PLACES), 0)
 
@@ -92,10 +92,10 @@ def test_a_lens_that_blurs_a_board_seen_at_an_angle_does_not_move_corners() -> N
     white |= (x < 0) | (y < 0) | (x > board.cols) | (y > board.rows)
     fine = cv2.GaussianBlur(np.asarray(40.0 + 160.0 * white, dtype=np.float32), (0, 0), blur_px * cut)
     grey = np.asarray(fine.reshape(size[0], cut, size[1], cut).mean(axis=(1, 3)), dtype=np.float32)
-    places = corner_places(board)
+    places = corner_print_xy(board)
     lifted = np.column_stack([places, np.ones(len(places))]) @ px_from_squares.T
     pixels = lifted[:, :2] / lifted[:, 2:]
-    warp = BoardWarp.through(places, pixels, degree=QUINTIC)
+    warp = BoardWarp.fit(places, pixels, degree=QUINTIC)
     assert warp is not None
     shown = ((pixels > 25.0) & (pixels < np.array(size[::-1]) - 26.0)).all(axis=1)
     corners = warp.expected(places, pixels).where(shown)
@@ -127,7 +127,7 @@ def test_no_corner_is_found_without_a_print() -> None:
     inverted = np.asarray(240.0 - picture(), dtype=np.float32)
     assert np.isnan(found(inverted, np.zeros(2)).pixels).all()
     noise = np.random.default_rng(2).normal(100.0, 5.0, SIZE).astype(np.float32)
-    assert not (found(noise, np.zeros(2)).explained > 0.8).any()
+    assert not (found(noise, np.zeros(2)).explained_variance > 0.8).any()
 
 
 @pytest.mark.parametrize("strength", [0.05, 0.1])
@@ -140,7 +140,7 @@ def test_a_ghost_image_is_modelled_and_measured(strength: float) -> None:
     pulled = np.abs(found(together, np.zeros(2)).pixels - PIXELS).max()
     known = found(together, np.zeros(2), Appearance(BOARD, BLUR_PX, ghosts))
     assert np.abs(known.pixels - PIXELS).max() < 0.5 * pulled
-    half = ghosts.times(np.array([0.5]))
+    half = ghosts.scaled(np.array([0.5]))
     free = found(together, np.zeros(2), Appearance(BOARD, BLUR_PX, half, fit_strengths=True))
     assert np.median(free.ghost_strengths * half.strengths) == pytest.approx(strength, rel=0.15)
 

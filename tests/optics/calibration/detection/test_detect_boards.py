@@ -13,7 +13,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection import detection_cache
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, direct_view, sub_images
+from mirrorcam.optics.calibration.detection.detect_boards import detect_direct_view, detect_frames, detect_sub_images
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.camera import Camera
@@ -70,7 +70,7 @@ def test_mirrors_tilted_by_two_degrees_show_corners_exactly(charuco_frame: tuple
     grey, truth = charuco_frame
     moved = truth - [NOMINAL.project(_points(), i) for i in range(4)]
     assert np.nanmedian(np.linalg.norm(moved, axis=2)) > 30.0  # how far the tilt moves the picture
-    seen = sub_images(grey, NOMINAL, BOARD).corners
+    seen = detect_sub_images(grey, NOMINAL, BOARD).corners
     assert (np.bincount(seen.view, minlength=4) > 60).all()
     assert errors(seen, truth).max() < 0.1
 
@@ -82,20 +82,20 @@ def _points() -> FloatArray:
 
 def test_a_part_of_the_board_in_a_corner_of_a_mirror_is_assigned_to_that_mirror() -> None:
     grey, truth = frame(BOARD, (0.0, 10.0, 3.0), (-110.0, 300.0, 130.0))
-    seen = sub_images(grey, NOMINAL, BOARD).corners
+    seen = detect_sub_images(grey, NOMINAL, BOARD).corners
     assert (np.bincount(seen.view, minlength=4) > 10).all()
     assert errors(seen, truth).max() < 0.15
 
 
 def test_glare_and_an_occluder_hide_corners_and_do_not_move_others(charuco_frame: tuple[Grey, FloatArray]) -> None:
     grey, truth = charuco_frame
-    complete = sub_images(grey, NOMINAL, BOARD).corners
+    complete = detect_sub_images(grey, NOMINAL, BOARD).corners
     spoilt = grey.astype(np.float32)
     y, x = np.mgrid[:540, :960]
     for u, v, size in ((200.0, 150.0, 25.0), (650.0, 400.0, 40.0)):
         spoilt += 400.0 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / (2.0 * size**2))
     cv2.rectangle(spoilt, (100, 380), (260, 430), (90.0,), -1)
-    seen = sub_images(np.clip(spoilt, 0, 255).astype(np.uint8), NOMINAL, BOARD).corners
+    seen = detect_sub_images(np.clip(spoilt, 0, 255).astype(np.uint8), NOMINAL, BOARD).corners
     assert 0.6 * len(complete) < len(seen) < 0.97 * len(complete)
     assert errors(seen, truth).max() < 0.3
     hidden = (seen.pixels > [104, 384]).all(axis=1) & (seen.pixels < [256, 426]).all(axis=1)
@@ -105,7 +105,7 @@ def test_glare_and_an_occluder_hide_corners_and_do_not_move_others(charuco_frame
 def test_a_plain_board_has_the_same_corner_numbers_in_every_mirror() -> None:
     assert PLAIN.looks_same_upside_down
     grey, truth = frame(PLAIN, (10.0, 15.0, 5.0), (0.0, 300.0, 85.0))
-    seen = sub_images(grey, NOMINAL, PLAIN).corners
+    seen = detect_sub_images(grey, NOMINAL, PLAIN).corners
     assert len(set(seen.view.tolist())) == 4
     over = truth[:, ::-1]
     assert min(errors(seen, truth).max(), errors(seen, over).max()) < 0.15
@@ -113,9 +113,9 @@ def test_a_plain_board_has_the_same_corner_numbers_in_every_mirror() -> None:
 
 def test_boards_of_mirrors_that_the_layout_lacks_are_counted(charuco_frame: tuple[Grey, FloatArray]) -> None:
     grey, truth = charuco_frame
-    assert not len(sub_images(grey, NOMINAL, BOARD).unassigned_px)
+    assert not len(detect_sub_images(grey, NOMINAL, BOARD).unassigned_px)
     lacking = NOMINAL.replaced(rows=1, cols=3, mirrors=NOMINAL.mirrors[:3])
-    seen = sub_images(grey, lacking, BOARD)
+    seen = detect_sub_images(grey, lacking, BOARD)
     assert set(seen.corners.view.tolist()) == {0, 1, 2}
     assert np.abs(seen.unassigned_px - np.nanmean(truth[3], axis=0)).max() < 40.0  # some of its corners are hidden
 
@@ -123,8 +123,8 @@ def test_boards_of_mirrors_that_the_layout_lacks_are_counted(charuco_frame: tupl
 def test_without_a_board_no_corners_are_found() -> None:
     noise = np.random.default_rng(0).integers(0, 255, (540, 960), dtype=np.uint8)
     for picture in (noise, np.zeros((540, 960), np.uint8), np.full((540, 960), 255, np.uint8)):
-        assert len(sub_images(picture, NOMINAL, BOARD).corners) == 0
-        assert len(direct_view(picture, BOARD)) == 0
+        assert len(detect_sub_images(picture, NOMINAL, BOARD).corners) == 0
+        assert len(detect_direct_view(picture, BOARD)) == 0
 
 
 def test_frames_come_in_order_for_any_number_of_threads_and_from_the_cache(

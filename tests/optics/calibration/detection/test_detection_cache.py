@@ -12,7 +12,7 @@ import pytest
 from mirrorcam.core.disk.program import program_of
 from mirrorcam.core.disk.results import Results
 from mirrorcam.optics.calibration.detection import detection_cache
-from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.targets import Charuco
 
@@ -50,14 +50,14 @@ def test_saved_detections_are_loaded(tmp_path: Path) -> None:
     seen = Observations(np.zeros(2, np.int64), np.array([0, 1]), np.array([3, 4]), np.array([[1.5, 2.0], [3.0, 4.25]]))
     assert loaded(tmp_path) is None
     corners = Corners(np.arange(3), GRID["grid_pixels"])
-    grid = SeenGrid(GRID["grid_places"], corners, GRID["grid_limits"][0])
+    grid = DetectedGrid(GRID["grid_places"], corners, GRID["grid_limits"][0])
     detection_cache.save(Results(tmp_path), "a", DetectedFrame(seen, np.array([[7.25, 8.0]]), ((1, grid),)))
     found = loaded(tmp_path)
     assert found is not None and found.corners.pixels.tobytes() == seen.pixels.tobytes()
     assert found.unassigned_px.tolist() == [[7.25, 8.0]]
     ((mirror, kept),) = found.grids
     assert mirror == 1
-    np.testing.assert_array_equal(kept.places, grid.places)
+    np.testing.assert_array_equal(kept.grid_xy, grid.grid_xy)
     np.testing.assert_array_equal(kept.corners.pixels, corners.pixels)
     np.testing.assert_array_equal(kept.limits, grid.limits)
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.detections import DetectedFrame, SeenGrid
+from mirrorcam.optics.calibration.detection.detections import DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.targets import Checkerboard
 
@@ -19,7 +19,7 @@ BOARDS = [ODD, EVEN, SQUARE]
 
 def part(
     target: Checkerboard, rows: slice, cols: slice, turn: int, *, mirrored: bool, ends: bool = False
-) -> tuple[SeenGrid, NDArray[np.int64]]:
+) -> tuple[DetectedGrid, NDArray[np.int64]]:
     """Return a part of a board as a picture shows it, rotated by quarter turns, with its true ids."""
     ids = np.arange((target.rows - 1) * (target.cols - 1)).reshape(target.rows - 1, -1)[rows, cols].ravel()
     row, col = np.divmod(ids, target.cols - 1)
@@ -36,7 +36,7 @@ def part(
         at = (pixels / 20.0).astype(np.int64)
         limits[0][at.min(axis=0) == box.min(axis=0)] = places.min(axis=0)[at.min(axis=0) == box.min(axis=0)]
         limits[1][at.max(axis=0) == box.max(axis=0)] = places.max(axis=0)[at.max(axis=0) == box.max(axis=0)]
-    return SeenGrid(places, Corners(np.arange(len(ids)), pixels), limits), ids
+    return DetectedGrid(places, Corners(np.arange(len(ids)), pixels), limits), ids
 
 
 @pytest.mark.parametrize("target", BOARDS)
@@ -99,37 +99,37 @@ def test_a_grid_in_a_mirror_is_unmirrored(turn: int) -> None:
     found = {tuple(corners.ids.tolist()) for corners in grid.as_printed.numberings(ODD, mirrored=False)}
     assert tuple(ids.tolist()) in found
     assert found == {tuple(corners.ids.tolist()) for corners in grid.numberings(ODD, mirrored=True)}
-    moved = grid.as_printed.moved(1, np.array([4, 1]))
+    moved = grid.as_printed.transformed(1, np.array([4, 1]))
     assert found == {tuple(corners.ids.tolist()) for corners in moved.numberings(ODD, mirrored=False)}
 
 
 def test_parts_are_numbered_jointly_but_not_alone() -> None:
     left, _ = part(ODD, np.s_[:], np.s_[:4], 0, mirrored=False, ends=True)
     right, ids = part(ODD, np.s_[:], np.s_[2:], 0, mirrored=False)
-    complete = SeenGrid.join([left.where(left.places[:, 1] < left.places[:, 1].max()), right])
+    complete = DetectedGrid.join([left.where(left.grid_xy[:, 1] < left.grid_xy[:, 1].max()), right])
     numbered = [corners.ids[-len(ids) :].tolist() for corners in complete.numberings(ODD, mirrored=False)]
     assert numbered == [ids.tolist()]
 
 
 def test_an_end_contradicted_by_another_view_is_dropped() -> None:
     left, _ = part(ODD, np.s_[:], np.s_[:3], 0, mirrored=False)
-    false_end = SeenGrid(left.places, left.corners, np.array([[-np.inf, -np.inf], left.places.max(axis=0)]))
+    false_end = DetectedGrid(left.grid_xy, left.corners, np.array([[-np.inf, -np.inf], left.grid_xy.max(axis=0)]))
     right, _ = part(ODD, np.s_[:], np.s_[1:], 0, mirrored=False)
-    assert np.isinf(SeenGrid.join([false_end, right]).limits[1, 0])
-    assert np.isfinite(SeenGrid.join([false_end]).limits[1, 0])
+    assert np.isinf(DetectedGrid.join([false_end, right]).limits[1, 0])
+    assert np.isfinite(DetectedGrid.join([false_end]).limits[1, 0])
 
 
 @pytest.mark.parametrize("middles", [np.zeros(2), np.zeros((1, 3)), np.array([[0.0, np.nan]])])
 def test_places_that_are_not_finite_are_refused(middles: FloatArray) -> None:
     with pytest.raises(ValueError, match=r"expected \(k, 2\) of finite numbers"):
-        DetectedFrame(Observations.none(), middles)
+        DetectedFrame(Observations.empty(), middles)
 
 
 def test_places_are_kept_read_only() -> None:
     middles = np.zeros((1, 2))
-    frame = DetectedFrame(Observations.none(), middles)
+    frame = DetectedFrame(Observations.empty(), middles)
     middles[0] = 1.0
     assert frame.unassigned_px.tolist() == [[0.0, 0.0]]
     with pytest.raises(ValueError, match="read-only"):
         frame.unassigned_px[0, 0] = 1.0
-    assert DetectedFrame(Observations.none()).unassigned_px.shape == (0, 2)
+    assert DetectedFrame(Observations.empty()).unassigned_px.shape == (0, 2)

@@ -58,11 +58,11 @@ def test_frames_that_show_something_else_are_preferred() -> None:
         [seen(200, 200, 3.0, shortened=0.5)],
     ]
     frames = [*still[:10], *moving, *still[10:], []]
-    chosen = most_informative(frames, BOARD, width_px=640, most=6)
+    chosen = most_informative(frames, BOARD, width_px=640, max_frames=6)
     assert len(chosen) == 6
     assert set(range(10, 15)) < set(chosen)
 
 
 def test_frames_without_a_board_are_never_chosen() -> None:
     few = Corners(np.arange(3), seen(100, 100, 0.0).pixels[:3])
-    assert most_informative([[], [seen(300, 200, 0.0)], [few]], BOARD, width_px=640, most=5) == [1]
+    assert most_informative([[], [seen(300, 200, 0.0)], [few]], BOARD, width_px=640, max_frames=5) == [1]

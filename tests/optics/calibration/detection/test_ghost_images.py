@@ -7,12 +7,12 @@ import pytest
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.detect_boards import sub_images
+from mirrorcam.optics.calibration.detection.detect_boards import detect_sub_images
 from mirrorcam.optics.calibration.detection.ghost_images import (
     ghost_images_of,
     ghosted_view,
-    in_light,
-    without_ghost_images,
+    linear_light,
+    refine_with_ghosts,
 )
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.layout import Layout
@@ -21,7 +21,7 @@ from tests.optics.calibration.detection.plate_frames import BOARD, FRONT, NOMINA
 
 def corners_in(frames: PlateFrames, number: int) -> list[tuple[int, Corners]]:
     """Mirrors and corners of the views of a frame."""
-    seen = sub_images(frames.pictures[number], NOMINAL, BOARD).corners
+    seen = detect_sub_images(frames.pictures[number], NOMINAL, BOARD).corners
     views = np.unique(seen.view).tolist()
     return [(view, Corners(seen.corner[seen.view == view], seen.pixels[seen.view == view])) for view in views]
 
@@ -75,7 +75,7 @@ def test_selected_corners_are_spread_over_the_view(plate_frames: PlateFrames) ->
     assert view is not None
     few = view.sample
     assert 40 <= len(few) < len(view)
-    assert np.ptp(few.expected.places, axis=0).min() > 0.7 * np.ptp(view.expected.places, axis=0).min()
+    assert np.ptp(few.expected.print_xy, axis=0).min() > 0.7 * np.ptp(view.expected.print_xy, axis=0).min()
 
 
 def mean_errors(seen: list[Observations], truth_px: FloatArray) -> FloatArray:
@@ -87,14 +87,14 @@ def mean_errors(seen: list[Observations], truth_px: FloatArray) -> FloatArray:
 
 @pytest.fixture(scope="module")
 def detected(plate_frames: PlateFrames) -> list[Observations]:
-    return [sub_images(picture, NOMINAL, BOARD).corners for picture in plate_frames.pictures]
+    return [detect_sub_images(picture, NOMINAL, BOARD).corners for picture in plate_frames.pictures]
 
 
 def refined(
     frames: PlateFrames, detected: list[Observations], pictures: list[Grey], layout: Layout
 ) -> list[Observations]:
     poses = dict(enumerate(frames.rig_from_board))
-    return without_ghost_images(detected, pictures, poses, layout, BOARD, workers=2)
+    return refine_with_ghosts(detected, pictures, poses, layout, BOARD, workers=2)
 
 
 def test_the_ghost_of_the_front_moves_no_corner(plate_frames: PlateFrames, detected: list[Observations]) -> None:
@@ -109,7 +109,7 @@ def test_the_ghost_of_the_front_moves_no_corner(plate_frames: PlateFrames, detec
 def test_nor_with_a_camera_that_encodes_light(
     plate_frames: PlateFrames, detected: list[Observations], gamma: float
 ) -> None:
-    encoded = [np.rint(in_light(picture, 1.0 / gamma)).astype(np.uint8) for picture in plate_frames.pictures]
+    encoded = [np.rint(linear_light(picture, 1.0 / gamma)).astype(np.uint8) for picture in plate_frames.pictures]
     seen = refined(plate_frames, detected, encoded, plate_frames.layout)
     assert np.abs(mean_errors(seen, plate_frames.corners_px)).max() < 0.006
 
@@ -123,7 +123,7 @@ def test_a_first_surface_mirror_has_no_ghost_image(plate_frames: PlateFrames, de
 def test_a_frame_that_is_not_at_hand_has_no_corners(plate_frames: PlateFrames, detected: list[Observations]) -> None:
     poses = dict(enumerate(plate_frames.rig_from_board))
     pictures = [None, *plate_frames.pictures[1:]]
-    seen = without_ghost_images(detected, pictures, poses, plate_frames.layout, BOARD)
+    seen = refine_with_ghosts(detected, pictures, poses, plate_frames.layout, BOARD)
     assert not len(seen[0])
     assert len(seen[1])
     assert len(seen[2])

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.detections import FLIP, TURNS, DetectedFrame, SeenGrid
+from mirrorcam.optics.calibration.detection.detections import FLIP, QUARTER_ROTATIONS, DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations
 from mirrorcam.optics.geometry.camera import Camera
@@ -32,7 +32,7 @@ BOARD = Checkerboard(cols=13, rows=10, square_mm=14.0)
 UNKNOWN = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
 
 
-def seen_part(ids: IntArray, pixels: FloatArray, random: np.random.Generator) -> SeenGrid:
+def seen_part(ids: IntArray, pixels: FloatArray, random: np.random.Generator) -> DetectedGrid:
     """Return a grid with its own coordinates, as seen in a picture through a mirror."""
     row, col = np.divmod(ids, BOARD.cols - 1)
     printed = np.stack([col, row], axis=1)
@@ -40,7 +40,9 @@ def seen_part(ids: IntArray, pixels: FloatArray, random: np.random.Generator) ->
     by = random.integers(-9, 9, 2)
     # On a print, black is right of and below even corners; on a grid, white, in the handedness of the picture.
     by[0] += (by.sum() + turn) % 2 == 0
-    return SeenGrid((printed @ TURNS[turn].T + by - [1, 0]) @ FLIP, Corners(np.arange(len(ids)), pixels), UNKNOWN)
+    return DetectedGrid(
+        (printed @ QUARTER_ROTATIONS[turn].T + by - [1, 0]) @ FLIP, Corners(np.arange(len(ids)), pixels), UNKNOWN
+    )
 
 
 @lru_cache
@@ -52,7 +54,7 @@ def frames(count: int, *, cut: float) -> tuple[list[DetectedFrame], list[dict[in
         middle = np.array([random.uniform(-20, 20), random.uniform(280, 420), random.uniform(70, 110)])
         pose = posed(BOARD, middle, np.array([*random.uniform(-25, 25, 2), random.uniform(-40, 40)]), direct=False)
         points = transform(pose, BOARD.corners_in_board_mm)
-        grids: list[tuple[int, SeenGrid]] = []
+        grids: list[tuple[int, DetectedGrid]] = []
         ids: dict[int, IntArray] = {}
         for mirror in range(len(BUILT.mirrors)):
             pixels = BUILT.project(points, mirror) + random.normal(0.0, 0.02, (len(points), 2))
@@ -63,7 +65,7 @@ def frames(count: int, *, cut: float) -> tuple[list[DetectedFrame], list[dict[in
             if len(shown) >= 6:
                 grids.append((mirror, seen_part(shown, pixels[shown], random)))
                 ids[mirror] = shown
-        detected.append(DetectedFrame(Observations.none(), grids=tuple(grids)))
+        detected.append(DetectedFrame(Observations.empty(), grids=tuple(grids)))
         truth.append(ids)
     base = []
     for turn in ([20.0, 0.0, 0.0], [-20.0, 10.0, 5.0], [0.0, 25.0, 50.0], [5.0, -25.0, 0.0]):
@@ -110,5 +112,5 @@ def test_a_frame_that_contradicts_itself_is_left_out() -> None:
 @pytest.mark.parametrize("grids", [(), None])
 def test_frames_without_grids_are_returned_as_they_are(grids: tuple[()] | None) -> None:
     frame = DetectedFrame(Observations.of_view(0, 0, np.arange(6), np.arange(12.0).reshape(6, 2)))
-    several = [frame] if grids is None else [frame, DetectedFrame(Observations.none(), grids=grids)]
+    several = [frame] if grids is None else [frame, DetectedFrame(Observations.empty(), grids=grids)]
     assert number_jointly(several, [], NOMINAL, BOARD) == several

@@ -8,10 +8,10 @@ import pytest
 from mirrorcam.optics.calibration.detection import marker_layout as module
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.marker_layout import (
-    BELOW,
+    NEIGHBOUR_OFFSETS,
     GriddedPicture,
     MarkerPairs,
-    Steps,
+    VerticalPairs,
     marker_pairs,
     marker_side,
 )
@@ -46,7 +46,7 @@ def test_the_side_is_measured(cols: int, side: float, blur_px: float, *, mirrore
 
 
 def test_the_side_is_measured_from_a_rough_one_far_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "ROUGH", (0.6,))
+    monkeypatch.setattr(module, "TRIAL_SIDES", (0.6,))
     pose = posed(BOARD, np.array([0.0, 0.0, 320.0]), np.array([10.0, 12.0, 20.0]), direct=True)
     picture = render(CAMERA, None, BOARD, pose, noise_grey=2.0)
     stated = BOARD.replaced(marker_mm=0.55 * BOARD.square_mm)
@@ -58,8 +58,8 @@ def test_a_blank_picture_shows_no_markers() -> None:
     assert marker_side([GriddedPicture.of(np.full((200, 300), 90, np.uint8), BOARD)], BOARD, mirrored=None) is None
 
 
-def steps_in(picture: Grey, target: AprilGrid | Charuco, *, mirrored: bool) -> Steps:
-    return marker_pairs(GriddedPicture.of(picture, target), target, mirrored=mirrored).steps(target)
+def steps_in(picture: Grey, target: AprilGrid | Charuco, *, mirrored: bool) -> VerticalPairs:
+    return marker_pairs(GriddedPicture.of(picture, target), target, mirrored=mirrored).vertical(target)
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -70,28 +70,28 @@ def test_columns_are_read(board: Sheet | Charuco, columns: int, *, mirrored: boo
     picture = render(CAMERA, one_mirror() if mirrored else None, board, pose, noise_grey=2.0)
     # Only the kind of markers is taken from the target.
     target = GRID.replaced(cols=3, rows=8) if isinstance(board, Sheet) else board.replaced(cols=12, rows=4)
-    likely, steps = steps_in(picture, target, mirrored=mirrored).likely
+    likely, steps = steps_in(picture, target, mirrored=mirrored).majority
     highest = steps.highest
     assert likely == columns
     # The last row of squares lies beyond the inner corners.
-    rows = (2 * highest + 1) // columns + 1 + steps.follows
+    rows = (2 * highest + 1) // columns + 1 + steps.has_next_row
     assert rows.max() <= (8 if isinstance(board, Sheet) else board.rows)
     # Corners of markers hide some of a ChArUco board's corners.
     assert len(highest) >= (12 if isinstance(board, Sheet) else 1)
     last = 23 if isinstance(board, Sheet) else board.cols * board.rows // 2 - 1
     assert columns <= highest.min() <= highest.max() <= last
-    assert len(steps_in(picture, target, mirrored=not mirrored).likely[1].highest) < 3
+    assert len(steps_in(picture, target, mirrored=not mirrored).majority[1].highest) < 3
 
 
 def test_a_layout_without_half_of_the_pairs_is_unlikely() -> None:
-    steps = Steps(np.array([4, 4, 7, 9]), np.arange(4), np.zeros(4, np.int64))
-    assert steps.likely[0] == 0
-    more = Steps(*np.array([[4, 4, 7, 9, 4], [0, 1, 2, 3, 9], [0, 0, 0, 0, 1]]))
-    assert more.likely[0] == 4
-    assert more.likely[1].highest.tolist() == [0, 1, 9]
-    assert more.likely[1].follows.tolist() == [0, 0, 1]
+    steps = VerticalPairs(np.array([4, 4, 7, 9]), np.arange(4), np.zeros(4, np.int64))
+    assert steps.majority[0] == 0
+    more = VerticalPairs(*np.array([[4, 4, 7, 9, 4], [0, 1, 2, 3, 9], [0, 0, 0, 0, 1]]))
+    assert more.majority[0] == 4
+    assert more.majority[1].highest.tolist() == [0, 1, 9]
+    assert more.majority[1].has_next_row.tolist() == [0, 0, 1]
     blank = np.full((200, 300), 80, dtype=np.uint8)
-    assert steps_in(blank, ODD, mirrored=False).likely[0] == 0
+    assert steps_in(blank, ODD, mirrored=False).majority[0] == 0
 
 
 @pytest.mark.parametrize(("cols", "rows"), [(6, 6), (5, 8), (8, 5), (7, 7)])
@@ -100,14 +100,19 @@ def test_only_the_right_numbering_explains_all_neighbours(cols: int, rows: int, 
     board = ODD.replaced(cols=cols, rows=rows, legacy=legacy, first_marker=11)
     at = {(int(col), int(row)): 11 + number for number, (row, col) in enumerate(board.marker_squares)}
     pairs = MarkerPairs.of(
-        [(n, at[x + dx, y + dy], (dx, dy)) for (x, y), n in at.items() for dx, dy in BELOW if (x + dx, y + dy) in at],
+        [
+            (n, at[x + dx, y + dy], (dx, dy))
+            for (x, y), n in at.items()
+            for dx, dy in NEIGHBOUR_OFFSETS
+            if (x + dx, y + dy) in at
+        ],
         inner=False,
     )
-    slanted = int((pairs.by[:, 0] != 0).sum())
+    slanted = int((pairs.offset[:, 0] != 0).sum())
     white = not board.black[0, 0]
-    assert pairs.explained(cols, 11, white_first=white) == slanted
+    assert pairs.count_consistent(cols, 11, white_first=white) == slanted
     # With an odd number of columns, only pairs at the ends of rows distinguish the patterns.
-    assert pairs.explained(cols, 11, white_first=not white) <= (slanted - (rows - 1) if cols % 2 else 0)
+    assert pairs.count_consistent(cols, 11, white_first=not white) <= (slanted - (rows - 1) if cols % 2 else 0)
     for phase in range(1, cols):
-        assert pairs.explained(cols, 11 + phase, white_first=white) < slanted
-    assert pairs.steps(board).likely[0] == cols
+        assert pairs.count_consistent(cols, 11 + phase, white_first=white) < slanted
+    assert pairs.vertical(board).majority[0] == cols

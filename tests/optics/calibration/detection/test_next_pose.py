@@ -16,9 +16,9 @@ from mirrorcam.optics.calibration.detection.next_pose import (
     NOISE_PX,
     NextPose,
     NextPosePlanner,
-    place_in_words,
-    pose_by_layout,
+    board_pose,
     poses_of,
+    position_in_words,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -36,7 +36,7 @@ LAYOUT = faceted_parabola(CAMERA, DesignSpec(camera=CAMERA, rows=2, cols=2), fil
 BOARD = Charuco(cols=16, rows=11, square_mm=10.0, marker_mm=6.25)
 
 
-def shown_in(layout: Layout, target: Target, pose: FloatArray, *, but: int | None = None) -> Observations:
+def indices_inside(layout: Layout, target: Target, pose: FloatArray, *, but: int | None = None) -> Observations:
     """Return the corners at a pose in every mirror (but one)."""
     parts = []
     points = transform(pose, target.corners_in_board_mm)
@@ -50,12 +50,12 @@ def shown_in(layout: Layout, target: Target, pose: FloatArray, *, but: int | Non
 
 
 def shown(pose: FloatArray, *, but: int | None = None) -> Observations:
-    return shown_in(LAYOUT, BOARD, pose, but=but)
+    return indices_inside(LAYOUT, BOARD, pose, but=but)
 
 
 def after(planner: NextPosePlanner, picture: Observations) -> NextPose:
     """The recommendation after one more picture, whose pose is found from its corners."""
-    pose = pose_by_layout(LAYOUT, BOARD, picture)
+    pose = board_pose(LAYOUT, BOARD, picture)
     if pose is not None:
         planner.add(pose, picture)
     return planner.next()
@@ -64,7 +64,7 @@ def after(planner: NextPosePlanner, picture: Observations) -> NextPose:
 @pytest.fixture(scope="module")
 def followed() -> tuple[list[NextPose], list[Observations]]:
     """Return nine hints of the planner and the corners in the eight pictures that follow them."""
-    planner = NextPosePlanner.designed(LAYOUT, BOARD)
+    planner = NextPosePlanner.for_layout(LAYOUT, BOARD)
     advised, seen = [planner.next()], []
     for _ in range(8):
         seen.append(shown(advised[-1].rig_from_board))
@@ -86,7 +86,7 @@ def test_following_the_hints_needs_fewer_pictures(followed: tuple[list[NextPose]
     random, by_chance = np.random.default_rng(4), []
     poses = [pose for pose, _, _ in poses_of(LAYOUT, BOARD)]
     for _ in range(5):
-        planner = NextPosePlanner.designed(LAYOUT, BOARD)
+        planner = NextPosePlanner.for_layout(LAYOUT, BOARD)
         for place in random.integers(len(poses), size=8).tolist():
             last = after(planner, shown(poses[place]))
         by_chance.append(float(last.sigma_deg.max()))
@@ -94,7 +94,7 @@ def test_following_the_hints_needs_fewer_pictures(followed: tuple[list[NextPose]
 
 
 def test_pictures_suffice_when_every_mirror_is_determined() -> None:
-    planner, pictures = NextPosePlanner.designed(LAYOUT, BOARD), 0
+    planner, pictures = NextPosePlanner.for_layout(LAYOUT, BOARD), 0
     hint = planner.next()
     while not hint.enough:
         pictures += 1
@@ -108,7 +108,7 @@ def test_pictures_suffice_when_every_mirror_is_determined() -> None:
 
 def test_standard_deviations_match_the_solver(followed: tuple[list[NextPose], list[Observations]]) -> None:
     advised, seen = followed
-    observations = Observations.join([picture.shifted(frame) for frame, picture in enumerate(seen)])
+    observations = Observations.join([picture.with_frame_offset(frame) for frame, picture in enumerate(seen)])
     poses = np.array([hint.rig_from_board for hint in advised[:-1]])
     noise = np.random.default_rng(1).normal(0.0, NOISE_PX, observations.pixels.shape)
     noisy = Observations(observations.frame, observations.view, observations.corner, observations.pixels + noise)
@@ -130,7 +130,7 @@ def test_standard_deviations_match_the_solver(followed: tuple[list[NextPose], li
 
 
 def test_a_mirror_that_shows_nothing_is_requested(followed: tuple[list[NextPose], list[Observations]]) -> None:
-    planner = NextPosePlanner.designed(LAYOUT, BOARD)
+    planner = NextPosePlanner.for_layout(LAYOUT, BOARD)
     for hint in followed[0][:-1]:
         last = after(planner, shown(hint.rig_from_board, but=2))
     assert last.mirror == 2
@@ -145,9 +145,9 @@ def test_a_mirror_that_shows_nothing_is_requested(followed: tuple[list[NextPose]
 
 
 def test_a_picture_without_a_board_changes_nothing() -> None:
-    planner = NextPosePlanner.designed(LAYOUT, BOARD)
+    planner = NextPosePlanner.for_layout(LAYOUT, BOARD)
     before = planner.next()
-    then = after(planner, Observations.none())
+    then = after(planner, Observations.empty())
     assert np.array_equal(then.sigma_deg, before.sigma_deg)
     assert np.array_equal(then.rig_from_board, before.rig_from_board)
 
@@ -167,8 +167,8 @@ def test_words_name_the_nearer_edge(followed: tuple[list[NextPose], list[Observa
 
 def test_mirrors_off_the_sensor_are_refused() -> None:
     away = CAMERA.replaced(cx_px=5000.0)
-    with pytest.raises(InputError, match="in no pose"):
-        NextPosePlanner.designed(LAYOUT.replaced(camera=away), BOARD)
+    with pytest.raises(InputError, match="in any pose"):
+        NextPosePlanner.for_layout(LAYOUT.replaced(camera=away), BOARD)
 
 
 @pytest.mark.parametrize(
@@ -181,4 +181,4 @@ def test_mirrors_off_the_sensor_are_refused() -> None:
 def test_places_in_the_picture(x: float, y: float, words: str) -> None:
     camera = LAYOUT.camera
     pixel = np.array([x * camera.width_px, y * camera.height_px])
-    assert place_in_words(camera, pixel) == f"{words} of the picture"
+    assert position_in_words(camera, pixel) == f"{words} of the picture"

@@ -29,7 +29,7 @@ LAYOUT = faceted_parabola(SMALL_CAMERA, DesignSpec(camera=SMALL_CAMERA, rows=2, 
 PLAIN = Checkerboard(cols=7, rows=6, square_mm=12.0)
 EVEN = Checkerboard(cols=8, rows=6, square_mm=10.5)
 MARKED = Charuco(cols=10, rows=7, square_mm=19.0, marker_mm=14.0)
-SELFIE = "as those of a selfie camera"
+SELFIE = "like those of a selfie camera"
 WIDE = Charuco(cols=14, rows=9, square_mm=14.0, marker_mm=10.5)
 BOARD = Charuco(cols=8, rows=6, square_mm=32.0, marker_mm=24.0, dictionary="DICT_4X4_50")
 TURNS = ([10.0, 12.0, 20.0], [-15.0, 20.0, 0.0])
@@ -240,7 +240,7 @@ def test_boards_are_found_as_they_are_stated(board: Charuco, *, mirrored: bool) 
     place = np.array([0.0, 350.0, 80.0]) if mirrored else np.array([0.0, 0.0, 320.0])
     pose = posed(board, place, np.array(TURNS[0]), direct=not mirrored)
     shown = marked_pictures(board, mirrored=mirrored)
-    (corners,) = find_marked_boards(shown[0], board, mirrored=mirrored, most=2)
+    (corners,) = find_marked_boards(shown[0], board, mirrored=mirrored, max_boards=2)
     assert len(corners) > 0.8 * len(board.corners_in_board_mm)
     truth = seen(board.corners_in_board_mm, pose, one_mirror() if mirrored else None)[corners.ids]
     assert np.abs(corners.pixels - truth).max() < 0.1
@@ -310,7 +310,7 @@ def test_a_dictionary_with_the_same_markers_is_not_another_board(monkeypatch: py
         return MarkerPairs.of([], inner=False)
 
     monkeypatch.setattr(module, "_pairs", pairs)
-    monkeypatch.setattr(module, "families_seen", counted)
+    monkeypatch.setattr(module, "count_by_family", counted)
     assert other_markers([np.zeros((9, 9), np.uint8)], BOARD, mirrored=False, found=False) is None
     assert {"DICT_4X4_50", "DICT_5X5_1000"} < tried
     assert not tried & {"DICT_4X4_100", "DICT_4X4_250", "DICT_4X4_1000"}

@@ -7,7 +7,7 @@ import pytest
 from shapely import Polygon
 
 from mirrorcam.core.values import FloatArray, InvalidValue
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, Side, shown_in_plane_mm, with_edges
+from mirrorcam.optics.calibration.detection.segmentation import Extremes, Side, visible_part_in_plane_mm, with_edges
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from tests.optics.calibration.detection.mirror_frames import (
@@ -53,7 +53,7 @@ def test_without_an_edge_nothing_moves() -> None:
     assert outlined_in(MEANT, seen_in(frames(3))) == (MEANT, ())
 
 
-def widened(layout: Layout, index: int, *, left_px: float = 0.0, right_px: float = 0.0) -> Layout:
+def inflation(layout: Layout, index: int, *, left_px: float = 0.0, right_px: float = 0.0) -> Layout:
     """The layout with one mirror wider on the sensor."""
     mirror, corners = layout.mirrors[index], layout.outline_px(index, 1)
     corners[:, 0] += np.where(corners[:, 0] < corners[:, 0].mean(), -left_px, right_px)
@@ -64,9 +64,9 @@ def widened(layout: Layout, index: int, *, left_px: float = 0.0, right_px: float
 
 
 def test_an_outline_over_another_mirror_is_rejected() -> None:
-    seen = seen_in(frames(6, widened(MEANT, 0, right_px=30.0)))
+    seen = seen_in(frames(6, inflation(MEANT, 0, right_px=30.0)))
     # Mirror 1 is described at the place of mirror 0, too far from its own place to be found.
-    wrong = widened(MEANT, 1, left_px=88.0)
+    wrong = inflation(MEANT, 1, left_px=88.0)
     found, notes = outlined_in(wrong, seen)
     assert found == wrong
     assert [note[: note.index(",")] for note in notes] == ["mirror 0-0: 1 of 4 edges are displaced by up to 31 px"]
@@ -75,10 +75,10 @@ def test_an_outline_over_another_mirror_is_rejected() -> None:
 
 
 def test_a_mirror_moves_after_another_has_made_room() -> None:
-    meant = widened(MEANT, 1, left_px=88.0)
-    built = widened(widened(MEANT, 0, right_px=30.0), 1, left_px=58.0)
+    meant = inflation(MEANT, 1, left_px=88.0)
+    built = inflation(inflation(MEANT, 0, right_px=30.0), 1, left_px=58.0)
     with pytest.raises(InvalidValue, match="overlap"):
-        widened(meant, 0, right_px=30.0)
+        inflation(meant, 0, right_px=30.0)
     found, notes = outlined_in(meant, seen_in(frames(6, built)))
     assert len(notes) == 2
     assert all("moved there" in note for note in notes)
@@ -143,25 +143,25 @@ def test_the_coating_of_second_surface_mirrors_moves_with_its_image() -> None:
 def test_a_side_runs_along_its_edge_and_points_outwards(polygon: FloatArray) -> None:
     for edge in range(4):
         side = Side.of(polygon, edge)
-        np.testing.assert_allclose(side.start + side.length_mm * side.along, polygon[(edge + 1) % 4])
-        assert abs(side.along @ side.outward) < 1e-12
+        np.testing.assert_allclose(side.start + side.length_mm * side.direction, polygon[(edge + 1) % 4])
+        assert abs(side.direction @ side.outward) < 1e-12
         assert side.outward @ (side.start - polygon.mean(axis=0)) > 0.0
 
 
 def test_a_side_moves_by_the_offsets_at_the_ends_of_another() -> None:
     side = Side.of(SQUARE, 0)
-    nx, ny, d = side.moved(side, np.array([0.5, 0.5]))
+    nx, ny, d = side.displaced_line(side, np.array([0.5, 0.5]))
     assert abs(ny) == pytest.approx(1.0)
     assert nx == pytest.approx(0.0)
     assert d / ny == pytest.approx(-0.5)
-    nx, ny, d = side.moved(side, np.array([0.0, 0.4]))
+    nx, ny, d = side.displaced_line(side, np.array([0.0, 0.4]))
     assert nx * 0.0 == pytest.approx(d)
     assert (d - nx * 4.0) / ny == pytest.approx(-0.4)
 
 
 def test_a_first_surface_mirror_shows_the_scene_up_to_its_edge_and_a_plate_does_not() -> None:
     mirror = MEANT.mirrors[0]
-    np.testing.assert_array_equal(shown_in_plane_mm(mirror), mirror.apparent.outline_in_plane_mm)
+    np.testing.assert_array_equal(visible_part_in_plane_mm(mirror), mirror.apparent.outline_in_plane_mm)
     plate = mirror.replaced(surface="second", thickness_mm=2.0)
-    shown, complete = Polygon(shown_in_plane_mm(plate)), Polygon(plate.apparent.outline_in_plane_mm)
+    shown, complete = Polygon(visible_part_in_plane_mm(plate)), Polygon(plate.apparent.outline_in_plane_mm)
     assert 0.8 * complete.area < shown.area < 0.99 * complete.area

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to, uncertainty
+from mirrorcam.optics.calibration.diagnostics.calibration_result import tilted_to, uncertainty
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
@@ -52,7 +52,7 @@ class Scene:
         return self.truth.replaced(
             kind="calibrated",
             camera=found.camera,
-            mirrors=tuple(moved_to(mirror, centre) for mirror, centre in mirrors),
+            mirrors=tuple(tilted_to(mirror, centre) for mirror, centre in mirrors),
             uncertainty=uncertainty(solution),
         )
 
@@ -76,8 +76,8 @@ def scene_of(truth: Layout, *, warp_mm: float = 0.0, mirrored: int = 10, direct:
     ]
     board = Bowed(**BOARD.model_dump(), warp_mm=warp_mm)
     views = views_of(truth, board, poses[:mirrored], poses[mirrored:], noise_px=0.0)
-    frames = [*views.seen, *views.base]
-    clean = Observations.join([seen.shifted(frame) for frame, seen in enumerate(frames)])
+    frames = [*views.mirrored, *views.base]
+    clean = Observations.join([seen.with_frame_offset(frame) for frame, seen in enumerate(frames)])
     return Scene(truth, np.array(poses), clean)
 
 

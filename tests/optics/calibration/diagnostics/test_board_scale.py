@@ -9,7 +9,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.detection.segmentation import SeenEdge, Side
+from mirrorcam.optics.calibration.detection.segmentation import DetectedEdge, Side
 from mirrorcam.optics.calibration.diagnostics.board_scale import (
     ALARM_SIGMAS,
     NOTED_DEVIATION,
@@ -18,7 +18,7 @@ from mirrorcam.optics.calibration.diagnostics.board_scale import (
     scale_doubt,
     size_ratio,
 )
-from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
+from mirrorcam.optics.calibration.diagnostics.calibration_result import tilted_to
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -62,7 +62,7 @@ def test_another_unit_is_named(pictures: list[Grey]) -> None:
         calibrate(pictures, [], LAYOUT, target)
     other = other_size(pictures, LAYOUT, BOARD.replaced(square_mm=30.0))
     assert other is not None
-    assert "for another device?" in other
+    assert "belong to a different device?" in other
 
 
 def test_the_right_size_and_pictures_without_a_board_are_not_doubted(pictures: list[Grey]) -> None:
@@ -74,20 +74,24 @@ def test_the_right_size_and_pictures_without_a_board_are_not_doubted(pictures: l
 
 def middle_and_outward(mirror: Mirror, number: int) -> tuple[FloatArray, FloatArray]:
     frame, side = mirror.rig_from_plane, Side.of(mirror.outline_in_plane_mm, number)
-    return frame[:3, 3] + frame[:3, :2] @ (side.start + side.length_mm / 2 * side.along), frame[:3, :2] @ side.outward
+    return frame[:3, 3] + frame[:3, :2] @ (side.start + side.length_mm / 2 * side.direction), frame[
+        :3, :2
+    ] @ side.outward
 
 
-def edges_of(nominal: Layout, built: Layout, scale: float, random: np.random.Generator) -> list[dict[int, SeenEdge]]:
+def edges_of(
+    nominal: Layout, built: Layout, scale: float, random: np.random.Generator
+) -> list[dict[int, DetectedEdge]]:
     """Return two thirds of a device's edges as frames show them if all estimated lengths are scaled by `scale`."""
     found = []
     for mirror, true in zip(nominal.mirrors, built.mirrors, strict=True):
-        expected = moved_to(mirror, scale * true.virtual_centre_in_rig_mm)
+        expected = tilted_to(mirror, scale * true.virtual_centre_in_rig_mm)
         edges = {}
         for number in range(len(mirror.outline_in_rig_mm)):
             middle, outward = middle_and_outward(expected, number)
             off = outward @ (scale * middle_and_outward(true, number)[0] - middle) + SEEN_MM * random.standard_normal()
             if random.random() < 0.67:
-                edges[number] = SeenEdge(np.zeros(3), np.zeros(2), float(off), middle, outward)
+                edges[number] = DetectedEdge(np.zeros(3), np.zeros(2), float(off), middle, outward)
         found.append(edges)
     return found
 
@@ -134,7 +138,7 @@ def test_a_mirror_cut_too_short_does_not_hide_the_scale(fold_90_layout: Layout) 
     built = draw_as_built(fold_90_layout, Tolerances.hobby(), random)
     edges = edges_of(fold_90_layout, built, 1.05, random)
     short = {
-        number: SeenEdge(e.line, e.offset_px, e.offset_mm - 3.0, e.midpoint_in_rig_mm, e.outward_in_rig)
+        number: DetectedEdge(e.line, e.offset_px, e.offset_mm - 3.0, e.midpoint_in_rig_mm, e.outward_in_rig)
         for number, e in edges[0].items()
     }
     found = common_scale(fold_90_layout, 1.05 * built.virtual_centres_in_rig_mm, [short, *edges[1:]])

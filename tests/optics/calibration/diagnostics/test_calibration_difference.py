@@ -11,13 +11,13 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import (
     CalibrationDifference,
     best_motion,
-    by_motion,
     calibration_difference,
+    motion_jacobian,
+    remove_motion,
     view_label,
     view_weights,
-    without_motion,
 )
-from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
+from mirrorcam.optics.calibration.diagnostics.calibration_result import tilted_to
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.camera import Camera
@@ -74,7 +74,7 @@ def test_mirrors_rotated_about_their_common_line_rotate_the_scene_by_twice_the_a
     )
     found = calibration_difference(a, b, range_mm=RANGE_MM)
     assert max(lengths_px(found)) < 1e-6
-    np.testing.assert_allclose(found.turn_deg, [0.0, 2.0 * turn_deg, 0.0], atol=1e-7)
+    np.testing.assert_allclose(found.rotation_deg, [0.0, 2.0 * turn_deg, 0.0], atol=1e-7)
     np.testing.assert_allclose(found.b_from_a @ [*line, 1.0], [*line, 1.0], atol=1e-5)
     assert found.motion["motion_turn_deg"].value == pytest.approx(2.0 * turn_deg)
 
@@ -86,7 +86,7 @@ def test_a_tilted_mirror_differs_in_its_own_view_alone(parabola_layout: Layout) 
     middle = mirror.outline_in_rig_mm.mean(axis=0)
     turn = Rotation.from_euler("x", tilt_deg, degrees=True).as_matrix()  # within the plane of incidence
     normal = turn @ mirror.normal_in_rig
-    tilted_mirror = moved_to(mirror, 2.0 * (middle @ normal) * normal)
+    tilted_mirror = tilted_to(mirror, 2.0 * (middle @ normal) * normal)
     mirrors = (*nominal.mirrors[:tilted], tilted_mirror, *nominal.mirrors[tilted + 1 :])
     found = calibration_difference(nominal, nominal.replaced(mirrors=mirrors), range_mm=RANGE_MM)
     assert max(np.delete(lengths_px(found), tilted)) < 1e-4
@@ -248,7 +248,7 @@ def test_columns_are_the_derivatives_by_the_motion() -> None:
     view, points = rig_points()
     middle, lever = points.mean(axis=0), 250.0
     _, slopes = project(points, CENTRES[view])
-    columns = by_motion(slopes, points, lever, scaled=True)
+    columns = motion_jacobian(slopes, points, lever, scaled=True)
     for k in range(7):
         step = 1e-4
         shown = []
@@ -261,10 +261,10 @@ def test_columns_are_the_derivatives_by_the_motion() -> None:
 
 def test_without_a_motion_differences_are_zero() -> None:
     view, points = rig_points()
-    columns = by_motion(project(points, CENTRES[view])[1], points, 250.0)
+    columns = motion_jacobian(project(points, CENTRES[view])[1], points, 250.0)
     weights = np.random.default_rng(1).uniform(0.5, 1.0, len(points))
     mixed = columns @ np.random.default_rng(2).normal(size=(6, 3))
-    np.testing.assert_allclose(without_motion(mixed, columns, weights), 0.0, atol=1e-9)
+    np.testing.assert_allclose(remove_motion(mixed, columns, weights), 0.0, atol=1e-9)
 
 
 def test_weights_of_equal_views_are_one() -> None:

@@ -10,12 +10,12 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     angle_between_mirrors,
-    as_estimated,
     fit_metrics,
     mirror_sigmas,
-    moved_to,
     spatial_rms_mm,
+    tilted_to,
     uncertainty,
+    with_estimate,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.calibration.solver.residuals import Estimate
@@ -76,7 +76,7 @@ def test_the_spatial_error_is_that_of_pixels_at_their_distance(scene: Scene) -> 
 def test_a_mirror_moves_to_a_measured_plane_as_a_rigid_body(default_layout: Layout) -> None:
     nominal = default_layout.mirrors[0]
     target = nominal.virtual_centre_in_rig_mm + np.array([0.4, -0.3, 0.5])
-    moved = moved_to(nominal, target)
+    moved = tilted_to(nominal, target)
     np.testing.assert_allclose(moved.virtual_centre_in_rig_mm, target, atol=1e-9)
 
     def sides(outline: FloatArray) -> FloatArray:
@@ -95,7 +95,7 @@ def test_an_estimated_layout_has_camera_planes_and_curvatures_but_no_metrics(def
         estimate.rig_from_board,
         curvature_per_m=np.full((9, 3), 0.01),
     )
-    found = as_estimated(default_layout, curved)
+    found = with_estimate(default_layout, curved)
     assert (found.kind, found.camera, found.metrics, found.verdict) == ("calibrated", camera, {}, {})
     for mirror, nominal in zip(found.mirrors, default_layout.mirrors, strict=True):
         np.testing.assert_allclose(mirror.virtual_centre_in_rig_mm, 1.01 * nominal.virtual_centre_in_rig_mm)

@@ -27,56 +27,58 @@ CORNERS = BOARD.corners_in_board_mm
 
 
 def in_frame(scene: Scene, frame: int) -> Observations:
-    return scene.clean.where(scene.clean.frame == frame).shifted(-frame)
+    return scene.clean.where(scene.clean.frame == frame).with_frame_offset(-frame)
 
 
-def test_corners_of_a_flat_board_fit_a_homography_but_for_those_moved(scene: Scene, device: Layout) -> None:
+def test_corners_of_a_flat_board_fit_a_homography_except_displaced_ones(scene: Scene, device: Layout) -> None:
     seen = scene.noisy(0)
-    assert not consistency.odd_corners(seen, device.camera, CORNERS).any()
+    assert not consistency.off_plane_corners(seen, device.camera, CORNERS).any()
     rows = np.array([3, 50, 200])
     pixels = seen.pixels.copy()
     pixels[rows] += 40.0
-    odd = consistency.odd_corners(Observations(seen.frame, seen.view, seen.corner, pixels), device.camera, CORNERS)
-    np.testing.assert_array_equal(np.flatnonzero(odd), rows)
+    off_plane = consistency.off_plane_corners(
+        Observations(seen.frame, seen.view, seen.corner, pixels), device.camera, CORNERS
+    )
+    np.testing.assert_array_equal(np.flatnonzero(off_plane), rows)
 
 
 def test_a_view_with_few_corners_is_rejected_completely(scene: Scene, device: Layout) -> None:
     view = in_frame(scene, 0)
     few = view.where(np.arange(len(view)) < 5)
-    assert consistency.odd_corners(few, device.camera, CORNERS).all()
-    assert consistency.odd_corners(Observations.none(), device.camera, CORNERS).shape == (0,)
+    assert consistency.off_plane_corners(few, device.camera, CORNERS).all()
+    assert consistency.off_plane_corners(Observations.empty(), device.camera, CORNERS).shape == (0,)
 
 
-def test_some_odd_corners_are_noted_many_refused(scene: Scene, device: Layout) -> None:
+def test_few_off_plane_corners_are_noted_many_refused(scene: Scene, device: Layout) -> None:
     view = in_frame(scene, 0)
-    odd = np.zeros(len(view), dtype=bool)
-    assert consistency.board_fits(view, odd, ["a.png"], device.mirror_names) == ()
-    odd[0] = True
-    (note,) = consistency.board_fits(view, odd, ["a.png"], device.mirror_names)
+    off_plane = np.zeros(len(view), dtype=bool)
+    assert consistency.board_notes(view, off_plane, ["a.png"], device.mirror_names) == ()
+    off_plane[0] = True
+    (note,) = consistency.board_notes(view, off_plane, ["a.png"], device.mirror_names)
     assert note.startswith(f"a.png, mirror {device.mirror_names[view.view[0]]}: 1 of ")
-    with pytest.raises(InputError, match="100% of the corners lie where no flat board"):
-        consistency.board_fits(view, ~np.zeros(len(view), dtype=bool), ["a.png"], device.mirror_names)
+    with pytest.raises(InputError, match="100% of the corners lie where a flat board"):
+        consistency.board_notes(view, ~np.zeros(len(view), dtype=bool), ["a.png"], device.mirror_names)
 
 
 def test_rows_of_the_board_that_no_picture_shows_are_noted(scene: Scene) -> None:
-    frames = [in_frame(scene, 0), Observations.none(), in_frame(scene, 1)]
-    assert consistency.unseen_rows(frames, CORNERS) == ()
-    assert consistency.unseen_rows([Observations.none()], CORNERS) == ()
+    frames = [in_frame(scene, 0), Observations.empty(), in_frame(scene, 1)]
+    assert consistency.unobserved_rows(frames, CORNERS) == ()
+    assert consistency.unobserved_rows([Observations.empty()], CORNERS) == ()
     higher = BOARD.replaced(rows=BOARD.rows + 2).corners_in_board_mm
-    assert consistency.unseen_rows(frames, higher) == (
+    assert consistency.unobserved_rows(frames, higher) == (
         "no picture shows the last 2 of the board's 8 rows of corners: does it have 7 rows of squares, not 9?",
     )
     grid = AprilGrid(cols=2, rows=5, tag_mm=20.0, spacing=0.3)
     below = Observations.of_view(0, 0, np.arange(16, 40), np.zeros((24, 2)))
-    assert consistency.unseen_rows([below], grid.corners_in_board_mm) == (
+    assert consistency.unobserved_rows([below], grid.corners_in_board_mm) == (
         "no picture shows the first 2 of the board's 5 rows of tags: does it have 3 rows of tags, not 5?",
     )
     every = Observations.of_view(0, 0, np.arange(40), np.zeros((40, 2)))
-    assert consistency.unseen_rows([every], grid.corners_in_board_mm) == ()
+    assert consistency.unobserved_rows([every], grid.corners_in_board_mm) == ()
 
 
 def test_repeated_frames_point_to_the_first_one(scene: Scene) -> None:
-    a, b, none = in_frame(scene, 0), in_frame(scene, 1), Observations.none()
+    a, b, none = in_frame(scene, 0), in_frame(scene, 1), Observations.empty()
     assert consistency.repeated_frames([a, none, b, a, none, a]) == {3: 0, 5: 0}
 
 
@@ -124,7 +126,7 @@ def test_the_disagreement_of_fits_of_one_truth_is_one(device: Layout) -> None:
 
 
 def test_drift_is_noted_then_refused() -> None:
-    assert consistency.drift_note(consistency.DRIFT_NOTED, (1400.0, 1401.0)) == ()
+    assert consistency.drift_note(consistency.NOTED_SIGMAS, (1400.0, 1401.0)) == ()
     (note,) = consistency.drift_note(4.0, (1400.0, 1405.0))
     assert "disagree about the camera by 4.0 sigmas" in note
     with pytest.raises(InputError, match=r"focal length of 1400\.0 px, frames without 1500\.0 px"):
@@ -138,7 +140,7 @@ def test_one_pose_and_parallel_poses_are_noted() -> None:
         return found
 
     assert pose_notes(poses([10.0]))[0].startswith("one picture through the mirrors")
-    assert pose_notes(poses([10.0, 12.0, 11.0]))[0].startswith("all boards are parallel to 1.0 deg")
+    assert pose_notes(poses([10.0, 12.0, 11.0]))[0].startswith("all boards are parallel to within 1.0 deg")
     assert pose_notes(poses([-20.0, 0.0, 20.0])) == ()
 
 

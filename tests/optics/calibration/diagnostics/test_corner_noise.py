@@ -12,7 +12,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.corner_noise import (
     CorrelatedErrors,
     correlated_errors,
-    with_noise_of_views,
+    with_view_noise,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fit
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -44,12 +44,12 @@ def of_views(seen: Observations) -> FloatArray:
 
 def test_each_view_gets_the_scatter_of_its_corners() -> None:
     seen = views()
-    found = np.array([of_views(with_noise_of_views(seen, noise(seen, seed))) for seed in range(30)])
+    found = np.array([of_views(with_view_noise(seen, noise(seen, seed))) for seed in range(30)])
     # Shrunk towards the median of all views by the weight of 8 in 184 degrees of freedom.
     freedom, median = 2.0 * (len(GRID) - 10), np.median(SIGMAS)
     expected = np.sqrt((freedom * SIGMAS**2 + 8.0 * median**2) / (freedom + 8.0))
     np.testing.assert_allclose(np.sqrt(np.mean(found**2, axis=0)), expected, rtol=0.05)
-    scaled = with_noise_of_views(seen, noise(seen))
+    scaled = with_view_noise(seen, noise(seen))
     ratio = np.median(scaled.sigma_px[seen.corner % 2 == 1]) / np.median(scaled.sigma_px[seen.corner % 2 == 0])
     assert ratio == pytest.approx(2.0, rel=0.05)
 
@@ -57,9 +57,9 @@ def test_each_view_gets_the_scatter_of_its_corners() -> None:
 def test_heavy_tails_count_less_and_outliers_stay_to_be_found() -> None:
     """Noise with a t distribution of four degrees of freedom is nearly normal once standardised."""
     random = np.random.default_rng(0)
-    seen = Observations.join([views().shifted(frame) for frame in range(8)])
+    seen = Observations.join([views().with_frame_offset(frame) for frame in range(8)])
     left = random.normal(0.0, 0.01, (len(seen), 2)) / np.sqrt(random.chisquare(4.0, (len(seen), 1)) / 4.0)
-    found = with_noise_of_views(replace(seen, sigma_px=np.ones(len(seen))), left)
+    found = with_view_noise(replace(seen, sigma_px=np.ones(len(seen))), left)
     inner = np.abs(left).max(axis=1) < 0.04
     relative = np.abs(found.standardised(left)[inner])
     assert (relative > 3.0).mean() < 0.003
@@ -67,12 +67,12 @@ def test_heavy_tails_count_less_and_outliers_stay_to_be_found() -> None:
     far, near = (np.median(found.sigma_px[rows]) for rows in (inner & (np.abs(left).max(axis=1) > 0.025), inner))
     assert far > 1.4 * near
     left[::100] = 0.5
-    assert (np.abs(with_noise_of_views(seen, left).standardised(left)[::100]) > 5.0).all()
+    assert (np.abs(with_view_noise(seen, left).standardised(left)[::100]) > 5.0).all()
 
 
 def test_normal_noise_has_no_tails() -> None:
     seen = replace(views(), sigma_px=np.ones(len(views())))
-    found = with_noise_of_views(seen, noise(seen))
+    found = with_view_noise(seen, noise(seen))
     spread = [np.ptp(found.sigma_px[seen.view == view]) / found.sigma_px[seen.view == view].mean() for view in (0, 2)]
     assert max(spread) < 0.3
 
@@ -81,32 +81,32 @@ def test_smooth_residuals_are_not_counted_as_noise() -> None:
     seen = views()
     x, y = (seen.pixels / 300.0).T
     misfit = np.stack([0.2 + 0.1 * x * y - 0.3 * x**3, 0.1 * y**2 - 0.2 * x], axis=1)
-    alone, both = (with_noise_of_views(seen, noise(seen) + field) for field in (0.0, misfit))
+    alone, both = (with_view_noise(seen, noise(seen) + field) for field in (0.0, misfit))
     np.testing.assert_allclose(both.sigma_px, alone.sigma_px, rtol=0.01)
 
 
 def test_outliers_hardly_widen_their_view() -> None:
     seen, left = views(), noise(views())
-    clean = of_views(with_noise_of_views(seen, left))
+    clean = of_views(with_view_noise(seen, left))
     left[::25] += 20.0 * SIGMAS[seen.view[::25], None]
-    spoilt = with_noise_of_views(seen, left)
+    spoilt = with_view_noise(seen, left)
     assert (of_views(spoilt.where(np.arange(len(seen)) % 25 != 0)) < 1.3 * clean).all()
 
 
 def test_the_noise_of_a_view_of_few_corners_shrinks_towards_the_others() -> None:
     seen = views()
     few = seen.where((seen.view != 2) | (seen.corner < 6))
-    found = of_views(with_noise_of_views(few, noise(few)))
+    found = of_views(with_view_noise(few, noise(few)))
     assert 0.008 < found[2] < 0.03
     lone = seen.where(seen.corner < 1)
-    assert with_noise_of_views(lone, noise(lone)) is lone
-    none = Observations.none()
-    assert with_noise_of_views(none, np.empty((0, 2))) is none
+    assert with_view_noise(lone, noise(lone)) is lone
+    none = Observations.empty()
+    assert with_view_noise(none, np.empty((0, 2))) is none
 
 
 def test_corners_without_noise_stay_usable() -> None:
     seen = views()
-    found = with_noise_of_views(seen, np.zeros((len(seen), 2)))
+    found = with_view_noise(seen, np.zeros((len(seen), 2)))
     assert found.sigma_px == pytest.approx(1e-4)
 
 
@@ -136,7 +136,7 @@ def test_independent_errors_have_no_shared_part(scene: Scene) -> None:
     ]
     assert kstest([one.chance for one in found], "uniform").pvalue > 0.01
     assert np.mean([one.ratio**2 for one in found]) == pytest.approx(1.0, abs=0.15)
-    assert all(one.widening == 1.0 for one in found)
+    assert all(one.inflation == 1.0 for one in found)
 
 
 def squared_error_per_parameter(scene: Scene, solution: Solution) -> float:
@@ -153,22 +153,22 @@ def squared_error_per_parameter(scene: Scene, solution: Solution) -> float:
 def test_shared_errors_are_found_and_widened_sigmas_are_true(many: Scene) -> None:
     """Normalised estimation error squared per parameter: far above 1 from the solver, about 1 when widened."""
     plain: list[float] = []
-    widened: list[float] = []
+    inflation: list[float] = []
     for seed in range(12):
         seen = leaning(many, seed, 0.03)
         solution = fit(many.start, seen, JOINT)
         found = correlated_errors(solution, seen, JOINT)
         assert found.chance < 1e-3
         plain.append(squared_error_per_parameter(many, solution))
-        widened.append(plain[-1] / found.widening**2)
+        inflation.append(plain[-1] / found.inflation**2)
     assert np.mean(plain) > 2.0
-    assert 0.5 < np.mean(widened) < 1.6
+    assert 0.5 < np.mean(inflation) < 1.6
 
 
 def test_an_insignificant_ratio_widens_nothing_and_no_ratio_narrows() -> None:
-    assert CorrelatedErrors(ratio=1.4, chance=0.05).widening == 1.0
-    assert CorrelatedErrors(ratio=1.4, chance=1e-5).widening == 1.4
-    assert CorrelatedErrors(ratio=0.8, chance=1e-5).widening == 1.0
+    assert CorrelatedErrors(ratio=1.4, chance=0.05).inflation == 1.0
+    assert CorrelatedErrors(ratio=1.4, chance=1e-5).inflation == 1.4
+    assert CorrelatedErrors(ratio=0.8, chance=1e-5).inflation == 1.0
 
 
 def test_one_frame_shows_no_shared_errors(scene: Scene) -> None:

@@ -28,10 +28,10 @@ def diagnostics(scene: Scene) -> Diagnostics:
 
 
 def test_a_good_calibration_raises_no_alarm(diagnostics: Diagnostics) -> None:
-    assert diagnostics.level == "joint"
+    assert diagnostics.model_name == "joint"
     assert diagnostics.alarms == ()
     assert diagnostics.notes == ()
-    assert diagnostics.widened == 1.0
+    assert diagnostics.inflation == 1.0
     assert len(diagnostics.splits) == 2
     assert len(diagnostics.weak) == 3
 
@@ -66,7 +66,7 @@ def test_every_check_detects_a_wrong_model(device: Layout) -> None:
 
 def test_corners_without_noise_support_no_conclusion(scene: Scene) -> None:
     reached = select_model(scene.start, scene.clean, BOARD.corners_in_board_mm)
-    assert (reached.level, reached.alarms, reached.notes) == ("joint", (), ())
+    assert (reached.model_name, reached.alarms, reached.notes) == ("joint", (), ())
     found = diagnose(reached, scene.clean, scene.calibrated(reached.solution))
     assert found.alarms == ()
     assert found.notes == ("not split: the corners have no noise to compare halves by",)
@@ -77,8 +77,8 @@ def test_halves_that_differ_widen_all_sigmas(device: Layout) -> None:
     seen = scene.noisy(0)
     reached = select_model(scene.start, seen, BOARD.corners_in_board_mm, model=RequestedModel())
     found = diagnose(reached, seen, scene.calibrated(reached.solution))
-    assert found.widened == max(reached.widened, *(split.widening for split in found.splits)) > reached.widened
-    layout = scene.calibrated(reached.widened_to(found.widened).solution)
+    assert found.inflation == max(reached.inflation, *(split.inflation for split in found.splits)) > reached.inflation
+    layout = scene.calibrated(reached.inflated_to(found.inflation).solution)
     again = mirror_uncertainty(layout, lever_mm=found.range_mm)
     np.testing.assert_allclose(found.mirrors.normal_deg, again.normal_deg, rtol=1e-9)
     assert (found.depth.calibration_mm > depth_of(scene, reached, found)).all()
@@ -88,7 +88,7 @@ def depth_of(scene: Scene, reached: ModelSelection, found: Diagnostics) -> Float
     layout = scene.calibrated(reached.solution)
     depth = found.depth
     return depth_uncertainty(
-        layout, depth.range_mm, reference=found.reference, at_px=depth.at_px, matching_px=depth.matching_px
+        layout, depth.range_mm, reference=found.reference, pixel=depth.pixel, matching_px=depth.matching_px
     ).calibration_mm
 
 
@@ -96,8 +96,8 @@ def test_glass_raises_the_alarm_of_the_splits(device: Layout) -> None:
     truth = scene_of(behind_glass(device, 2.0))
     flat = Scene(device, truth.poses, truth.clean)
     found = gathered(flat, 0)
-    assert found.level == "joint"
-    assert found.alarms[0].startswith("the mirrors look second-surface")
+    assert found.model_name == "joint"
+    assert found.alarms[0].startswith("the mirrors appear to be second-surface")
     assert any(alarm.startswith("split") for alarm in found.alarms)
 
 

@@ -139,6 +139,6 @@ def test_views_do_not_run_away_from_planes_that_the_lens_cannot_show() -> None:
     behind = np.array([[0.0, 0.0, 2.0], start.virtual_centres_in_rig_mm[1]])
     turned = replace(start, virtual_centres_in_rig_mm=behind)
     shifted = replace(nothing, shifts=np.array([[0.0, 0.0, 2000.0], [0.0, 0.0, 0.0]]))
-    r, by_global, _ = _linearised(turned, shifted, rows, model, [0, 1], 0)
+    r, d_global, _ = _linearised(turned, shifted, rows, model, [0, 1], 0)
     assert np.isinf(r).all()
-    assert np.isfinite(by_global).all()
+    assert np.isfinite(d_global).all()

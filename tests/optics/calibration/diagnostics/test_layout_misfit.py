@@ -10,7 +10,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.assignment import assign, unassigned_px
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
-from mirrorcam.optics.calibration.diagnostics.layout_misfit import fits_upside_down, grid_shown, unknown_mirrors
+from mirrorcam.optics.calibration.diagnostics.layout_misfit import fits_upside_down, observed_grid, unknown_mirrors
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.diagnostics.verdict import check_solution
@@ -29,7 +29,7 @@ def shown(target: Checkerboard | Charuco, truth: Layout, nominal: Layout, *, ups
     """Return the detections of frames, rotated by 180 degrees or not."""
     last = np.array([nominal.camera.width_px, nominal.camera.height_px]) - 1.0
     frames = []
-    for seen in views_of(truth, target, mirrored_poses(target, 6, tilt_deg=25.0, seed=1), [], seed=1).seen:
+    for seen in views_of(truth, target, mirrored_poses(target, 6, tilt_deg=25.0, seed=1), [], seed=1).mirrored:
         pixels = last - seen.pixels if upside_down else seen.pixels
         boards = [(Corners(seen.corner[seen.view == v], pixels[seen.view == v]),) for v in np.unique(seen.view)]
         rows = [Observations.of_view(0, mirror, c.ids, c.pixels) for mirror, c in assign(boards, nominal, target)]
@@ -49,7 +49,7 @@ def test_upside_down_pictures_fit_after_rotation(target: Checkerboard | Charuco,
 def test_other_pictures_do_not(fold_90_layout: Layout) -> None:
     seen = shown(MARKED, as_built(fold_90_layout, seed=1), fold_90_layout, upside_down=False)
     assert not fits_upside_down(seen, fold_90_layout, MARKED)
-    assert not fits_upside_down([Observations.none()], fold_90_layout, MARKED)
+    assert not fits_upside_down([Observations.empty()], fold_90_layout, MARKED)
 
 
 @pytest.fixture(scope="module")
@@ -72,9 +72,9 @@ def detected(seen: Observations, layout: Layout) -> DetectedFrame:
 
 
 def test_the_layout_of_the_device_raises_no_alarm(views: Views, fold_90_layout: Layout) -> None:
-    found = unknown_mirrors(fold_90_layout, [detected(seen, fold_90_layout) for seen in views.seen])
+    found = unknown_mirrors(fold_90_layout, [detected(seen, fold_90_layout) for seen in views.mirrored])
     assert (found.frames, found.alarms, found.notes, found.question, found.metrics) == (0, (), (), "", {})
-    assert str(found.explained("not sharp")) == "not sharp"
+    assert str(found.error_for("not sharp")) == "not sharp"
 
 
 @pytest.mark.parametrize("columns", [{0, 1}, {0, 2}])
@@ -82,7 +82,7 @@ def test_a_layout_with_fewer_mirrors_is_an_alarm_in_verdict_and_metrics(
     columns: set[int], views: Views, fold_90_layout: Layout
 ) -> None:
     layout = part_of(fold_90_layout, columns)
-    frames = [detected(seen, layout) for seen in views.seen]
+    frames = [detected(seen, layout) for seen in views.mirrored]
     unknown = unknown_mirrors(layout, frames)
     corners = [frame.corners for frame in frames]
     joint = RequestedModel()
@@ -101,7 +101,7 @@ def test_a_layout_with_fewer_mirrors_is_an_alarm_in_verdict_and_metrics(
 
 def test_consequential_warnings_are_left_out(views: Views, fold_90_layout: Layout) -> None:
     layout = part_of(fold_90_layout, {0, 1})
-    frames = [detected(seen, layout) for seen in views.seen]
+    frames = [detected(seen, layout) for seen in views.mirrored]
     unknown = unknown_mirrors(layout, frames)
     none_in_first = [frame.corners.where(frame.corners.view > 0) for frame in frames]
     with pytest.raises(InputError, match="belong to no mirror of the layout"):
@@ -109,7 +109,7 @@ def test_consequential_warnings_are_left_out(views: Views, fold_90_layout: Layou
 
 
 def test_a_layout_with_too_many_mirrors_is_questioned(views: Views, fold_90_layout: Layout) -> None:
-    frames = [DetectedFrame(seen.where(seen.view % 3 < 2)) for seen in views.seen]
+    frames = [DetectedFrame(seen.where(seen.view % 3 < 2)) for seen in views.mirrored]
     unknown = unknown_mirrors(fold_90_layout, frames)
     assert unknown.alarms == ()
     corners = [frame.corners for frame in frames]
@@ -118,14 +118,14 @@ def test_a_layout_with_too_many_mirrors_is_questioned(views: Views, fold_90_layo
 
 
 def test_one_board_too_many_is_noted(views: Views, fold_90_layout: Layout) -> None:
-    frames = [DetectedFrame(seen) for seen in views.seen]
-    frames[3] = DetectedFrame(views.seen[3], np.array([[5.0, 6.0]]))
+    frames = [DetectedFrame(seen) for seen in views.mirrored]
+    frames[3] = DetectedFrame(views.mirrored[3], np.array([[5.0, 6.0]]))
     found = unknown_mirrors(fold_90_layout, frames)
     assert found.notes == ("frame 3 at pixel (5, 6): a board that belongs to no mirror of the layout",)
     assert (found.frames, found.alarms) == (1, ())
     # A board at an unexpected place of its mirror does not belong to an unknown mirror.
     middle = fold_90_layout.outline_px(4).mean(axis=0)
-    without = [seen.where(seen.view != 4) for seen in views.seen]
+    without = [seen.where(seen.view != 4) for seen in views.mirrored]
     misplaced = [DetectedFrame(seen, middle[None]) for seen in without]
     assert unknown_mirrors(fold_90_layout, misplaced).frames == 0
 
@@ -138,12 +138,12 @@ def grid_of(rows: int, cols: int, scatter: float) -> FloatArray:
 @pytest.mark.parametrize(("rows", "cols"), [(2, 2), (2, 3), (3, 2), (1, 4), (5, 1), (3, 3), (3, 4), (7, 7)])
 def test_the_grid_of_the_frames_is_recognised(rows: int, cols: int) -> None:
     fewer = grid_of(rows, cols, 5.0)[:-1]
-    assert grid_shown([fewer, grid_of(rows, cols, 5.0), grid_of(rows, cols, 0.0)]) == (rows, cols)
+    assert observed_grid([fewer, grid_of(rows, cols, 5.0), grid_of(rows, cols, 0.0)]) == (rows, cols)
 
 
 def test_no_grid_is_made_up() -> None:
     random = np.random.default_rng(0)
-    assert grid_shown([]) is None
-    assert grid_shown([np.empty((0, 2)), np.ones((1, 2))]) is None
-    assert grid_shown([100.0 * random.random((6, 2)) for _ in range(4)]) is None
-    assert grid_shown([grid_of(2, 3, 0.0), grid_of(3, 2, 0.0)]) is None
+    assert observed_grid([]) is None
+    assert observed_grid([np.empty((0, 2)), np.ones((1, 2))]) is None
+    assert observed_grid([100.0 * random.random((6, 2)) for _ in range(4)]) is None
+    assert observed_grid([grid_of(2, 3, 0.0), grid_of(3, 2, 0.0)]) is None

@@ -63,7 +63,7 @@ def test_a_rigid_motion_is_entirely_common(device: Layout) -> None:
     np.testing.assert_allclose(common_motion(device, lever_mm=LEVER_MM) @ motions, np.eye(6), atol=1e-8)
     turn = np.radians(0.01) * motions[:, 0]
     found = mirror_uncertainty(with_covariance(device, np.outer(turn, turn)), lever_mm=LEVER_MM)
-    np.testing.assert_allclose(found.common_turn_deg, [0.01, 0.0, 0.0], atol=1e-8)
+    np.testing.assert_allclose(found.common_rotation_deg, [0.01, 0.0, 0.0], atol=1e-8)
     np.testing.assert_allclose(found.common_shift_mm, 0.0, atol=1e-8)
     np.testing.assert_allclose(found.relative_normal_deg, 0.0, atol=1e-8)
     np.testing.assert_allclose(found.relative_distance_mm, 0.0, atol=1e-8)
@@ -97,7 +97,7 @@ def test_the_common_motion_is_less_certain_than_relative_ones(calibrated: Layout
     """All views have similar directions, so that only the camera determines their common rotation."""
     found = mirror_uncertainty(calibrated, lever_mm=LEVER_MM)
     assert (found.relative_normal_deg < found.normal_deg).all()
-    assert found.relative_normal_deg.max() < 0.7 * np.linalg.norm(found.common_turn_deg)
+    assert found.relative_normal_deg.max() < 0.7 * np.linalg.norm(found.common_rotation_deg)
 
 
 def weak_along(layout: Layout, names: tuple[str, ...], amounts: tuple[float, ...]) -> Layout:
@@ -112,8 +112,8 @@ def weak_along(layout: Layout, names: tuple[str, ...], amounts: tuple[float, ...
 @pytest.mark.parametrize("name", NAMED)
 def test_a_weak_motion_is_named_with_its_sigma(calibrated: Layout, name: str) -> None:
     weakest = weak_directions(weak_along(calibrated, (name,), (0.01,)), range_mm=RANGE_MM)[0]
-    assert weakest.words == name
-    assert weakest.share == pytest.approx(1.0, abs=1e-3)
+    assert weakest.description == name
+    assert weakest.fraction == pytest.approx(1.0, abs=1e-3)
     ((found, sigma, _),) = weakest.sigmas
     assert found == name
     assert sigma == pytest.approx(0.01, rel=1e-3)
@@ -122,14 +122,14 @@ def test_a_weak_motion_is_named_with_its_sigma(calibrated: Layout, name: str) ->
 def test_two_motions_that_compensate_each_other_are_named_together(calibrated: Layout) -> None:
     names = ("principal point in y", "all mirrors together about x")
     weakest = weak_directions(weak_along(calibrated, names, (1.0, 0.02)), range_mm=RANGE_MM)[0]
-    assert set(weakest.words.split(" against ")) == set(names)
+    assert set(weakest.description.split(" against ")) == set(names)
     sigmas = {name: sigma for name, sigma, _ in weakest.sigmas}
     assert sigmas == pytest.approx({names[0]: 1.0, names[1]: 0.02}, rel=1e-2)
 
 
 def test_the_directions_of_a_calibration_are_named(calibrated: Layout) -> None:
     found = weak_directions(calibrated, range_mm=RANGE_MM, count=4)
-    assert [w.apart_px for w in found] == sorted((w.apart_px for w in found), reverse=True)
-    assert found[0].words.startswith("all mirrors ")
-    assert found[0].share > 0.8
-    assert found[0].together_px < 0.8 * found[0].apart_px
+    assert [w.separate_px for w in found] == sorted((w.separate_px for w in found), reverse=True)
+    assert found[0].description.startswith("all mirrors ")
+    assert found[0].fraction > 0.8
+    assert found[0].combined_px < 0.8 * found[0].separate_px

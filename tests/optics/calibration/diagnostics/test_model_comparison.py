@@ -16,12 +16,12 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     compare_likelihood,
     cross_validated,
     gain_sigmas,
-    held_out,
     held_out_corners,
     held_out_residuals,
     is_mirrored,
-    near_and_far,
+    predict_held_out,
     smallest_model,
+    split_by_distance,
 )
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as, joint_model, paper_model
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
@@ -98,7 +98,7 @@ def test_frames_are_split_into_similar_halves(scene: Scene) -> None:
     middles = scene.poses[:, :3, :3] @ BOARD.corners_in_board_mm.mean(axis=0) + scene.poses[:, :3, 3]
     depth = np.linalg.norm(middles[mirrored], axis=1)
     gap = abs(depth[part[mirrored] == 0].mean() - depth[part[mirrored] == 1].mean())
-    apart = near_and_far(scene.start, scene.clean, JOINT.board)
+    apart = split_by_distance(scene.start, scene.clean, JOINT.board)
     gap_apart = abs(depth[apart[mirrored] == 0].mean() - depth[apart[mirrored] == 1].mean())
     assert gap < 0.5 * gap_apart
     assert (apart[~mirrored] == part[~mirrored]).sum() == (~mirrored).sum()
@@ -119,7 +119,7 @@ def test_held_out_frames_are_predicted_to_the_noise(scene: Scene, solution: Solu
     seen = scene.noisy(0)
     out = np.zeros(15, dtype=bool)
     out[[2, 7]] = True
-    held = held_out(solution.estimate, seen, JOINT, out)
+    held = predict_held_out(solution.estimate, seen, JOINT, out)
     assert len(held.observations) == np.isin(seen.frame, [2, 7]).sum()
     assert np.all(held.rms_px < 1.2 * NOISE_PX)
     assert np.all(held.rms_px > 0.8 * NOISE_PX)
@@ -155,7 +155,7 @@ def test_a_held_out_frame_does_not_influence_its_own_prediction(scene: Scene, so
     spoilt = replace(
         seen, pixels=seen.pixels + 5.0 * np.sin(np.arange(2 * len(seen))).reshape(-1, 2) * (seen.frame == 3)[:, None]
     )
-    honest, other = (held_out(solution.estimate, rows, JOINT, out) for rows in (seen, spoilt))
+    honest, other = (predict_held_out(solution.estimate, rows, JOINT, out) for rows in (seen, spoilt))
     np.testing.assert_array_equal(honest.estimate.virtual_centres_in_rig_mm, other.estimate.virtual_centres_in_rig_mm)
     np.testing.assert_array_equal(honest.estimate.camera.intrinsics, other.estimate.camera.intrinsics)
     assert rms(other.residuals) > 10 * rms(honest.residuals)

@@ -67,7 +67,7 @@ def test_the_stand_in_for_plates_has_the_same_free_parameters_as_plates() -> Non
 def test_plates_look_the_same_along_the_chief_rays(scene: Scene) -> None:
     """Corners near the middle of each mirror move by a small part of the motion of the others."""
     start = scene.start
-    middles = start.middles_in_rig_mm
+    middles = start.centroids_in_rig_mm
     rows = Observations.join([Observations.of_view(0, m, np.array([m]), np.zeros((1, 2))) for m in range(4)])
     # Points far out along the reflected chief rays: seen through the middle of each outline.
     units = start.virtual_centres_in_rig_mm / np.linalg.norm(start.virtual_centres_in_rig_mm, axis=1, keepdims=True)
@@ -171,10 +171,10 @@ def test_evidence_finds_the_lens_that_took_the_pictures(level: str) -> None:
     layout = nominal.replaced(camera=nominal.camera.replaced(lens_model=model, distortion=distortion))
     taken = scene(layout, frames=FRAMES, base_frames=BASE, target=TARGET, seed=1)
     seen, _ = taken.noisy(0)
-    frames = [seen.where(seen.frame == k).shifted(-k) for k in range(FRAMES + BASE)]
+    frames = [seen.where(seen.frame == k).with_frame_offset(-k) for k in range(FRAMES + BASE)]
     found = calibrate_corners(frames[:FRAMES], frames[FRAMES:], nominal, TARGET.corners_in_board_mm)
     assert found.diagnostics is not None
-    assert found.diagnostics.level == level
+    assert found.diagnostics.model_name == level
     assert not found.diagnostics.alarms
     assert found.metrics["held_out_scale"].value < 1.05
     np.testing.assert_allclose([found.metrics[f"rms_{axis}_px"].value for axis in "xy"], 0.05, rtol=0.04)
@@ -186,7 +186,7 @@ def test_a_stated_lens_is_kept() -> None:
     layout = nominal.replaced(camera=nominal.camera.replaced(lens_model=model, distortion=distortion))
     taken = scene(layout, frames=5, base_frames=3, target=TARGET, seed=1)
     seen, _ = taken.noisy(0)
-    frames = [seen.where(seen.frame == k).shifted(-k) for k in range(8)]
+    frames = [seen.where(seen.frame == k).with_frame_offset(-k) for k in range(8)]
     requested = RequestedModel(lens=model)
     found = calibrate_corners(frames[:5], frames[5:], nominal, TARGET.corners_in_board_mm, model=requested)
     assert found.layout.camera.lens_model == model
@@ -199,7 +199,7 @@ def test_a_model_adds_the_extensions_of_its_lens() -> None:
     nominal = nominal.replaced(camera=with_addition(nominal.camera, "fisheye"))
     taken = scene(nominal, frames=5, base_frames=3, target=TARGET, seed=2)
     seen, _ = taken.noisy(0)
-    frames = [seen.where(seen.frame == k).shifted(-k) for k in range(8)]
+    frames = [seen.where(seen.frame == k).with_frame_offset(-k) for k in range(8)]
     model = RequestedModel(additions=("prism",))
-    with pytest.raises(InputError, match=r"level joint\+prism: the camera already has a fisheye lens"):
+    with pytest.raises(InputError, match=r"model joint\+prism: the camera already has a fisheye lens"):
         calibrate_corners(frames[:5], frames[5:], nominal, TARGET.corners_in_board_mm, model=model)

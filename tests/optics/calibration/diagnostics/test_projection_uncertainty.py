@@ -10,7 +10,7 @@ from shapely import Point, Polygon
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     depth_uncertainty,
-    derivatives_held_in,
+    derivatives_in_reference,
     median_distance_mm,
     outline_px,
     points_at_pixels,
@@ -123,9 +123,9 @@ def test_the_reference_view_has_no_uncertainty_relative_to_itself(calibrated: La
 
 def test_points_held_in_the_reference_view_stay_there(calibrated: Layout) -> None:
     points = points_at_pixels(calibrated, 1, np.array([[300.0, 200.0], [500.0, 300.0]]), RANGE_MM)
-    moved = derivatives_held_in(calibrated, 3, points)
+    moved = derivatives_in_reference(calibrated, 3, points)
     shown = project_points(calibrated, 3, points)
-    np.testing.assert_allclose(shown.by_parameter + shown.by_point @ moved, 0.0, atol=1e-8)
+    np.testing.assert_allclose(shown.d_parameter + shown.d_point @ moved, 0.0, atol=1e-8)
 
 
 def test_the_direct_view_may_be_the_reference(calibrated: Layout) -> None:
@@ -169,7 +169,7 @@ def test_matching_noise_of_two_views_follows_the_closed_form(pair: Layout) -> No
     s sqrt(q^2 + r^2 cos^2 g) / sin g: an error of the other view moves the point along this ray by q s / sin g, one of
     this view along the other ray by r s / sin g, of which cos g counts.
     """
-    found = depth_uncertainty(pair, RANGES_MM, reference=1, at_px=middle_px(pair, 1), matching_px=0.1)
+    found = depth_uncertainty(pair, RANGES_MM, reference=1, pixel=middle_px(pair, 1), matching_px=0.1)
     for range_mm, sigma, views in zip(RANGES_MM, found.matching_mm, found.views, strict=True):
         point = points_at_pixels(pair, 1, middle_px(pair, 1)[None], range_mm)[0]
         here, there = (point - virtual_centre(pair, view) for view in (1, 0))
@@ -183,7 +183,7 @@ def test_matching_noise_of_two_views_follows_the_closed_form(pair: Layout) -> No
 
 
 def test_far_away_sigma_grows_with_the_square_of_range_over_baseline(pair: Layout) -> None:
-    found = depth_uncertainty(pair, np.array([2000.0, 4000.0]), reference=1, at_px=middle_px(pair, 1), matching_px=0.1)
+    found = depth_uncertainty(pair, np.array([2000.0, 4000.0]), reference=1, pixel=middle_px(pair, 1), matching_px=0.1)
     baseline = np.linalg.norm(virtual_centre(pair, 0) - virtual_centre(pair, 1))
     expected = np.sqrt(2.0) * 0.1 / FOCAL_PX * np.array([2000.0, 4000.0]) ** 2 / baseline
     np.testing.assert_allclose(found.matching_mm, expected, rtol=0.02)
@@ -195,7 +195,7 @@ def test_the_calibration_part_matches_drawn_calibrations(calibrated: Layout) -> 
     known = uncertainty_of(calibrated)
     reference = 3
     middle = middle_px(calibrated, reference)
-    found = depth_uncertainty(calibrated, np.array([420.0]), reference=reference, at_px=middle, matching_px=0.1)
+    found = depth_uncertainty(calibrated, np.array([420.0]), reference=reference, pixel=middle, matching_px=0.1)
     point = points_at_pixels(calibrated, reference, middle[None], 420.0)
     shown = [v for v in range(4) if Polygon(outline_px(calibrated, v)).contains_properly(_at(calibrated, point, v))]
     assert len(shown) == found.views[0] >= 2
@@ -223,6 +223,6 @@ def _at(layout: Layout, point: FloatArray, view: int) -> Point:
 
 
 def test_a_point_in_only_one_view_has_no_depth(pair: Layout) -> None:
-    found = depth_uncertainty(pair, np.array([30.0]), reference=1, at_px=middle_px(pair, 1), matching_px=0.1)
+    found = depth_uncertainty(pair, np.array([30.0]), reference=1, pixel=middle_px(pair, 1), matching_px=0.1)
     assert found.views[0] < 2
     assert np.isnan(found.matching_mm[0])

@@ -49,14 +49,14 @@ def solved(
 ) -> tuple[Solution, tuple[str, ...]]:
     """Return the calibration from corners, and its notes."""
     screened = screen(seen, base, layout, corners)
-    frames = [o for o in [*screened.seen, *screened.base] if len(o)]
-    observations = Observations.join([o.shifted(place) for place, o in enumerate(frames)])
+    frames = [o for o in [*screened.mirrored, *screened.base] if len(o)]
+    observations = Observations.join([o.with_frame_offset(place) for place, o in enumerate(frames)])
     camera = initial_estimates.base_camera(observations.where(observations.view == DIRECT), layout.camera, corners)
     start = initial_estimates.first_estimate(observations, camera, layout, corners)
     model = Model(camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(corners))
     solution = fit(start, observations, model)
-    solution = replace(solution, covariance=screened.widened**2 * solution.covariance)
-    used = sum(bool(len(o)) for o in screened.seen)
+    solution = replace(solution, covariance=screened.inflation**2 * solution.covariance)
+    used = sum(bool(len(o)) for o in screened.mirrored)
     return solution, (*screened.notes, *consistency.check_plausible(solution, layout, mirrored_frames=used))
 
 
@@ -96,12 +96,12 @@ def with_focal(truth: Layout, factor: float) -> Layout:
 
 
 def test_good_input_passes_untouched(good: Views, fold_90_layout: Layout) -> None:
-    screened = screen(good.seen, good.base, fold_90_layout, CORNERS)
+    screened = screen(good.mirrored, good.base, fold_90_layout, CORNERS)
     assert screened.notes == ()
-    assert screened.widened == 1.0
-    assert [len(o) for o in screened.seen] == [len(o) for o in good.seen]
+    assert screened.inflation == 1.0
+    assert [len(o) for o in screened.mirrored] == [len(o) for o in good.mirrored]
     assert [len(o) for o in screened.base] == [len(o) for o in good.base]
-    _, notes = solved(good.seen, good.base, fold_90_layout)
+    _, notes = solved(good.mirrored, good.base, fold_90_layout)
     assert notes == ()
 
 
@@ -128,7 +128,7 @@ def test_few_or_parallel_poses_give_looser_bounds_that_are_true(
     for seed in range(4):
         truth = as_built(fold_90_layout, seed=seed)
         views = views_of(truth, BOARD, mirrored, base, seed=seed)
-        solution, notes = solved(views.seen, views.base, fold_90_layout)
+        solution, notes = solved(views.mirrored, views.base, fold_90_layout)
         assert any(n.startswith(note) for n in notes) if note else notes == ()
         squared, count = nees(solution, truth)
         total, numbers = total + squared, numbers + count
@@ -136,14 +136,14 @@ def test_few_or_parallel_poses_give_looser_bounds_that_are_true(
 
 
 def test_one_picture_given_several_times_counts_once(good: Views, fold_90_layout: Layout) -> None:
-    once, _ = solved(good.seen[:1], good.base, fold_90_layout)
-    often, notes = solved(good.seen[:1] * 4, good.base, fold_90_layout)
+    once, _ = solved(good.mirrored[:1], good.base, fold_90_layout)
+    often, notes = solved(good.mirrored[:1] * 4, good.base, fold_90_layout)
     assert notes[:3] == tuple(f"frame {n}: the same picture as frame 0, not used" for n in (1, 2, 3))
     np.testing.assert_allclose(often.covariance, once.covariance, rtol=1e-9)
 
 
 def test_a_wrong_square_size_is_an_alarm_that_names_the_right_one(good: Views, fold_90_layout: Layout) -> None:
-    found = calibrate_corners(good.seen, good.base, fold_90_layout, 1.05 * CORNERS, model=RequestedModel())
+    found = calibrate_corners(good.mirrored, good.base, fold_90_layout, 1.05 * CORNERS, model=RequestedModel())
     square_mm = float(CORNERS[0, 0])
     assert found.diagnostics is not None
     (alarm,) = found.diagnostics.mismatches
@@ -156,7 +156,7 @@ def test_a_wrong_square_size_is_an_alarm_that_names_the_right_one(good: Views, f
 def test_swapped_rows_and_columns_are_refused(good: Views, fold_90_layout: Layout) -> None:
     swapped = Charuco(cols=BOARD.rows, rows=BOARD.cols, square_mm=BOARD.square_mm, marker_mm=BOARD.marker_mm)
     with pytest.raises(InputError, match="are rows, columns and markers"):
-        screen(good.seen, good.base, fold_90_layout, swapped.corners_in_board_mm)
+        screen(good.mirrored, good.base, fold_90_layout, swapped.corners_in_board_mm)
 
 
 def test_base_frames_of_another_camera_are_refused(good: Views, truth: Layout, fold_90_layout: Layout) -> None:
@@ -165,7 +165,7 @@ def test_base_frames_of_another_camera_are_refused(good: Views, truth: Layout, f
         with pytest.raises(
             InputError, match=r"show a focal length of 1[34]\d\d\.\d px, frames without 1[37]\d\d\.\d px"
         ):
-            screen(good.seen, other.base, fold_90_layout, CORNERS)
+            screen(good.mirrored, other.base, fold_90_layout, CORNERS)
 
 
 @pytest.mark.slow
@@ -173,12 +173,12 @@ def test_a_small_change_of_focus_widens_the_bounds_until_they_are_true(
     good: Views, truth: Layout, fold_90_layout: Layout
 ) -> None:
     drifted = views_of(with_focal(truth, 1.003), BOARD, [], BASE, seed=5)
-    screened = screen(good.seen, drifted.base, fold_90_layout, CORNERS)
-    assert screened.widened > consistency.DRIFT_NOTED
-    solution, notes = solved(good.seen, drifted.base, fold_90_layout)
+    screened = screen(good.mirrored, drifted.base, fold_90_layout, CORNERS)
+    assert screened.inflation > consistency.NOTED_SIGMAS
+    solution, notes = solved(good.mirrored, drifted.base, fold_90_layout)
     assert any("disagree about the camera" in note for note in notes)
     squared, count = nees(solution, truth)
-    narrow, _ = nees(replace(solution, covariance=solution.covariance / screened.widened**2), truth)
+    narrow, _ = nees(replace(solution, covariance=solution.covariance / screened.inflation**2), truth)
     assert narrow > 1.5 * count
     assert squared < 1.4 * count
 
@@ -190,27 +190,27 @@ def test_mirrors_unlike_the_layout_are_not_taken_for_another_camera(fold_90_layo
     second_surface = tuple(mirror.replaced(surface="second", thickness_mm=2.0) for mirror in truth.mirrors)
     for mirrors in (bent, second_surface):
         views = views_of(truth.replaced(mirrors=mirrors), BOARD, MIRRORED, BASE, seed=1)
-        screened = screen(views.seen, views.base, fold_90_layout, CORNERS)
+        screened = screen(views.mirrored, views.base, fold_90_layout, CORNERS)
         assert screened.notes == ()
-        assert screened.widened == 1.0
+        assert screened.inflation == 1.0
 
 
 def test_all_pictures_of_another_camera_calibrate_that_camera_and_say_so(truth: Layout, fold_90_layout: Layout) -> None:
     zoomed = with_focal(truth, 1.15)
     for base in (BASE, []):
         views = views_of(zoomed, BOARD, MIRRORED, base, seed=3)
-        solution, notes = solved(views.seen, views.base, fold_90_layout)
+        solution, notes = solved(views.mirrored, views.base, fold_90_layout)
         assert any("+15% from the layout's" in note for note in notes)
         squared, count = nees(solution, zoomed)
         assert squared / count == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / count))
 
 
 def second_board(truth: Layout) -> list[Observations]:
-    return views_of(truth, BOARD, mirrored_poses(BOARD, 6, tilt_deg=30.0, seed=77), [], seed=9).seen
+    return views_of(truth, BOARD, mirrored_poses(BOARD, 6, tilt_deg=30.0, seed=77), [], seed=9).mirrored
 
 
 def test_a_view_of_another_board_is_left_out(good: Views, truth: Layout, fold_90_layout: Layout) -> None:
-    mixed = exchanged(good.seen, second_board(truth), [3], [2])
+    mixed = exchanged(good.mirrored, second_board(truth), [3], [2])
     solution, notes = solved(mixed, good.base, fold_90_layout)
     assert len(notes) == 1
     assert notes[0].startswith("frame 3, mirror 0-2: shows the board elsewhere")
@@ -219,7 +219,7 @@ def test_a_view_of_another_board_is_left_out(good: Views, truth: Layout, fold_90
 
 
 def test_a_frame_of_two_boards_is_left_out(good: Views, truth: Layout, fold_90_layout: Layout) -> None:
-    mixed = exchanged(good.seen, second_board(truth), [3], [4, 5, 6, 7, 8])
+    mixed = exchanged(good.mirrored, second_board(truth), [3], [4, 5, 6, 7, 8])
     solution, notes = solved(mixed, good.base, fold_90_layout)
     assert any(note.startswith("frame 3") for note in notes)
     squared, count = nees(solution, truth)
@@ -229,9 +229,9 @@ def test_a_frame_of_two_boards_is_left_out(good: Views, truth: Layout, fold_90_l
 def test_two_boards_throughout_are_refused(good: Views, truth: Layout, fold_90_layout: Layout) -> None:
     other = second_board(truth)
     with pytest.raises(InputError, match="views disagree with others of their frames"):
-        screen(exchanged(good.seen, other, range(6), [5, 6, 7, 8]), good.base, fold_90_layout, CORNERS)
+        screen(exchanged(good.mirrored, other, range(6), [5, 6, 7, 8]), good.base, fold_90_layout, CORNERS)
     with pytest.raises(InputError, match=r"mirror 1-1 disagrees with .* in 6 of 6 frames"):
-        screen(exchanged(good.seen, other, range(6), [4]), good.base, fold_90_layout, CORNERS)
+        screen(exchanged(good.mirrored, other, range(6), [4]), good.base, fold_90_layout, CORNERS)
 
 
 def test_corners_of_two_boards_within_views_are_refused_or_left_out(
@@ -247,9 +247,11 @@ def test_corners_of_two_boards_within_views_are_refused_or_left_out(
         return Observations(a.frame, a.view, a.corner, pixels)
 
     other = second_board(truth)
-    with pytest.raises(InputError, match="where no flat board of this drawing has them"):
-        screen([mingled(a, b, 0.4) for a, b in zip(good.seen, other, strict=True)], good.base, fold_90_layout, CORNERS)
-    seen = [mingled(good.seen[0], other[0], 0.2), *good.seen[1:]]
+    with pytest.raises(InputError, match="where a flat board of this drawing has none"):
+        screen(
+            [mingled(a, b, 0.4) for a, b in zip(good.mirrored, other, strict=True)], good.base, fold_90_layout, CORNERS
+        )
+    seen = [mingled(good.mirrored[0], other[0], 0.2), *good.mirrored[1:]]
     solution, notes = solved(seen, good.base, fold_90_layout)
     assert all("frame 0, mirror" in note for note in notes)
     assert notes
@@ -258,9 +260,9 @@ def test_corners_of_two_boards_within_views_are_refused_or_left_out(
 
 
 def test_a_mirror_that_hardly_sees_the_board_is_named(good: Views, fold_90_layout: Layout) -> None:
-    unseen = [o.where(o.view != 8) for o in good.seen]
+    unseen = [o.where(o.view != 8) for o in good.mirrored]
     with pytest.raises(InputError, match="mirror 2-2 shows 0 corners in 6 frames, expected 20"):
         screen(unseen, good.base, fold_90_layout, CORNERS)
-    blank = [Observations.none()] * 3
+    blank = [Observations.empty()] * 3
     with pytest.raises(InputError, match="no corner of the board found in any of 3 frames"):
         screen(blank, good.base, fold_90_layout, CORNERS)

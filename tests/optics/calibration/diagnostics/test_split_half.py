@@ -27,7 +27,7 @@ def test_halves_differ_as_their_covariances_predict(scene: Scene) -> None:
     for seed in range(10):
         found, notes = split_of(scene, scene.noisy(50 + seed))
         assert notes == ()
-        assert [split.how for split in found] == ["into similar halves", "into near and far boards"]
+        assert [split.division for split in found] == ["into similar halves", "into near and far boards"]
         assert [split.alarm for split in found] == [None, None]
         overall += [split.overall_ratio**2 for split in found]
         in_views += [np.mean(split.ratio**2) for split in found]

@@ -49,7 +49,7 @@ def test_pictures_and_views_are_named_where_most_corners_lie(
     assert f"in 2 pictures of {total}" in advice_on_corners(spotty_calibration, views, np.isin(seen.frame, (3, 5)))
     in_view = (seen.view == 2) & (seen.corner % 3 == 0)
     assert advice_on_corners(spotty_calibration, views, in_view).startswith(
-        f"100% of these corners are in {views[2].called}"
+        f"100% of these corners are in {views[2].name_in_sentence}"
     )
     everywhere = np.arange(len(seen)) % 7 == 0
     assert "spread over pictures and views" in advice_on_corners(spotty_calibration, views, everywhere)
@@ -60,6 +60,6 @@ def test_cells_name_the_views_that_have_them(views: tuple[ViewFigures, ...]) -> 
         return CellMeans(np.zeros((40, 2)), np.zeros((40, 2)), np.full(40, systematic))
 
     in_one = advice_on_cells([cells(place == 1) for place in range(len(views))], views)
-    assert in_one == f"See the red arrows of {views[1].called}: a mirror there may be bent or displaced."
+    assert in_one == f"See the red arrows of {views[1].name_in_sentence}: a mirror there may be bent or displaced."
     in_all = advice_on_cells([cells(True) for _ in views], views)
     assert "in most views: the board may be bent, or the lens beyond its model" in in_all

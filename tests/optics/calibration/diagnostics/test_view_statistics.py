@@ -43,8 +43,8 @@ def test_distances_and_tilts_match_the_board(calibration: Calibration) -> None:
 
 def test_the_view_without_a_mirror_is_named(calibration: Calibration) -> None:
     *mirrors, bare = view_figures(calibration)
-    assert [view.called for view in mirrors] == [f"mirror {name}" for name in calibration.layout.mirror_names]
-    assert (bare.name, bare.called) == ("bare camera", "the bare camera")
+    assert [view.name_in_sentence for view in mirrors] == [f"mirror {name}" for name in calibration.layout.mirror_names]
+    assert (bare.name, bare.name_in_sentence) == ("bare camera", "the bare camera")
     seen = calibration.observations
     in_one = seen.where((seen.frame == 0) | (seen.view == DIRECT))
     both = Observations(np.zeros(len(in_one), dtype=np.int64), in_one.view, in_one.corner, in_one.pixels)
@@ -52,7 +52,7 @@ def test_the_view_without_a_mirror_is_named(calibration: Calibration) -> None:
     together = replace(
         calibration, observations=both, inliers=calibration.inliers[used], residuals_px=calibration.residuals_px[used]
     )
-    assert view_figures(together)[-1].called == "the direct view"
+    assert view_figures(together)[-1].name_in_sentence == "the direct view"
 
 
 def test_normals_are_in_view_axes_before_mirrors_only(calibration: Calibration) -> None:

@@ -10,12 +10,12 @@ from mirrorcam.core.progress import no_progress
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.direct.direct_boards import (
     boards_in,
-    confirmed,
+    confirmed_corners,
+    distance_note,
+    first_estimate_of,
     fits_flipped,
     more_mirrors,
-    nearness_note,
     negative,
-    start_of,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
@@ -35,11 +35,11 @@ def test_exchanged_colours_are_recognised_by_the_mirrors(pictures: list[Grey]) -
     """A board of even columns and rows with black for white looks like its mirror image, at another pose."""
     centres = []
     for shown, exchanged in ((pictures, False), ([negative(picture) for picture in pictures], True)):
-        boards = boards_in(shown, EVEN, most=3, progress=no_progress)
-        start, inverted = start_of(boards, EVEN, mirrors=2, **SIZE)
+        boards = boards_in(shown, EVEN, max_boards=3, progress=no_progress)
+        start, inverted = first_estimate_of(boards, EVEN, mirrors=2, **SIZE)
         assert inverted == exchanged
         centres.append(start.estimate.virtual_centres_in_rig_mm)
-        seen = confirmed([negative(p) if inverted else p for p in shown], start, EVEN)
+        seen = confirmed_corners([negative(p) if inverted else p for p in shown], start, EVEN)
         assert set(seen.view.tolist()) == {DIRECT, 0, 1}
     np.testing.assert_allclose(centres[0], centres[1], atol=10.0)
     truth = np.array([mirror.virtual_centre_in_rig_mm for mirror in corner_of_two_mirrors(90.0).mirrors])
@@ -47,7 +47,7 @@ def test_exchanged_colours_are_recognised_by_the_mirrors(pictures: list[Grey]) -
 
 
 def test_more_boards_than_the_stated_mirrors_show_are_reported(pictures: list[Grey]) -> None:
-    boards = boards_in(pictures[:2], EVEN, most=2, progress=no_progress)
+    boards = boards_in(pictures[:2], EVEN, max_boards=2, progress=no_progress)
     first = [len(some) for some in boards].index(max(len(some) for some in boards))
     said = f"; {'ab'[first]} shows {len(boards[first])} boards, expected more than --direct-view 1"
     assert more_mirrors(boards, ["a", "b"], 1) == said
@@ -58,7 +58,7 @@ def test_markers_distinguish_images_from_the_board_itself() -> None:
     board = Charuco(cols=5, rows=4, square_mm=34.0, marker_mm=27.0)
     layout = corner_of_two_mirrors(90.0)
     shown = [picture_of(layout, lying(*pose), seed, board) for seed, pose in enumerate(POSES[:2])]
-    for in_picture in boards_in(shown, board, most=3, progress=no_progress):
+    for in_picture in boards_in(shown, board, max_boards=3, progress=no_progress):
         assert [len(seen.stated.direct) for seen in in_picture] == [1, *[0] * (len(in_picture) - 1)]
         assert [len(seen.stated.image) for seen in in_picture] == [0, *[1] * (len(in_picture) - 1)]
         assert not any(seen.inverted.direct or seen.inverted.image for seen in in_picture)
@@ -70,19 +70,21 @@ def test_flipped_pictures_of_markers_are_recognised() -> None:
     layout = corner_of_two_mirrors(90.0)
     shown = [picture_of(layout, lying(*pose), seed, board) for seed, pose in enumerate(POSES[:4])]
     turned = [np.ascontiguousarray(picture[:, ::-1]) for picture in shown]
-    flipped = boards_in(turned, board, most=3, progress=no_progress)
+    flipped = boards_in(turned, board, max_boards=3, progress=no_progress)
     with pytest.raises(InputError, match="show 0 mirrors"):
-        start_of(flipped, board, mirrors=2, **SIZE)
+        first_estimate_of(flipped, board, mirrors=2, **SIZE)
     assert fits_flipped(flipped, board, mirrors=2, **SIZE)
-    assert not fits_flipped(boards_in(shown, board, most=3, progress=no_progress), board, mirrors=2, **SIZE)
+    assert not fits_flipped(boards_in(shown, board, max_boards=3, progress=no_progress), board, mirrors=2, **SIZE)
 
 
 @pytest.mark.slow
 def test_a_board_whose_size_seems_to_be_in_another_unit_is_noted(pictures: list[Grey]) -> None:
     for side_mm, noted in ((20.0, False), (2.0, True), (2000.0, True)):
         target = EVEN.replaced(square_mm=side_mm)
-        start, _ = start_of(boards_in(pictures, target, most=3, progress=no_progress), target, mirrors=2, **SIZE)
-        note = nearness_note(start.estimate, target)
+        start, _ = first_estimate_of(
+            boards_in(pictures, target, max_boards=3, progress=no_progress), target, mirrors=2, **SIZE
+        )
+        note = distance_note(start.estimate, target)
         assert any("is its size in mm?" in each for each in note) == noted
         assert bool(note) == noted
 
@@ -90,6 +92,6 @@ def test_a_board_whose_size_seems_to_be_in_another_unit_is_noted(pictures: list[
 def test_pictures_without_a_board_are_refused() -> None:
     blank = np.full((300, 400), 90, dtype=np.uint8)
     with pytest.raises(InputError, match="no 8 x 6 checkerboard found in any of 1 pictures"):
-        boards_in([blank], EVEN, most=3, progress=no_progress)
+        boards_in([blank], EVEN, max_boards=3, progress=no_progress)
     with pytest.raises(InputError, match="cannot be numbered"):
-        start_of([[]], EVEN, mirrors=2, **SIZE)
+        first_estimate_of([[]], EVEN, mirrors=2, **SIZE)

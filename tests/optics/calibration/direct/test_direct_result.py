@@ -8,7 +8,7 @@ from shapely import Polygon, contains_xy
 
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.model_comparison import smallest_model
-from mirrorcam.optics.calibration.diagnostics.model_selection import conclude
+from mirrorcam.optics.calibration.diagnostics.model_selection import finished_selection
 from mirrorcam.optics.calibration.diagnostics.nested_models import fit_as
 from mirrorcam.optics.calibration.direct.direct_result import direct_result
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS
@@ -41,9 +41,9 @@ def result() -> Calibration:
     rows = Observations.join(parts)
     model = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(CORNERS))
     flat = fit_as("joint", Estimate.of(CAMERA, truth.mirrors, poses), rows, model)
-    selection = conclude(flat, [smallest_model(flat)], rows)
+    selection = finished_selection(flat, [smallest_model(flat)], rows)
     names = [f"{number}.png" for number in range(6)]
-    return direct_result(selection, flat.solution, rows, pictures=[0, 1, 2, 4, 5], names=names, turns=TURNS)
+    return direct_result(selection, flat.solution, rows, pictures=[0, 1, 2, 4, 5], names=names, rotations=TURNS)
 
 
 def test_figures_match_the_scene(result: Calibration) -> None:

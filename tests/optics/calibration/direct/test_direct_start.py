@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.direct.direct_start import FoundBoard, first_direct_estimate
+from mirrorcam.optics.calibration.direct.direct_start import NumberedBoard, first_direct_estimate
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import Corners
@@ -34,7 +34,7 @@ class Scene:
     camera: Camera
     centres: FloatArray
     target: Checkerboard
-    found: list[list[FoundBoard]]
+    found: list[list[NumberedBoard]]
 
 
 def numberings(pixels: FloatArray, target: Checkerboard, *, turned_over: bool) -> list[Corners]:
@@ -74,7 +74,7 @@ def scene(seed: int, *, noise_px: float | None = None) -> Scene:
     normals = np.array([[np.cos(half), 0.0, -np.sin(half)], [-np.cos(half), 0.0, -np.sin(half)]])
     centres = looking_down.apply(2.0 * (normals @ [0.0, 0.0, away])[:, None] * normals)
     centres = centres[np.argsort(centres[:, 0])]
-    found: list[list[FoundBoard]] = []
+    found: list[list[NumberedBoard]] = []
     wanted = int(random.integers(5, 9))
     for _ in range(2000):
         if len(found) == wanted:
@@ -97,7 +97,9 @@ def scene(seed: int, *, noise_px: float | None = None) -> Scene:
             flipped = len(ways[name]) == 1
             same = numberings(pixels, target, turned_over=False)
             other = numberings(pixels, target, turned_over=True)
-            boards.append(FoundBoard(direct=other, image=same) if flipped else FoundBoard(direct=same, image=other))
+            boards.append(
+                NumberedBoard(direct=other, image=same) if flipped else NumberedBoard(direct=same, image=other)
+            )
         found.append([boards[place] for place in random.permutation(len(boards))][:3])
     raise AssertionError(f"seed {seed}: no board that all views show")
 
@@ -196,7 +198,7 @@ def test_any_number_of_mirrors_around_a_board_is_found(mirrors: int) -> None:
     centres = 240.0 * np.array([[np.cos(a) * np.cos(0.12), np.sin(a) * np.cos(0.12), np.sin(0.12)] for a in around])
     centres = centres[np.argsort(centres[:, 0])]
     corners = ONE_WAY_UP.corners_in_board_mm
-    found: list[list[FoundBoard]] = []
+    found: list[list[NumberedBoard]] = []
     for _ in range(9):
         turn = Rotation.from_euler("xyz", [*random.uniform(-30, 30, 2), random.uniform(-180, 180)], degrees=True)
         shift = [*random.uniform(-40, 40, 2), random.uniform(420, 560)]
@@ -210,7 +212,7 @@ def test_any_number_of_mirrors_around_a_board_is_found(mirrors: int) -> None:
             inside = (pixels > 0).all() and (pixels < 1600).all()
             if inside and print_shown and (random.uniform() > 0.15 or not turned_over):
                 true, other = (numberings(pixels, ONE_WAY_UP, turned_over=over) for over in (False, True))
-                boards.append(FoundBoard(other, true) if turned_over else FoundBoard(true, other))
+                boards.append(NumberedBoard(other, true) if turned_over else NumberedBoard(true, other))
         found.append([boards[place] for place in random.permutation(len(boards))])
     shown = Scene(camera, centres, ONE_WAY_UP, found)
     start = first_direct_estimate(found, corners, mirrors=mirrors, width_px=1600, height_px=1600)

@@ -156,7 +156,7 @@ def test_a_yielding_camera_and_a_flexing_board_are_detected() -> None:
     bows = random.normal(0.0, 0.3, (frames, 3))
     truth, clean = corners_of(layout, moved_by_hand(frames), turns=turns, bows=bows)
     selection, drawn = select_direct_model(*flat_fit(truth, clean, 0.05))
-    assert set(selection.level.split("+")) == {"joint", "turn", "bow"}
+    assert set(selection.model_name.split("+")) == {"joint", "turn", "bow"}
     found = selection.solution
     assert found.sigma_px == pytest.approx(0.05, rel=0.1)
     assert np.linalg.norm(drawn.rms_px) > 0.2
@@ -171,7 +171,7 @@ def test_a_yielding_camera_and_a_flexing_board_are_detected() -> None:
 def test_a_fixed_camera_and_a_flat_board_need_no_extension() -> None:
     truth, clean = corners_of(corner_of_two_mirrors(90.0), moved_by_hand(9))
     selection, _ = select_direct_model(*flat_fit(truth, clean, 0.05))
-    assert selection.level == "joint"
+    assert selection.model_name == "joint"
     assert not selection.alarms
 
 
@@ -179,7 +179,7 @@ def test_a_requested_level_is_fitted_and_a_better_one_raises_an_alarm() -> None:
     bows = np.random.default_rng(5).normal(0.0, 0.3, (9, 3))
     truth, clean = corners_of(corner_of_two_mirrors(90.0), moved_by_hand(9), bows=bows)
     selection, _ = select_direct_model(*flat_fit(truth, clean, 0.05), model=RequestedModel.parse("joint+turn"))
-    assert selection.level == "joint+turn"
+    assert selection.model_name == "joint+turn"
     assert any("joint+turn+bow" in alarm for alarm in selection.alarms)
 
 
@@ -203,11 +203,11 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
     assert found.metrics["camera_turned_px"].value > 1.0
     assert found.metrics["sheet_mm"].value > 5.0 * found.metrics["sheet_sigma_mm"].value
     assert found.diagnostics is not None
-    assert set(found.diagnostics.level.split("+")) == {"joint", "board", "sheet", "turn", "bow"}
+    assert set(found.diagnostics.model_name.split("+")) == {"joint", "board", "sheet", "turn", "bow"}
     assert found.diagnostics.reference == DIRECT
     # With the differences between photographs in the model, halves of them agree.
     assert not found.diagnostics.alarms
-    assert found.diagnostics.widened < 1.5
+    assert found.diagnostics.inflation < 1.5
     for axis in "xy":
         assert found.metrics[f"rms_{axis}_px"].value <= 0.125
     halves, near = found.diagnostics.splits

@@ -17,9 +17,9 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import fit_as
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, select_direct_model
 from mirrorcam.optics.calibration.direct.motion import (
-    at_middle_row,
     camera_rotations,
     corner_velocities,
+    corrected_to_middle_row,
     rolling_shutter,
     stabilised,
 )
@@ -127,7 +127,7 @@ def test_the_readout_comes_out_within_its_uncertainty(
     assert found is not None
     assert found.supported
     assert abs(found.readout - readout) < 4.0 * found.sigma < 0.1
-    shifted = at_middle_row(seen, moving[2], found.readout, CAMERA.height_px)
+    shifted = corrected_to_middle_row(seen, moving[2], found.readout, CAMERA.height_px)
     off = residuals(truth, shifted, DRAWN)
     assert np.sqrt(np.mean(off**2)) == pytest.approx(NOISE_PX, rel=0.05)
 

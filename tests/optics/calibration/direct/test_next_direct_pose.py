@@ -113,6 +113,8 @@ def test_the_pose_shows_the_print_directly_and_in_a_mirror(followed: tuple[list[
 def test_pictures_without_mirrors_count() -> None:
     poses = moved_by_hand(2, seed=3)
     rows = seen(moved_by_hand(6, seed=4))
-    base = tuple(rows.where((rows.frame == frame) & (rows.view == DIRECT)).shifted(-frame) for frame in range(6))
+    base = tuple(
+        rows.where((rows.frame == frame) & (rows.view == DIRECT)).with_frame_offset(-frame) for frame in range(6)
+    )
     without, helped = hint(poses), hint(poses, base=base)
     assert (helped.sigma_deg < without.sigma_deg).all()

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.solver.normal_equations import Grouped, Places, columns_of, residuals_of
+from mirrorcam.optics.calibration.solver.normal_equations import Grouped, ParameterIndices, columns_of, residuals_of
 from mirrorcam.optics.calibration.solver.observations import IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate, global_names
@@ -23,7 +23,7 @@ class Peer:
         mirrors = len(start.virtual_centres_in_rig_mm)
         self.free = model.free(start.camera, mirrors)
         self.size = len(global_names(start.camera.intrinsic_names, mirrors, start.shape.size))
-        self.places = Places.of(model, mirrors)
+        self.index = ParameterIndices.of(model, mirrors)
         self.x0 = np.zeros(len(self.free) + 6 * len(start.rig_from_board))
 
     def estimate(self, x: FloatArray) -> Estimate:
@@ -40,7 +40,7 @@ class Peer:
         rows, columns = [], []
         n = len(self.grouped.order)
         for chunk in self.grouped.chunks:
-            at = np.repeat(self.places.of_groups(chunk.group_view), np.diff(chunk.edges), axis=0)
+            at = np.repeat(self.index.of_groups(chunk.group_view), np.diff(chunk.edges), axis=0)
             frame = np.repeat(chunk.group_frame, np.diff(chunk.edges))
             pose = len(self.free) + 6 * frame[:, None] + np.arange(6)
             own = np.concatenate([pose, at], axis=1)

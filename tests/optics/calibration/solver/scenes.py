@@ -110,8 +110,12 @@ def scene(layout: Layout, *, frames: int, base_frames: int, target: Checkerboard
     mirrored = mirrored_poses(target, frames, tilt_deg=30.0, seed=seed)
     direct = direct_poses(target, base_frames, tilt_deg=30.0, seed=seed + 1)
     random = np.random.default_rng(0)
-    parts = [mirrored_corners(layout, target, pose, 0.0, random).shifted(f) for f, pose in enumerate(mirrored)]
-    parts += [direct_corners(layout, target, pose, 0.0, random).shifted(frames + f) for f, pose in enumerate(direct)]
+    parts = [
+        mirrored_corners(layout, target, pose, 0.0, random).with_frame_offset(f) for f, pose in enumerate(mirrored)
+    ]
+    parts += [
+        direct_corners(layout, target, pose, 0.0, random).with_frame_offset(frames + f) for f, pose in enumerate(direct)
+    ]
     truth = Estimate.of(layout.camera, layout.mirrors, np.array(mirrored + direct))
     model = Model(
         layout.camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm)

@@ -10,10 +10,10 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.initial_estimates import (
     base_camera,
-    behind,
     best_pose,
     first_estimate,
     intrinsics,
+    is_behind,
     pose_from_image,
     rig_from_board,
     virtual_centre_between,
@@ -39,8 +39,8 @@ def test_the_plane_between_points_and_their_image() -> None:
     found, misfit = virtual_centre_between(points, reflect(points, centre))
     np.testing.assert_allclose(found, centre, atol=1e-9)
     assert misfit < 1e-9
-    assert not behind(points, centre)
-    assert behind(reflect(points, centre), centre)
+    assert not is_behind(points, centre)
+    assert is_behind(reflect(points, centre), centre)
     _, misfit = virtual_centre_between(points, points + random.normal(0.0, 5.0, points.shape))
     assert misfit > 1.0
 
@@ -89,13 +89,13 @@ def test_the_best_pose_comes_from_the_view_that_explains_all(fold_90_layout: Lay
 def test_a_first_estimate_of_exact_corners_is_exact(fold_90_layout: Layout) -> None:
     poses = mirrored_poses(BOARD, 3, tilt_deg=20.0, seed=3)
     views = views_of(fold_90_layout, BOARD, poses, [], noise_px=0.0)
-    rows = Observations.join([o.shifted(frame) for frame, o in enumerate(views.seen)])
+    rows = Observations.join([o.with_frame_offset(frame) for frame, o in enumerate(views.mirrored)])
     found = first_estimate(rows, fold_90_layout.camera, fold_90_layout, CORNERS)
     np.testing.assert_allclose(found.rig_from_board, poses, atol=0.02)
 
 
 def test_the_nominal_camera_is_used_if_frames_do_not_determine_one() -> None:
-    assert base_camera(Observations.none(), CAMERA, CORNERS) is CAMERA
+    assert base_camera(Observations.empty(), CAMERA, CORNERS) is CAMERA
     wide = CAMERA.replaced(fx_px=2.0 * CAMERA.fx_px, fy_px=2.0 * CAMERA.fy_px)
     poses = direct_poses(BOARD, 6, tilt_deg=30.0, seed=4)
     rows = Observations.join(

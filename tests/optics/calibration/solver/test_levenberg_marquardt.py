@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.model_comparison import frames_of
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import (
-    SHARED_PX,
+    COMMON_ERROR_PX,
     UndeterminedError,
+    common_error_covariance,
     fit,
     minimise,
-    shared_covariance,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
@@ -122,7 +122,7 @@ def test_one_frame_of_one_mirror_does_not_determine_a_camera(scene: FourMirrors)
     alone = Estimate(scene.truth.camera, scene.truth.virtual_centres_in_rig_mm[:1], scene.truth.rig_from_board[:1])
     noisy = replace(rows, pixels=rows.pixels + np.random.default_rng(0).normal(0, 0.1, rows.pixels.shape))
     with pytest.raises(
-        UndeterminedError, match="54 corners do not determine a direction of the problem, most of it mirror 0"
+        UndeterminedError, match="54 corners do not determine a direction of the problem, mostly of mirror 0"
     ):
         fit(alone, noisy, scene.model)
 
@@ -136,13 +136,13 @@ def shared_fields(of: Scene) -> FloatArray:
         for field in (np.ones(len(seen)), at[:, 0], at[:, 1]):
             of_view = np.where(own, field, 0.0)[:, None]
             columns += [(axis * of_view).ravel() for axis in np.eye(2)]
-    return SHARED_PX * np.array(columns).T
+    return COMMON_ERROR_PX * np.array(columns).T
 
 
 def test_the_covariance_matches_fits_to_corners_with_shared_errors() -> None:
     scene = built("sheet")
     expected = np.linalg.lstsq(scene.jacobian, shared_fields(scene), rcond=None)[0][: len(scene.free)]
-    found = shared_covariance(scene.truth, scene.clean, scene.model)
+    found = common_error_covariance(scene.truth, scene.clean, scene.model)
     size = np.sqrt(np.diag(expected @ expected.T))
     np.testing.assert_allclose(found / np.outer(size, size), expected @ expected.T / np.outer(size, size), atol=2e-3)
 
@@ -151,15 +151,15 @@ def test_shared_errors_enter_the_covariance_and_do_not_average_out() -> None:
     scene = built("sheet")
     seen, _ = scene.noisy(0)
     solution = fit(scene.truth, seen, scene.model)
-    shared = shared_covariance(solution.estimate, seen.where(solution.inliers), scene.model)
+    shared = common_error_covariance(solution.estimate, seen.where(solution.inliers), scene.model)
     assert np.linalg.eigvalsh(solution.covariance - shared).min() > 0.0
     direct = scene.clean.view == DIRECT
     half = scene.clean.where(direct | (scene.clean.corner % 2 == 0))
-    fewer = shared_covariance(scene.truth, half, scene.model)
-    complete = shared_covariance(scene.truth, scene.clean, scene.model)
+    fewer = common_error_covariance(scene.truth, half, scene.model)
+    complete = common_error_covariance(scene.truth, scene.clean, scene.model)
     assert 0.8 < np.median(np.sqrt(np.diag(fewer) / np.diag(complete))) < 1.25
 
 
 def test_corners_in_first_surface_mirrors_share_no_errors() -> None:
     scene = small_scene()
-    assert not shared_covariance(scene.truth, scene.clean, scene.model).any()
+    assert not common_error_covariance(scene.truth, scene.clean, scene.model).any()

@@ -21,13 +21,13 @@ from tests.optics.calibration.solver.four_mirrors import MIRRORS, FourMirrors, f
 
 def dense(scene: FourMirrors, model: Model) -> tuple[FloatArray, FloatArray]:
     """Return the Jacobian (r, g + d f) and residuals (r,) of noisy corners and priors, assembled without groups."""
-    r, by_global, by_frame = residuals_with_jacobians(scene.truth, scene.noisy(0), model.board)
+    r, d_global, d_frame = residuals_with_jacobians(scene.truth, scene.noisy(0), model.board)
     frames, terms = len(scene.truth.rig_from_board), model.frame_terms
     own = np.zeros((len(r), 2, frames, len(terms.free)))
     for row, frame in enumerate(scene.clean.frame):
-        own[row, :, frame] = by_frame[row][:, terms.free]
+        own[row, :, frame] = d_frame[row][:, terms.free]
     columns = np.concatenate(
-        [by_global[:, :, model.free(scene.truth.camera, MIRRORS)], own.reshape(len(r), 2, -1)], axis=2
+        [d_global[:, :, model.free(scene.truth.camera, MIRRORS)], own.reshape(len(r), 2, -1)], axis=2
     )
     columns = columns.reshape(2 * len(r), -1)
     priors = np.zeros((frames * len(terms.free), columns.shape[1]))
@@ -40,7 +40,7 @@ def dense(scene: FourMirrors, model: Model) -> tuple[FloatArray, FloatArray]:
     names = model.parameters(scene.truth.camera, MIRRORS)
     places = [names.index(f"mirror {m} {axis}_mm") for m in range(MIRRORS) for axis in "xyz"]
     of_prior = np.zeros((1, columns.shape[1]))
-    of_prior[0, places] = model.centres_prior.along.ravel()
+    of_prior[0, places] = model.centres_prior.coefficients.ravel()
     value = model.centres_prior.value(scene.truth.virtual_centres_in_rig_mm)
     return np.concatenate([rows, of_prior]), np.append(values, value)
 

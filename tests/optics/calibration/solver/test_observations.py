@@ -29,7 +29,7 @@ def test_joining_sorts_by_frame_and_keeps_the_order_within_one() -> None:
     assert joined.frame.tolist() == [1, 1, 5, 5]
     assert joined.corner.tolist() == [9, 0, 7, 3]
     np.testing.assert_array_equal(joined.pixels, pixels[[2, 3, 0, 1]])
-    np.testing.assert_array_equal(joined.shifted(3).frame, [4, 4, 8, 8])
+    np.testing.assert_array_equal(joined.with_frame_offset(3).frame, [4, 4, 8, 8])
     assert joined.where(joined.view == DIRECT).corner.tolist() == [9, 0]
 
 
@@ -37,7 +37,7 @@ def test_a_board_is_seen_both_ways_in_one_frame_only() -> None:
     mirrored = Observations.of_view(0, 1, np.array([7]), np.zeros((1, 2)))
     direct = Observations.of_view(0, DIRECT, np.array([7]), np.zeros((1, 2)))
     assert Observations.join([mirrored, direct]).direct_and_mirrored
-    assert not Observations.join([mirrored, direct.shifted(1)]).direct_and_mirrored
+    assert not Observations.join([mirrored, direct.with_frame_offset(1)]).direct_and_mirrored
     assert not direct.direct_and_mirrored
 
 
@@ -48,7 +48,7 @@ def test_standard_deviations_follow_their_rows() -> None:
     joined = Observations.join([rows, equal])
     assert joined.sigma_px.tolist() == [1.0, 0.5, 2.0]
     assert joined.where(joined.corner == 2).sigma_px.tolist() == [2.0]
-    assert rows.shifted(1).sigma_px.tolist() == sigmas.tolist()
+    assert rows.with_frame_offset(1).sigma_px.tolist() == sigmas.tolist()
     np.testing.assert_array_equal(rows.standardised(np.ones((2, 2))), [[2.0, 2.0], [0.5, 0.5]])
 
 

@@ -92,7 +92,7 @@ def relative(mirrors: tuple[Mirror, ...]) -> FloatArray:
 @cache
 def calibrated() -> Calibration:
     views = views_of(pair(true_layout()), BOARD, *board_poses(), noise_px=0.05)
-    return calibrate_corners(views.seen, views.base, pair(nominal_layout()), BOARD.corners_in_board_mm)
+    return calibrate_corners(views.mirrored, views.base, pair(nominal_layout()), BOARD.corners_in_board_mm)
 
 
 def test_pictures_do_not_depend_on_the_rotation_of_the_pair() -> None:
@@ -157,6 +157,6 @@ def test_the_estimated_rotation_is_the_designs() -> None:
 def test_another_prior_rotates_the_pair_and_keeps_the_residuals() -> None:
     views = views_of(pair(true_layout()), BOARD, *board_poses(), noise_px=0.05)
     elsewhere, _ = about_line(pair(nominal_layout()), np.deg2rad(0.5))
-    other = calibrate_corners(views.seen, views.base, elsewhere, BOARD.corners_in_board_mm)
+    other = calibrate_corners(views.mirrored, views.base, elsewhere, BOARD.corners_in_board_mm)
     assert other.metrics["rms_x_px"].value == pytest.approx(calibrated().metrics["rms_x_px"].value, rel=1e-3)
     np.testing.assert_allclose(relative(other.layout.mirrors), relative(calibrated().layout.mirrors), atol=0.01)

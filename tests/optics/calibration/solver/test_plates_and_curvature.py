@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from mirrorcam.optics.calibration.diagnostics.calibration_result import moved_to
+from mirrorcam.optics.calibration.diagnostics.calibration_result import tilted_to
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.calibration.solver.parameterisation import Model
@@ -66,7 +66,7 @@ def test_exact_corners_lead_to_thickness_and_curvature(kind: str) -> None:
     of = built(kind)
     start = wrong_start(of, 3)
     found = fit(start, of.clean, of.model).estimate
-    same_frames = replace(of.truth, middles_in_rig_mm=start.middles_in_rig_mm)
+    same_frames = replace(of.truth, centroids_in_rig_mm=start.centroids_in_rig_mm)
     assert np.abs(residuals(found, of.clean, of.model.board)).max() < 1e-6
     np.testing.assert_allclose(found.thickness_mm, of.truth.thickness_mm, atol=1e-5)
     assert np.abs(residuals(same_frames, of.clean, of.model.board)).max() < (0.2 if "bend" in kind else 1e-9)
@@ -82,7 +82,7 @@ def test_the_fitted_layout_shows_what_the_fit_predicts(kind: str) -> None:
     solution = fit(start, seen, of.model)
     found = solution.estimate
     mirrors = tuple(
-        moved_to(mirror, centre).replaced(
+        tilted_to(mirror, centre).replaced(
             thickness_mm=thickness if mirror.is_second_surface else mirror.thickness_mm, curvature_per_m=curvature
         )
         for mirror, centre, thickness, curvature in zip(

@@ -41,16 +41,16 @@ def test_derivatives_agree_with_finite_differences(modes: int, kind: str, own: s
         thickness_mm=np.array(thickness),
         refractive_index=np.array([1.49, 1.52, 1.6, 1.49]),
         curvature_per_m=bend * np.random.default_rng(1).normal(size=(MIRRORS, 3)),
-        middles_in_rig_mm=scene.truth.virtual_centres_in_rig_mm / 2.0 + [3.0, -4.0, 5.0],
+        centroids_in_rig_mm=scene.truth.virtual_centres_in_rig_mm / 2.0 + [3.0, -4.0, 5.0],
     )
     if own != "rigid":
         turn, bow = np.random.default_rng(2).normal(size=(2, len(at.rig_from_board), 3))
         at = replace(at, camera_rotation=0.01 * turn, bow_mm=0.5 * bow)
-    r, by_global, by_frame = residuals_with_jacobians(at, seen, scene.board)
+    r, d_global, d_frame = residuals_with_jacobians(at, seen, scene.board)
     np.testing.assert_allclose(r, residuals(at, seen, scene.board), atol=1e-9)
     frames = len(at.rig_from_board)
     names = global_names(at.camera.intrinsic_names, MIRRORS, modes)
-    assert by_global.shape[2] == len(names)
+    assert d_global.shape[2] == len(names)
 
     def difference(step: FloatArray, twists: FloatArray, h: float) -> FloatArray:
         ahead = residuals(at.moved(h * step, h * twists), seen, scene.board)
@@ -62,10 +62,10 @@ def test_derivatives_agree_with_finite_differences(modes: int, kind: str, own: s
         found = difference(np.eye(len(names))[k], np.zeros((frames, 6)), h)
         assert (np.abs(found).max() > 1e-3) == (name != "sheet_mm" or "plates" in kind), name
         scale = max(1.0, float(np.abs(found).max()))
-        np.testing.assert_allclose(by_global[:, :, k] / scale, found / scale, atol=2e-7, err_msg=name)
+        np.testing.assert_allclose(d_global[:, :, k] / scale, found / scale, atol=2e-7, err_msg=name)
     for k in range(12):
         found = difference(np.zeros(len(names)), np.tile(np.eye(12)[k], (frames, 1)), 1e-5)
-        np.testing.assert_allclose(by_frame[:, :, k], found, atol=1e-6 * np.abs(found).max())
+        np.testing.assert_allclose(d_frame[:, :, k], found, atol=1e-6 * np.abs(found).max())
 
 
 def test_free_board_modes_exclude_motion_and_scaling() -> None:
