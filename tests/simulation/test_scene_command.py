@@ -100,10 +100,10 @@ def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
 def test_a_mesh_may_have_a_place() -> None:
     placed = mesh_from_text("parts/a.stl:10,-30.5,350")
     assert placed.file == Path("parts/a.stl")
-    assert placed.place_in_view_mm is not None
-    assert placed.place_in_view_mm.tolist() == [10.0, -30.5, 350.0]
+    assert placed.position_in_view_mm is not None
+    assert placed.position_in_view_mm.tolist() == [10.0, -30.5, 350.0]
     alone = mesh_from_text("odd:name.ply")
     assert alone.file == Path("odd:name.ply")
-    assert alone.place_in_view_mm is None
+    assert alone.position_in_view_mm is None
     with pytest.raises(InputError, match=r"^--mesh a\.stl:1,2,x: expected FILE or FILE:x,y,z in mm, view axes$"):
         mesh_from_text("a.stl:1,2,x")
