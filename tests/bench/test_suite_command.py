@@ -104,7 +104,7 @@ def test_a_suite_is_rendered_published_and_fetched_elsewhere(
     (folder / "bad.toml").write_text(f'{good}[[set]]\nname = "b"\nboard = {{ {tiny} }}\n')
     assert cli.main(["suite", "bad.toml", "--workers", "1", "--out", "here", "--publish", "store"]) == 1
     said = capfd.readouterr().out
-    assert "b is missing: board of 8 x 6 squares of 1 mm: too small to be seen" in said
+    assert "b is missing: board of 8 x 6 squares of 1 mm: too small to be resolved" in said
     assert "1 set copied, 0 already there" in said
     assert not (folder / "store" / "mine.suite.json").exists()
     assert cli.main(["suite", "good.toml", "--workers", "1", "--out", "here", "--publish", "store"]) == 0

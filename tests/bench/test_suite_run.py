@@ -118,7 +118,7 @@ def test_a_bad_set_and_a_dead_worker_lose_no_other(default_layout: Layout, tmp_p
     done = rendered_into(tmp_path, suite, replace(workers(), render=one_dies))
     assert [each.name for each in done.manifest.sets] == ["one", "two"]
     assert done.manifest.missing == ("tiny", "deadly")
-    assert "too small to be seen" in done.failures["tiny"]
+    assert "too small to be resolved" in done.failures["tiny"]
     assert done.failures["deadly"] == "3 workers died of it"
     assert set(done.seconds) == {"one", "two"}
 

@@ -82,7 +82,7 @@ def test_a_scene_that_is_killed_is_continued_to_the_same_bytes(here: Path, capsy
         (["layout.json", "--depths-mm", "500", "300"], "depths 500, 300 mm: expected one or more, ascending"),
         (["layout.json", "--depths-mm", "60"], "depth 60 mm: an object there would touch the camera"),
         (["layout.json", "--sensor", "best"], "--sensor 'best': expected ideal, c920, poor, webcam or a .toml file"),
-        (["layout.json", "--as-built", "tilt=1"], "--as-built 'tilt=1': no tolerance tilt"),
+        (["layout.json", "--as-built", "tilt=1"], "--as-built 'tilt=1': tilt is not a tolerance"),
         (["layout.json", "--mesh", "gone.stl"], "gone.stl: no such file"),
         (["layout.json", "--mesh", "layout.json"], "layout.json: not a readable mesh, expected .stl, .ply, .obj"),
         (["layout.json", "--mesh", "a.obj:0,0,90"], "a.obj: reaches to a depth of 60 mm, expected no less than 67"),

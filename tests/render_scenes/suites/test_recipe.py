@@ -74,7 +74,7 @@ def test_boards_stand_at_the_depths_that_are_stated(default_layout: Layout) -> N
         ({"lens_model": "fisheye"}, "lens_model and distortion: expected both or none"),
         ({"lens_model": "fisheye", "distortion": [1.0]}, "distortion"),
         ({"finish": {"sag_mm": 0.1}}, "renderer fast: mirrors are smooth and flat"),
-        ({"seed": 2**63 - 2, "copies": 3}, "seed: of the last copy"),
+        ({"seed": 2**63 - 2, "copies": 3}, "seed: the last copy"),
         ({"frames": 0}, "frames"),
         ({"colour": "red"}, "colour"),
     ],
@@ -94,5 +94,5 @@ def test_a_layout_takes_the_place_of_a_design(default_layout: Layout) -> None:
 
 def test_a_board_that_cannot_be_seen_is_refused_when_the_set_is_asked_for(default_layout: Layout) -> None:
     tiny = {"kind": "charuco", "cols": 5, "rows": 4, "square_mm": 1.0, "marker_mm": 0.7}
-    with pytest.raises(InputError, match="too small to be seen"):
+    with pytest.raises(InputError, match="too small to be resolved"):
         recipe(board=tiny, depths_mm=[400.0]).request(default_layout)
