@@ -237,7 +237,9 @@ class _SensorGrid:
         kept = part.fraction > 0.0
         if pupil.radius_mm > 0.0:
             kept |= edge_distance > -pupil.radius_mm - BLOCK * step
-        return _Visible(np.concatenate([inside, edge[kept]]), concatenated(_full_pupil(len(inside)), part.selected(kept)))
+        return _Visible(
+            np.concatenate([inside, edge[kept]]), concatenated(_full_pupil(len(inside)), part.selected(kept))
+        )
 
     def _subpixels(self, blocks: NDArray[np.bool_], top: int, left: int) -> NDArray[np.int64]:
         """Return indices (n,) of the subpixels of blocks; the first is `top` and `left` blocks from the corner."""
