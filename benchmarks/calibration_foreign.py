@@ -1,13 +1,13 @@
-"""Calibration of sets that another renderer made: `python -m benchmarks.calibration_foreign SET [SET ...]`.
+"""Calibration of sets made by a different renderer: `python -m benchmarks.calibration_foreign SET [SET ...]`.
 
 A set is a folder with `frames/`, `base/`, `board.toml`, the nominal `layout.json` and `truth/truth.json`: intrinsics K
 (fx, fy, cx, cy) and D (k1, k2, p1, p2, k3), virtual centres C in the rig frame, mm, and the thickness `sheet` of
-plates, mm, 0 of first-surface mirrors. Each is calibrated from its pictures, layout and board alone before its truth is
-read. One with second-surface mirrors is calibrated once more from a layout that says first-surface, as
-`--model second_surface+auto` does it.
+plates, mm, 0 for first-surface mirrors. Each is calibrated from its pictures, layout and board alone before its truth
+is read. A set with second-surface mirrors is calibrated once more from a layout that states first-surface ones, with
+`--model second_surface+auto`.
 
-Prints, for each: corners dropped; errors of normals and distances; NEES per parameter (squared errors by the
-covariance: 1 where it is right) of all, of the mirrors, of the intrinsics; the thickness; the verdict.
+Prints, for each: corners dropped; errors of normals and distances; NEES per parameter (squared errors in units of the
+covariance: 1 if that is right) of all parameters, the mirrors and the intrinsics; the thickness; the verdict.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ AXES = ("x_mm", "y_mm", "z_mm")
 
 
 def true_values(truth: dict[str, Any]) -> dict[str, float]:
-    """True intrinsics and virtual centres by the names of a calibration's parameters."""
+    """Return the true intrinsics and virtual centres, by the parameter names of a calibration."""
     values = dict(zip(LENS, (*truth["K"], *truth["D"]), strict=True))
     for index, centre in enumerate(truth["C"]):
         values |= {f"mirror {index} {axis}": value for axis, value in zip(AXES, centre, strict=True)}
     return values
 
 
-def found_values(layout: Layout) -> dict[str, float]:
-    """The same of a calibrated layout."""
+def calibrated_values(layout: Layout) -> dict[str, float]:
+    """Return the same values of a calibrated layout."""
     values = dict(zip(layout.camera.intrinsic_names, layout.camera.intrinsics.tolist(), strict=True))
     for index, mirror in enumerate(layout.mirrors):
         centre = mirror.virtual_centre_in_rig_mm.tolist()
@@ -53,32 +53,35 @@ def found_values(layout: Layout) -> dict[str, float]:
 
 
 def nees(layout: Layout, truth: dict[str, Any], counts: Callable[[str], bool]) -> float:
-    """Squared errors of the parameters that count, by their covariance and per parameter."""
-    known = layout.uncertainty
-    assert known is not None
-    found, expected = found_values(layout), true_values(truth)
-    places = [
-        place for place, name in enumerate(known.parameters) if counts(name) and name in found and name in expected
+    """Return the NEES per parameter, for the parameters whose names `counts` accepts."""
+    uncertainty = layout.uncertainty
+    assert uncertainty is not None
+    values, expected = calibrated_values(layout), true_values(truth)
+    indices = [
+        index
+        for index, name in enumerate(uncertainty.parameters)
+        if counts(name) and name in values and name in expected
     ]
-    off = np.array([found[known.parameters[place]] - expected[known.parameters[place]] for place in places])
-    return float(off @ np.linalg.solve(known.covariance[np.ix_(places, places)], off)) / len(off)
+    names = [uncertainty.parameters[index] for index in indices]
+    errors = np.array([values[name] - expected[name] for name in names])
+    return float(errors @ np.linalg.solve(uncertainty.covariance[np.ix_(indices, indices)], errors)) / len(errors)
 
 
 def thickness(layout: Layout) -> str:
-    """Thickness of the plates with its standard deviation, where it was fitted."""
-    known = layout.uncertainty
-    assert known is not None
+    """Return the thickness of the plates, with its standard deviation if it was fitted."""
+    uncertainty = layout.uncertainty
+    assert uncertainty is not None
     mean = float(np.mean([mirror.thickness_mm for mirror in layout.mirrors]))
-    if "sheet_mm" not in known.parameters:
+    if "sheet_mm" not in uncertainty.parameters:
         return f"{mean:.4f} mm, as in the layout"
-    place = known.parameters.index("sheet_mm")
-    return f"{mean:.4f} +- {np.sqrt(known.covariance[place, place]):.4f} mm"
+    index = uncertainty.parameters.index("sheet_mm")
+    return f"{mean:.4f} +- {np.sqrt(uncertainty.covariance[index, index]):.4f} mm"
 
 
 def worst_normal_deg(layout: Layout, truth: dict[str, Any]) -> float:
-    """Largest angle between a mirror's normal and the true one."""
-    found = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
-    unit, true_unit = (c / np.linalg.norm(c, axis=1, keepdims=True) for c in (found, np.array(truth["C"])))
+    """Return the largest angle between a mirror's normal and the true one."""
+    centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
+    unit, true_unit = (c / np.linalg.norm(c, axis=1, keepdims=True) for c in (centres, np.array(truth["C"])))
     return float(np.degrees(np.linalg.norm(np.cross(unit, true_unit), axis=1).max()))
 
 
@@ -88,13 +91,13 @@ TITLES = {
     "s2_ch": "ChArUco, 2 mm acrylic, second surface",
 }
 """Columns of the table."""
-WAS = {
+EARLIER = {
     ("a_ch", "dropped"): "4.7 %",
     ("a_cb", "dropped"): "7.0 % of 2,304",
     ("s2_ch", "nees"): "144",
     ("s2_ch", "thickness"): "1.933 ± 0.024",
 }
-"""What the table says of the calibration before corners were weighed and found in parts of boards."""
+"""Results before corners were weighted and detected in parts of boards, which the table also states."""
 
 
 @dataclass(frozen=True)
@@ -108,21 +111,21 @@ class Report:
     verdict: str
 
 
-def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> Report:
+def report(title: str, calibration: Calibration, truth: dict[str, Any]) -> Report:
     """Print the figures of one calibration, and return them."""
     layout, true = calibration.layout, np.array(truth["C"])
-    found = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
-    distance_mm = np.abs(np.linalg.norm(found, axis=1) - np.linalg.norm(true, axis=1)).max() / 2.0
+    centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
+    distance_mm = np.abs(np.linalg.norm(centres, axis=1) - np.linalg.norm(true, axis=1)).max() / 2.0
     level = "" if calibration.diagnostics is None else calibration.diagnostics.model_name
-    everything, mirrors, lens = (
+    all_nees, mirrors_nees, lens_nees = (
         nees(layout, truth, counts)
         for counts in (lambda name: True, lambda name: name.startswith("mirror "), lambda name: name in LENS)
     )
     print(
-        f"  {how}: {level}, {np.mean(~calibration.inliers):.2%} of {len(calibration.inliers)} corners dropped, normals "
-        f"{worst_normal_deg(layout, truth):.4f} deg, distances {distance_mm:.4f} mm"
+        f"  {title}: {level}, {np.mean(~calibration.inliers):.2%} of {len(calibration.inliers)} corners dropped, "
+        f"normals {worst_normal_deg(layout, truth):.4f} deg, distances {distance_mm:.4f} mm"
     )
-    print(f"    NEES per parameter {everything:.2f}, of mirrors {mirrors:.2f}, of intrinsics {lens:.2f}")
+    print(f"    NEES per parameter {all_nees:.2f}, of mirrors {mirrors_nees:.2f}, of intrinsics {lens_nees:.2f}")
     if truth["sheet"]:
         print(f"    plates {thickness(layout)}, true {truth['sheet']:g} mm")
     verdict = check_solution(calibration, view_figures(calibration))
@@ -131,28 +134,28 @@ def report(how: str, calibration: Calibration, truth: dict[str, Any]) -> Report:
     return Report(
         dropped,
         f"{worst_normal_deg(layout, truth):.4f}°, {distance_mm:.4f} mm",
-        f"{everything:.2f}",
+        f"{all_nees:.2f}",
         thickness(layout).replace("+-", "±") if truth["sheet"] else "",
         f"{STATES[verdict.state]}{''.join(f': {reason}' for reason in verdict.reasons[:1])}",
     )
 
 
-def tabled(found: dict[str, Report]) -> Table:
-    """The table, a column for each set."""
+def comparison_table(reports: dict[str, Report]) -> Table:
+    """Return the table, with a column for each set."""
     rows = {
         "corners dropped": "dropped",
         "worst normal, distance": "worst",
         "NEES per parameter": "nees",
-        "thickness (truth 2.000 mm), from a layout that says first surface": "thickness",
+        "thickness (truth 2.000 mm), from a layout that states first surface": "thickness",
         "verdict": "verdict",
     }
 
     def cell(name: str, part: str) -> str:
-        was = WAS.get((name, part))
-        return f"{getattr(found[name], part)}{f' (was {was})' if was else ''}"
+        earlier = EARLIER.get((name, part))
+        return f"{getattr(reports[name], part)}{f' (was {earlier})' if earlier else ''}"
 
-    cells = [(title, *(cell(name, part) for name in found)) for title, part in rows.items()]
-    return table(("", *(TITLES.get(name, name) for name in found)), cells)
+    cells = [(title, *(cell(name, part) for name in reports)) for title, part in rows.items()]
+    return table(("", *(TITLES.get(name, name) for name in reports)), cells)
 
 
 def main(folders: list[Path], record_to: Path | None) -> None:
@@ -163,22 +166,22 @@ def main(folders: list[Path], record_to: Path | None) -> None:
         )
         layout = Layout.load(folder / "layout.json")
         print(folder.name)
-        with tempfile.TemporaryDirectory() as kept:
-            pictures, corners = [folder / "frames"], Path(kept) / "corners"
-            found = calibrate_files(pictures, request, detections=corners)
+        with tempfile.TemporaryDirectory() as folder_name:
+            pictures, corners = [folder / "frames"], Path(folder_name) / "corners"
+            calibration = calibrate_files(pictures, request, detections=corners)
             as_first = None
             if layout.mirrors[0].is_second_surface:
-                layout.with_surface("first").save(Path(kept) / "layout.json")
+                layout.with_surface("first").save(Path(folder_name) / "layout.json")
                 model = RequestedModel.parse("second_surface+auto")
-                request = request.replaced(layout=Path(kept) / "layout.json", model=model)
+                request = request.replaced(layout=Path(folder_name) / "layout.json", model=model)
                 as_first = calibrate_files(pictures, request, detections=corners)
         truth = json.loads((folder / "truth" / "truth.json").read_text())
-        reports[folder.name] = report("as the layout says", found, truth)
+        reports[folder.name] = report("with the layout's surface", calibration, truth)
         if as_first is not None:
             first = report("from a first-surface layout, --model second_surface+auto", as_first, truth)
             both = f"{reports[folder.name].nees}, with the thickness {first.nees}"
             reports[folder.name] = replace(reports[folder.name], nees=both, thickness=first.thickness)
-    write_record(record_to, "calibration_foreign", table=tabled(reports))
+    write_record(record_to, "calibration_foreign", table=comparison_table(reports))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Figures of the default run: `python -m benchmarks.default_run [FOLDER] [--json FILE]`.
 
-Runs `mirrorcam run --out FOLDER`, which re-uses what is there and still valid. The record `default_run` holds every
+Runs `mirrorcam run --out FOLDER`, which reuses valid results in FOLDER. The record `default_run` holds every
 figure of its `metrics.json`.
 """
 
@@ -18,7 +18,7 @@ from mirrorcam.core.values import Metric
 
 
 def main() -> int:
-    """Run, and write the record."""
+    """Run the pipeline, and write the record."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, nargs="?", default=Path("output/default"))
     add_json_option(parser)
@@ -27,11 +27,11 @@ def main() -> int:
     if code:
         return code
     try:
-        found = read_json(options.folder / "metrics.json")
+        content = read_json(options.folder / "metrics.json")
     except InputError as error:
         parser.error(str(error))
-    metrics = {name: Metric.model_validate(each) for name, each in found.items()}
-    values = {name: Figure(value=each.value, unit=each.unit) for name, each in metrics.items()}
+    metrics = {name: Metric.model_validate(value) for name, value in content.items()}
+    values = {name: Figure(value=metric.value, unit=metric.unit) for name, metric in metrics.items()}
     write_record(options.json, "default_run", values, command="mirrorcam run")
     return 0
 

@@ -1,12 +1,12 @@
-"""Detection under stress, and its speed beside OpenCV: `python -m benchmarks.detection [LAYOUT] [--json FILE]`.
+"""Detection under stress, and its speed against OpenCV's: `python -m benchmarks.detection [LAYOUT] [--json FILE]`.
 
-Frames of mirrors that are tilted by 2 degrees (sigma) are rendered for a good and for a poor camera, each as it is and
-with glare, motion blur, little light, strong compression, and all of these at once. Printed for each: the share of the
-visible corners that is found, their error, and the number of false ones: more than 1 px, or 5 of their own standard
-deviations (scaled to the errors of that mirror's corners in that run, and at least 0.1 px), from the true place.
+Frames of mirrors tilted by 2 degrees (sigma) are rendered for a good and for a poor camera, undisturbed and with glare,
+motion blur, little light, strong compression, and all of these at once. Prints, for each, the percentage of visible
+corners that are detected, their error, and the number of false corners: those more than 1 px, or 5 of their standard
+deviations (scaled to the errors of that mirror's corners in the run, and at least 0.1 px), from the true position.
 
-Then the processor time of a frame of nine views at 1920 x 1080 (limit: 0.5 s) for each kind of board. AprilGrids are
-also searched by OpenCV, in the flipped part of the frame that each mirror is known to fill, with `cornerSubPix`.
+Then the processor time of a frame of nine views at 1920 x 1080 (limit: 0.5 s) for each kind of board. OpenCV
+also detects AprilGrids, in the flipped part of the frame that each mirror is known to fill, with `cornerSubPix`.
 """
 
 from __future__ import annotations
@@ -52,10 +52,10 @@ CONDITIONS = ("undisturbed", "glare", "motion blur", "dim", "JPEG 40", "all at o
 
 
 def degraded(grey: Grey, condition: str, random: np.random.Generator) -> Grey:
-    """A frame with one of the `CONDITIONS`."""
+    """Return a frame under one of the `CONDITIONS`."""
     light = grey.astype(np.float32)
-    everything = condition == "all at once"
-    if condition == "motion blur" or everything:
+    all_at_once = condition == "all at once"
+    if condition == "motion blur" or all_at_once:
         length, angle = random.uniform(2.0, 5.0), random.uniform(0.0, np.pi)
         kernel = np.zeros((15, 15), np.float32)
         for step in np.linspace(-length / 2.0, length / 2.0, 41):
@@ -63,16 +63,16 @@ def degraded(grey: Grey, condition: str, random: np.random.Generator) -> Grey:
             column, row, right, down = int(x), int(y), x % 1.0, y % 1.0
             kernel[row : row + 2, column : column + 2] += np.outer([1.0 - down, down], [1.0 - right, right])
         light = np.asarray(cv2.filter2D(light, -1, kernel / kernel.sum()), dtype=np.float32)
-    if condition == "glare" or everything:
+    if condition == "glare" or all_at_once:
         y, x = np.mgrid[: grey.shape[0], : grey.shape[1]].astype(np.float32)
         for _ in range(6):
             u, v, size = random.uniform(0, grey.shape[1]), random.uniform(0, grey.shape[0]), random.uniform(15, 70)
             light += random.uniform(100, 900) * np.exp(-((x - u) ** 2 + (y - v) ** 2) / np.float32(2.0 * size**2))
-    if condition == "dim" or everything:
-        light = np.clip(light, 0, 255) * (0.5 if everything else 0.25)
+    if condition == "dim" or all_at_once:
+        light = np.clip(light, 0, 255) * (0.5 if all_at_once else 0.25)
         light += random.normal(0.0, 1.5, grey.shape).astype(np.float32)
     picture = np.clip(np.rint(light), 0, 255).astype(np.uint8)
-    if condition == "JPEG 40" or everything:
+    if condition == "JPEG 40" or all_at_once:
         encoded = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 40])[1]
         picture = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
     return picture
@@ -80,10 +80,10 @@ def degraded(grey: Grey, condition: str, random: np.random.Generator) -> Grey:
 
 @dataclass(frozen=True)
 class Score:
-    """Detection score of some frames.
+    """Detection score of several frames.
 
     `visible` and `found` are numbers of corners, `rms_px` is the error per axis of those within `FALSE_PX`; `far` is
-    the number beyond it, `outlying` the number beyond `FALSE_SIGMAS` of their standard deviations.
+    the number of others, `outlying` the number with errors above `FALSE_SIGMAS` standard deviations.
     """
 
     visible: int
@@ -97,35 +97,35 @@ class Score:
         return max(self.far, self.outlying)
 
 
-def score(seen: list[Observations], truth_px: FloatArray, visible: int) -> Score:
-    """Corners against pixels (frames, mirrors, corners, 2)."""
-    off = np.concatenate([o.pixels - truth_px[frame][o.view, o.corner] for frame, o in enumerate(seen)])
-    views, stated = (np.concatenate([getattr(o, name) for o in seen]) for name in ("view", "sigma_px"))
-    distance = np.linalg.norm(off, axis=1)
+def score(detected: list[Observations], truth_px: FloatArray, visible: int) -> Score:
+    """Compare corners with true pixels (frames, mirrors, corners, 2)."""
+    errors = np.concatenate([o.pixels - truth_px[frame][o.view, o.corner] for frame, o in enumerate(detected)])
+    views, sigma_px = (np.concatenate([getattr(o, name) for o in detected]) for name in ("view", "sigma_px"))
+    distance = np.linalg.norm(errors, axis=1)
     far = ~(distance <= FALSE_PX)
-    near = off[~far]
+    near = errors[~far]
     outlying = far.copy()
     for view in np.unique(views):
-        # Each mirror has its own light and sharpness. Rayleigh's median is 1.177 sigma; a few outliers do not move it.
-        shown = views == view
-        scale = float(np.median(distance[shown] / stated[shown])) / 1.1774
-        limit = np.maximum(FALSE_SIGMAS * scale * stated[shown], MIN_FALSE_PX)
-        outlying[shown] |= (np.abs(off[shown]) > limit[:, None]).any(axis=1)
+        # Each mirror has its own light and sharpness. Rayleigh's median, 1.177 sigma, is robust to a few outliers.
+        mask = views == view
+        scale = float(np.median(distance[mask] / sigma_px[mask])) / 1.1774
+        limit = np.maximum(FALSE_SIGMAS * scale * sigma_px[mask], MIN_FALSE_PX)
+        outlying[mask] |= (np.abs(errors[mask]) > limit[:, None]).any(axis=1)
     rms = float(np.sqrt(np.mean(near**2))) if len(near) else float("nan")
-    return Score(visible, len(off), rms, int(far.sum()), int(outlying.sum()))
+    return Score(visible, len(errors), rms, int(far.sum()), int(outlying.sum()))
 
 
 def _used(layout: Layout, corners: Observations) -> Observations:
-    """The corners that a calibration uses."""
+    """Return the corners that a calibration uses."""
     return corners.where(unvignetted(layout, corners)[0])
 
 
 def _rendered(
     layout: Layout, target: Target, folder: Path, *, frames: int, sensor: SensorName, seed: int
 ) -> tuple[Dataset, FloatArray, int]:
-    """A set of tilted mirrors rendered into a folder, true pixels (frame, mirror, corner, 2), and how many are visible.
+    """Render a set of tilted mirrors; return it, true pixels (frames, mirrors, corners, 2), and how many are visible.
 
-    Corners that only a part of the pupil sees are not counted: a calibration leaves them out.
+    Vignetted corners are not counted: a calibration does not use them.
     """
     request = SetRequest(
         layout=layout,
@@ -146,15 +146,15 @@ def _rendered(
 
 
 def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, seed: int) -> Iterator[tuple[str, Score]]:
-    """The score of each of the `CONDITIONS`, of a set that is rendered into a folder."""
+    """Render a set into a folder, and yield the score under each of the `CONDITIONS`."""
     target = default_board()
     dataset, truth_px, visible = _rendered(layout, target, folder, frames=frames, sensor=sensor, seed=seed)
     built = Layout.load(folder / "truth" / "layout.json")
     pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
     for number, condition in enumerate(CONDITIONS):
         random = np.random.default_rng([seed, number])
-        bad = [degraded(picture, condition, random) for picture in pictures]
-        found = detect_frames(bad, layout, target, mirrored=True, workers=cores())
+        disturbed = [degraded(picture, condition, random) for picture in pictures]
+        found = detect_frames(disturbed, layout, target, mirrored=True, workers=cores())
         yield condition, score([_used(built, frame.corners) for frame in found], truth_px, visible)
 
 
@@ -162,40 +162,42 @@ BOARDS: dict[str, Target] = {"ChArUco": default_board(), "checkerboard": PLAIN, 
 
 
 def speed(layout: Layout, name: str, target: Target, folder: Path, rows: Rows) -> float:
-    """Processor time of a frame, the least of a few runs; adds a row, and for an AprilGrid one of OpenCV's tags."""
+    """Return the processor time per frame, the minimum of several runs; add a row, or two for an AprilGrid."""
     dataset, truth_px, visible = _rendered(layout, target, folder, frames=TIMED_FRAMES, sensor="c920", seed=0)
     pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
-    found, least = [], []
+    found, shortest_s = [], []
     for picture in pictures:
-        spent = []
+        times = []
         for _ in range(RUNS):
-            started = time.process_time()
+            start_s = time.process_time()
             frame = detect_sub_images(picture, layout, target)
-            spent.append(time.process_time() - started)
+            times.append(time.process_time() - start_s)
         found.append(frame)
-        least.append(min(spent))
+        shortest_s.append(min(times))
     if isinstance(target, Checkerboard):  # a frame alone may not number all of a checkerboard's corners
         found = number_jointly(found, [], layout, target)
-    seconds = float(np.mean(least))
+    seconds = float(np.mean(shortest_s))
     _add(rows, name, seconds, score([frame.corners for frame in found], truth_px, visible))
     if isinstance(target, AprilGrid):
-        started = time.process_time()
-        theirs = [tags_by_opencv(picture, layout, target) for picture in pictures]
-        spent_s = (time.process_time() - started) / len(pictures)
-        _add(rows, f"{name}, OpenCV", spent_s, score(theirs, truth_px, visible))
+        start_s = time.process_time()
+        corners_by_opencv = [tags_by_opencv(picture, layout, target) for picture in pictures]
+        spent_s = (time.process_time() - start_s) / len(pictures)
+        _add(rows, f"{name}, OpenCV", spent_s, score(corners_by_opencv, truth_px, visible))
     return seconds
 
 
-def _add(rows: Rows, name: str, seconds: float, seen: Score) -> None:
-    rows.add(name, f"{seconds:.2f}", f"{seen.found} of {seen.visible}", f"{seen.rms_px:.3f} px", f"{seen.far}")
+def _add(rows: Rows, name: str, seconds: float, result: Score) -> None:
+    rows.add(name, f"{seconds:.2f}", f"{result.found} of {result.visible}", f"{result.rms_px:.3f} px", f"{result.far}")
 
 
 def tags_by_opencv(grey: Grey, layout: Layout, target: AprilGrid) -> Observations:
-    """Corners of the tags that OpenCV reads in each mirror, with the sub-images as given."""
+    """Return the corners of the tags that OpenCV reads in each mirror, within the nominal sub-images."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.markerBorderBits = TAG_BORDER
     detector = cv2.aruco.ArucoDetector(TAG_FAMILY, parameters)
-    corner_at = {tuple(at): number for number, at in enumerate(np.round(target.corners_in_board_mm[:, :2], 6).tolist())}
+    corner_index = {
+        tuple(at): number for number, at in enumerate(np.round(target.corners_in_board_mm[:, :2], 6).tolist())
+    }
     places = np.round(marker_corners(target) * target.pitch_mm, 6)
     width = grey.shape[1]
     parts = []
@@ -206,14 +208,16 @@ def tags_by_opencv(grey: Grey, layout: Layout, target: AprilGrid) -> Observation
         quads, ids, _ = detector.detectMarkers(flipped)
         if ids is None:
             continue
-        known = [(int(number), quad) for number, quad in zip(ids.ravel(), quads, strict=True) if number < len(places)]
-        if known:
-            seen = np.concatenate([quad.reshape(4, 1, 2) for _, quad in known])
+        tags = [(int(number), quad) for number, quad in zip(ids.ravel(), quads, strict=True) if number < len(places)]
+        if tags:
+            quad_corners = np.concatenate([quad.reshape(4, 1, 2) for _, quad in tags])
             steps = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 40, 1e-3)
-            pixels = cv2.cornerSubPix(flipped, seen, PEER_WINDOW, (-1, -1), steps).reshape(-1, 2).astype(np.float64)
+            pixels = (
+                cv2.cornerSubPix(flipped, quad_corners, PEER_WINDOW, (-1, -1), steps).reshape(-1, 2).astype(np.float64)
+            )
             pixels[:, 0] = width - 1 - pixels[:, 0]
-            named = np.array([corner_at[tuple(at)] for number, _ in known for at in places[number].tolist()])
-            parts.append(Observations.of_view(0, index, named, pixels))
+            corner = np.array([corner_index[tuple(at)] for number, _ in tags for at in places[number].tolist()])
+            parts.append(Observations.of_view(0, index, corner, pixels))
     return Observations.join(parts)
 
 
@@ -227,17 +231,17 @@ def main() -> None:
     corners = false = 0
     sensors: tuple[SensorName, ...] = ("c920", "poor")
     rows = Rows("sensor", "condition", "found", "RMS", f"false: > {FALSE_PX:g} px", f"> {FALSE_SIGMAS:g} {SIGMA}")
-    with TemporaryDirectory() as place:
+    with TemporaryDirectory() as root:
         for seed, sensor in enumerate(sensors):
-            folder = Path(place) / sensor
+            folder = Path(root) / sensor
             for condition, found in stress(layout, folder, sensor=sensor, frames=options.frames, seed=seed):
                 corners, false = corners + found.found, false + found.false
-                share = f"{found.found / found.visible:.0%} of {found.visible}"
-                rows.add(sensor, condition, share, f"{found.rms_px:.3f} px", f"{found.far}", f"{found.outlying}")
+                detected = f"{found.found / found.visible:.0%} of {found.visible}"
+                rows.add(sensor, condition, detected, f"{found.rms_px:.3f} px", f"{found.far}", f"{found.outlying}")
         print(f"false corners: {false} of {corners}, {1e4 * false / max(corners, 1):.2f} in 10,000 (limit 1)")
         write_record(options.json, "detection", {"corners": corners, "false": false}, rows.table)
         boards = Rows("board", "seconds a frame", "found", "RMS", f"beyond {FALSE_PX:g} px")
-        slowest = max(speed(layout, name, target, Path(place) / target.kind, boards) for name, target in BOARDS.items())
+        slowest = max(speed(layout, name, target, Path(root) / target.kind, boards) for name, target in BOARDS.items())
         print(f"slowest board: {slowest:.2f} s a frame (limit {FRAME_LIMIT_S:g} s)")
         write_record(options.json, "detection_boards", table=boards.table)
 

@@ -1,4 +1,4 @@
-"""Predictions of mirrored corners in pictures that a calibration has not seen, from their direct views alone."""
+"""Predictions of mirrored corners in pictures not used in a calibration, from their direct views alone."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def predicted_mirrored(
     start, observations
         The estimate to start from, and all corners (n).
     model
-        What the fits leave free.
+        The model of the fits.
     fold
         Fold (f,) of each frame.
 
@@ -40,34 +40,34 @@ def predicted_mirrored(
     """
     errors = np.full((len(observations), 2), np.nan)
     estimates: list[Estimate] = [start] * len(start.rig_from_board)
-    for part in np.unique(fold):
-        out = fold == part
+    for held_fold in np.unique(fold):
+        out = fold == held_fold
         number = np.cumsum(~out) - 1
         rows = observations.where(~out[observations.frame])
-        kept = replace(rows, frame=number[rows.frame])
-        fitted = fit(start.of_frames(~out), kept, model).estimate
+        remaining = replace(rows, frame=number[rows.frame])
+        fitted = fit(start.of_frames(~out), remaining, model).estimate
         board = Board.rigid(model.board.shaped(fitted.shape))
         terms = model.frame_terms
         held = Model((), thickness=False, curvature=False, board=board, mirrors=False, frame_terms=terms)
         for frame in np.flatnonzero(out):
-            here = observations.frame == frame
-            shown = observations.where(here).with_frame_offset(-int(frame))
+            in_frame = observations.frame == frame
+            corners = observations.where(in_frame).with_frame_offset(-int(frame))
             posed = replace(fitted.with_poses(start.rig_from_board[[frame]]), shape=np.zeros(0))
-            direct = shown.where(shown.view == DIRECT)
+            direct = corners.where(corners.view == DIRECT)
             if not len(direct):
                 continue
             posed = fit(posed, direct, held).estimate
-            found = residuals(posed, shown, board)
-            found[shown.view == DIRECT] = np.nan
-            errors[here] = found
+            predicted = residuals(posed, corners, board)
+            predicted[corners.view == DIRECT] = np.nan
+            errors[in_frame] = predicted
             estimates[frame] = replace(posed, shape=fitted.shape)
     return errors, estimates
 
 
-def refitted(found: Calibration, observations: Observations, board: Board, additions: Sequence[str]) -> Fitted:
-    """The fit of a calibration's camera and planes to its corners, or to others of the same frames, with additions."""
-    start = Estimate.of(found.layout.camera, found.layout.mirrors, found.rig_from_board)
-    plain = replace(start, thickness_mm=np.zeros(len(found.layout.mirrors)))
+def refitted(calibration: Calibration, observations: Observations, board: Board, additions: Sequence[str]) -> Fitted:
+    """Fit a calibration's camera and planes to its corners, or to others of the same frames, with additions."""
+    start = Estimate.of(calibration.layout.camera, calibration.layout.mirrors, calibration.rig_from_board)
+    plain = replace(start, thickness_mm=np.zeros(len(calibration.layout.mirrors)))
     model = Model(INTRINSICS, thickness=False, curvature=False, board=board)
     fitted = fit_as("joint", plain, observations, model)
     for addition in additions:
@@ -76,9 +76,9 @@ def refitted(found: Calibration, observations: Observations, board: Board, addit
 
 
 def prediction_floor(fitted: Fitted, observations: Observations, fold: IntArray, *, rounds: int = 3) -> FloatArray:
-    """Prediction errors (n, 2) of mirrored corners that the model's own noise alone gives, of several simulations.
+    """Return the prediction errors (n, 2) of mirrored corners that the model's noise alone causes, in simulations.
 
-    Corners are simulated by the fit, with noise of its scale and each frame's turn and bow drawn from their priors.
+    Corners are simulated by the fit, with noise of its scale, and rotations and bows of frames drawn from their priors.
     """
     random = np.random.default_rng(0)
     solution, terms = fitted.solution, fitted.model.frame_terms
@@ -86,12 +86,12 @@ def prediction_floor(fitted: Fitted, observations: Observations, fold: IntArray,
     for _ in range(rounds):
         truth = solution.estimate
         if terms.rotation_per_rad is not None:
-            turn = random.normal(0.0, solution.scale / terms.rotation_per_rad, truth.camera_rotation.shape)
-            truth = replace(truth, camera_rotation=turn)
+            rotation = random.normal(0.0, solution.scale / terms.rotation_per_rad, truth.camera_rotation.shape)
+            truth = replace(truth, camera_rotation=rotation)
         if terms.bow_per_mm is not None:
             truth = replace(truth, bow_mm=random.normal(0.0, solution.scale / terms.bow_per_mm, truth.bow_mm.shape))
         noise = random.normal(0.0, solution.scale * observations.sigma_px[:, None], (len(observations), 2))
         clean = observations.pixels + residuals(truth, observations, fitted.model.board)
-        seen = replace(observations, pixels=clean + noise)
-        errors.append(predicted_mirrored(truth, seen, fitted.model, fold)[0])
+        simulated = replace(observations, pixels=clean + noise)
+        errors.append(predicted_mirrored(truth, simulated, fitted.model, fold)[0])
     return np.concatenate(errors)

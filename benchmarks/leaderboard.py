@@ -1,9 +1,9 @@
 """Calibrators on rendered suites, and the leaderboard: `python -m benchmarks.leaderboard SUITE... --out FOLDER`.
 
-SUITE is a `NAME.suite.json` that `mirrorcam suite` wrote. Each calibrator of `CALIBRATORS` is run on each suite by
-`mirrorcam score suite`, as anyone's is; an evaluation that is in FOLDER already is not made again. Then
-`mirrorcam score leaderboard` makes `leaderboard.html`, `.md` and `.json` in FOLDER of all of them.
-docs/leaderboard.md has what came of the suites `smoke` and `standard`, by `--json FILE`.
+SUITE is a `NAME.suite.json` that `mirrorcam suite` wrote. Each of `CALIBRATORS` is run on each suite by
+`mirrorcam score suite`, like any user's; evaluations that exist in FOLDER are reused. Then `mirrorcam score
+leaderboard` writes `leaderboard.html`, `.md` and `.json` of all of them into FOLDER. docs/leaderboard.md shows the
+results of the suites `smoke` and `standard`, from `--json FILE`.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from mirrorcam.core.names import markdown_text
 
 ROOT = Path(__file__).parents[1]
 EVALUATION = "evaluation.json"
-TOO_BAD = 2
+INPUT_ERROR = 2
 """Exit code of bad input, after which there is no evaluation."""
 
 
 @dataclass(frozen=True)
 class Calibrator:
-    """A module of `benchmarks.calibrators`, what it writes, and further options."""
+    """A module of `benchmarks.calibrators`, the file that it writes, and further options."""
 
     name: str
     module: str
@@ -39,7 +39,7 @@ class Calibrator:
 
     @property
     def command(self) -> str:
-        """The line for the shell."""
+        """The shell command."""
         python = shlex.quote(sys.executable)
         line = f'{python} -m benchmarks.calibrators.{self.module} "$MIRRORCAM_SET" "$MIRRORCAM_RESULT/{self.writes}"'
         return f"{line} {self.options}".rstrip()
@@ -55,29 +55,29 @@ CALIBRATORS = {
     "opencv-joint": Calibrator("OpenCV, joint", "opencv_joint", options=COVARIANCE),
     "opencv-per-view": Calibrator("OpenCV, each view alone", "opencv_per_view"),
 }
-"""By the names of their folders."""
+"""Calibrators by the names of their folders."""
 NOT_RUN = {
-    "Kalibr": "it is distributed neither by PyPI, whose package kalibr is another program, nor by Debian, and is built "
-    "inside ROS 1; its results are read by mirrorcam score where someone has it"
+    "Kalibr": "it is distributed neither by PyPI, whose kalibr is a different program, nor by Debian, and is built "
+    "inside ROS 1; mirrorcam score reads its results"
 }
 NO_MRCAL = "no interpreter here has it: Debian's package is python3-mrcal, and PyPI had no wheel for this Python"
 
 
-def evaluated(calibrator: Calibrator, suite: Path, folder: Path, timeout_s: float) -> Path:
-    """Evaluate a calibrator on a suite, unless that was done; the path of the evaluation. Raises SystemExit."""
+def evaluate(calibrator: Calibrator, suite: Path, folder: Path, timeout_s: float) -> Path:
+    """Evaluate a calibrator on a suite, unless done before; return the evaluation's path. Raises SystemExit."""
     path = folder / EVALUATION
     if path.exists():
         return path
     line = [sys.executable, "-m", "mirrorcam", "score", "suite", str(suite), "--command", calibrator.command]
-    done = subprocess.run(
+    process = subprocess.run(
         [*line, "--out", str(folder), "--timeout-s", f"{timeout_s:g}"],
         check=False,
         cwd=ROOT,
         capture_output=True,
         text=True,
     )
-    if done.returncode >= TOO_BAD or not path.exists():
-        raise SystemExit(f"{calibrator.name} on {suite}: {done.stderr[-500:]}")
+    if process.returncode >= INPUT_ERROR or not path.exists():
+        raise SystemExit(f"{calibrator.name} on {suite}: {process.stderr[-500:]}")
     print(f"{calibrator.name} on {suite.name}: done", flush=True)
     return path
 
@@ -86,11 +86,13 @@ def write_board(path: Path | None, board: Leaderboard) -> None:
     """Write the records of both tables of docs/leaderboard.md; figures are named by the folders of the calibrators."""
     names = {calibrator.name: name for name, calibrator in CALIBRATORS.items()}
     compared = {f"{names[row.calibrator]}.{key}": value for row in board.rows for key, value in row.over_common.items()}
-    each = {f"{names[row.calibrator]}.{of}": value for row in board.rows for of, value in row.rms_px.items()}
-    for key, figures, rows in (("", compared, board_rows(board)), ("_sets", each, set_rows(board))):
-        head, *cells = ([markdown_text(cell) for cell in row] for row in rows)
+    by_set = {
+        f"{names[row.calibrator]}.{set_name}": value for row in board.rows for set_name, value in row.rms_px.items()
+    }
+    for key, figures, rows in (("", compared, board_rows(board)), ("_sets", by_set, set_rows(board))):
+        header, *cells = ([markdown_text(cell) for cell in row] for row in rows)
         command = "python -m benchmarks.leaderboard SUITE... --out FOLDER"
-        write_record(path, f"leaderboard{key}", figures, table(head, cells), command=command)
+        write_record(path, f"leaderboard{key}", figures, table(header, cells), command=command)
 
 
 def main() -> int:
@@ -98,7 +100,9 @@ def main() -> int:
     parser.add_argument("suites", type=Path, nargs="+", metavar="SUITE")
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", nargs="+", choices=tuple(CALIBRATORS), default=tuple(CALIBRATORS))
-    parser.add_argument("--at-once", type=int, default=1, help="evaluations at the same time; times are longer then")
+    parser.add_argument(
+        "--at-once", type=int, default=1, help="number of simultaneous evaluations, which then take longer"
+    )
     parser.add_argument("--timeout-s", type=float, default=600.0)
     add_json_option(parser)
     options = parser.parse_args()
@@ -108,15 +112,15 @@ def main() -> int:
         not_run[chosen.pop("mrcal").name] = NO_MRCAL
     jobs = [(name, suite.resolve()) for suite in options.suites for name in chosen]
 
-    def done(job: tuple[str, Path]) -> str:
+    def run_job(job: tuple[str, Path]) -> str:
         name, suite = job
         folder = options.out.resolve() / suite.name.removesuffix(".suite.json") / name
-        return f"{chosen[name].name}={evaluated(chosen[name], suite, folder, options.timeout_s)}"
+        return f"{chosen[name].name}={evaluate(chosen[name], suite, folder, options.timeout_s)}"
 
     with ThreadPoolExecutor(options.at_once) as pool:
-        evaluations = list(pool.map(done, jobs))
+        evaluations = list(pool.map(run_job, jobs))
     line = [sys.executable, "-m", "mirrorcam", "score", "leaderboard", *evaluations]
-    line += ["--not-run", *(f"{name}={why}" for name, why in not_run.items())]
+    line += ["--not-run", *(f"{name}={reason}" for name, reason in not_run.items())]
     line += ["--out", str(options.out)]
     code = subprocess.run(line, check=False).returncode
     if not code:

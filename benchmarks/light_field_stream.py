@@ -1,9 +1,9 @@
 """Videos to light fields: `python -m benchmarks.light_field_stream [FRAMES] [LAYOUT]`.
 
 Makes a H.264 and a MJPEG video of the layout's camera (a textured picture that drifts, with noise), and prints for each
-the frames per second, and the milliseconds of processor time a frame (all cores together), of reading alone, of
-decoding views of 400 px, and of streaming them, and views as sharp as the frames, to Zarr. Then decodes FRAMES (10,000)
-frames of the H.264 video, again and again, and prints the memory that the process holds on the way.
+the frames per second, and the milliseconds of processor time per frame (all cores together), of reading alone, of
+decoding views of 400 px, and of streaming these, and views in the frames' resolution, to Zarr. Then decodes FRAMES
+(10,000) frames of the H.264 video, repeatedly, and prints the memory of the process meanwhile.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
 DEFAULT_LAYOUT = Path(__file__).parents[1] / "tests" / "data" / "default_layout.json"
 LENGTH = 240
 RATE_HZ = 30
-LEAST_HZ = 45.0
-FLAT_MB = 30.0
+MIN_HZ = 45.0
+MAX_GROWTH_MB = 30.0
 
 
 def pictures(width: int, height: int) -> Iterator[NDArray[np.uint8]]:
-    """Textured pictures (h, w, 3) that drift by 2 px a frame, with the noise of a sensor."""
+    """Yield textured pictures (h, w, 3) that drift by 2 px per frame, with sensor noise."""
     random = np.random.default_rng(0)
     texture = np.zeros((height, width, 3), np.float32)
     for octave in range(1, 6):
@@ -53,7 +53,7 @@ def pictures(width: int, height: int) -> Iterator[NDArray[np.uint8]]:
 
 
 def write_video(path: Path, width: int, height: int) -> None:
-    """The pictures as H.264 of 10 Mbit/s with a key frame a second (.mp4), or as JPEGs of quality 90 (.avi)."""
+    """Write the pictures as H.264 of 10 Mbit/s with a key frame per second (.mp4), or as JPEGs of quality 90 (.avi)."""
     jpeg = path.suffix == ".avi"
     with av.open(str(path), "w") as container:
         settings = {} if jpeg else {"preset": "veryfast", "tune": "zerolatency", "b": "10M", "g": str(RATE_HZ)}
@@ -73,26 +73,26 @@ def write_video(path: Path, width: int, height: int) -> None:
 
 
 def measure(name: str, job: Callable[[], int]) -> None:
-    """Print the rate of a job that returns how many frames it did."""
+    """Print the rate of a job that returns the number of its frames."""
     wall, processor = time.perf_counter(), time.process_time()
     count = job()
     seconds = time.perf_counter() - wall
-    each_ms = 1e3 * (time.process_time() - processor) / count
-    print(f"  {name:34} {count / seconds:6.1f} frames/s   {each_ms:5.1f} ms of processor time a frame")
+    frame_ms = 1e3 * (time.process_time() - processor) / count
+    print(f"  {name:34} {count / seconds:6.1f} frames/s   {frame_ms:5.1f} ms of processor time per frame")
 
 
 def read(video: Video) -> int:
-    """Frames read."""
+    """Return the number of frames read."""
     return sum(1 for _ in video.frames())
 
 
 def decode(decoder: Decoder, video: Video) -> int:
-    """Frames decoded."""
+    """Return the number of frames decoded."""
     return sum(1 for _ in light_fields(decoder, video))
 
 
 def to_zarr(decoder: Decoder, video: Video, path: Path) -> int:
-    """Frames decoded and written."""
+    """Return the number of frames decoded and written."""
     recording = Recording(path, about(decoder.views, {}), ZarrSink())
     record(decoder, video, recording)
     recording.finish()
@@ -100,13 +100,13 @@ def to_zarr(decoder: Decoder, video: Video, path: Path) -> int:
 
 
 class Loop:
-    """A video again and again, up to a number of frames."""
+    """A video repeated up to a number of frames."""
 
     def __init__(self, video: Video, count: int) -> None:
         self.video, self.count = video, count
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
-        """The frames, numbered on."""
+        """Yield the frames."""
         number = after + 1
         while True:
             for frame in self.video.frames():
@@ -116,44 +116,49 @@ class Loop:
                 number += 1
 
     def stop(self) -> None:
-        """Files end by themselves."""
+        """Do nothing: files end by themselves."""
 
 
 def resident_mb() -> float:
-    """Memory that the process holds."""
+    """Return the memory of the process."""
     return int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1]) * resource.getpagesize() / 1e6
 
 
 def main(count: int, layout: Layout, json: Path | None) -> None:
     camera = layout.camera
     decoders = {"400 px": Decoder(layout, width_px=400), "all": Decoder(layout)}
-    sizes = {name: f"{each.views.width_px}x{each.views.height_px}" for name, each in decoders.items()}
+    sizes = {name: f"{decoder.views.width_px}x{decoder.views.height_px}" for name, decoder in decoders.items()}
     with tempfile.TemporaryDirectory() as folder:
         for name in ("video.mp4", "video.avi"):
             path = Path(folder) / name
             write_video(path, camera.width_px, camera.height_px)
             video = Video(path)
             kind = "H.264" if path.suffix == ".mp4" else "MJPEG"
-            print(f"{kind}, {camera.width_px}x{camera.height_px}, {path.stat().st_size / 1e6 / LENGTH:.2f} MB a frame")
+            print(
+                f"{kind}, {camera.width_px}x{camera.height_px}, {path.stat().st_size / 1e6 / LENGTH:.2f} MB per frame"
+            )
             measure("reading alone", partial(read, video))
-            for which, decoder in decoders.items():
-                views = f"views of {sizes[which]}"
+            for label, decoder in decoders.items():
+                views = f"views of {sizes[label]}"
                 measure(views, partial(decode, decoder, video))
-                store = Path(folder) / f"{name}-{sizes[which]}.zarr"
+                store = Path(folder) / f"{name}-{sizes[label]}.zarr"
                 measure(f"{views} to Zarr", partial(to_zarr, decoder, video, store))
                 shutil.rmtree(store)
-        print(f"wanted: {LEAST_HZ:.0f} frames/s")
+        print(f"required: {MIN_HZ:.0f} frames/s")
         loop = Loop(Video(Path(folder) / "video.mp4"), count)
-        held: list[float] = []
+        memory_mb: list[float] = []
         start = time.perf_counter()
         for done, item in enumerate(light_fields(decoders["400 px"], loop), start=1):
             assert not isinstance(item, Lost)
             if done % max(1, count // 10) == 0:
-                held.append(resident_mb())
-                print(f"after {done:6} frames: {held[-1]:.0f} MB, {done / (time.perf_counter() - start):.0f} frames/s")
-    grown = max(held[2:]) - held[1]
-    print(f"grown by {grown:.0f} MB after the first {count // 5} frames (at most {FLAT_MB:.0f})")
-    write_record(json, "light_field_stream", {"grown_mb": grown})
+                memory_mb.append(resident_mb())
+                print(
+                    f"after {done:6} frames: {memory_mb[-1]:.0f} MB, "
+                    f"{done / (time.perf_counter() - start):.0f} frames/s"
+                )
+    growth_mb = max(memory_mb[2:]) - memory_mb[1]
+    print(f"grown by {growth_mb:.0f} MB after the first {count // 5} frames (at most {MAX_GROWTH_MB:.0f})")
+    write_record(json, "light_field_stream", {"grown_mb": growth_mb})
 
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
-"""Speed of a live session beside bare video decoding: `python -m benchmarks.live [VIDEO [LAYOUT]] [--seconds S]`.
+"""Speed of a live session against bare video decoding: `python -m benchmarks.live [VIDEO [LAYOUT]] [--seconds S]`.
 
-Shows a video of the layout's camera (without VIDEO, a textured picture that drifts, with noise, is made, H.264 of
-1920 x 1080 px, 30 frames/s) as a page would: frame, nine views, a refocused picture and depth at the same time. First
-the limit, in one thread: reading the video, encoding each frame at the size of the page, and nothing else. Then the
-session at the video's pace, with depth and without, and depth alone; and the session as fast as it goes.
+Shows a video of the layout's camera (by default a generated one: a noisy, textured picture that drifts, H.264 of
+1920 x 1080 px, 30 frames/s) like the page: frame, nine views, a refocused picture and depth at the same time. First
+the limit, in one thread: only reading the video, and encoding each frame in the size of the page. Then the session at
+the video's rate, with depth and without, and depth alone; and the session at full speed.
 
-Prints pictures/s, their 95 % (the rate at which 19 in 20 follow one another), the latency from the arrival of a frame
-to its encoded pictures, median and 95 %, frames dropped, and memory of the process that decodes.
+Prints pictures/s, their 95 % (19 in 20 intervals are shorter than at this rate), the latency from a frame's arrival to
+its encoded pictures, median and 95 %, frames dropped, and memory of the process that decodes.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from mirrorcam.studio.live.engine import LiveEngine
 from mirrorcam.studio.live.session import JPEG_QUALITY
 from mirrorcam.studio.live.values import DECODED, FRAME_WIDTH_PX, LiveRequest, PictureKind
 
-WANTED_HZ, WANTED_DEPTH_HZ = 15.0, 8.0
+MIN_HZ, MIN_DEPTH_HZ = 15.0, 8.0
 TIMES = 5
-"""How often the video that is made is shown."""
-LOOK_S = 0.004
-"""Time between two looks at what is newest."""
+"""Number of repetitions of the generated video."""
+POLL_S = 0.004
+"""Interval between checks for new pictures."""
 SETTLED_S = 3.0
-"""Time after which a session counts: programs are loaded and compiled by then."""
+"""Time after which a session is measured: by then, programs are loaded and compiled."""
 
 
 @dataclass
-class Steps:
-    """Times at which pictures of a kind arrived."""
+class Arrivals:
+    """Arrival times of pictures of a kind."""
 
     kind: PictureKind
     serial: int = 0
@@ -62,23 +62,23 @@ class Steps:
         return f"{1.0 / np.mean(steps):.1f}/s, 95 % {1.0 / np.quantile(steps, 0.95):.1f}/s"
 
 
-def repeated(path: Path, to: Path, times: int) -> None:
-    """Write a video without B-frames again, a number of times in one file."""
-    with av.open(str(path)) as given, av.open(str(to), "w") as made:
-        source = given.streams.video[0]
-        stream = made.add_stream_from_template(source)
-        packets = [bytes(packet) for packet in given.demux(source) if packet.size]
+def repeat(path: Path, target: Path, times: int) -> None:
+    """Repeat a video without B-frames a number of times in one file."""
+    with av.open(str(path)) as read, av.open(str(target), "w") as written:
+        source = read.streams.video[0]
+        stream = written.add_stream_from_template(source)
+        packets = [bytes(packet) for packet in read.demux(source) if packet.size]
         assert source.average_rate is not None
         for number in range(times * len(packets)):
             packet = av.Packet(packets[number % len(packets)])
             packet.stream, packet.time_base = stream, 1 / source.average_rate
             packet.pts = packet.dts = number
             packet.is_keyframe = number % len(packets) == 0
-            made.mux(packet)
+            written.mux(packet)
 
 
 def limit(video: Path) -> float:
-    """Frames per second of reading and encoding alone, which is printed too."""
+    """Print and return the frames per second of reading and encoding alone."""
     size, count, start = None, 0, time.perf_counter()
     for item in Video(video).frames():
         if not isinstance(item, Frame):
@@ -100,12 +100,12 @@ def session(name: str, request: LiveRequest, kinds: tuple[PictureKind, ...], sec
         if "depth" in kinds:
             engine.wait_for("depth", 0, 30.0)
         time.sleep(SETTLED_S)
-        start, steps = time.perf_counter(), [Steps(kind) for kind in ("views", "depth")]
+        start, steps = time.perf_counter(), [Arrivals(kind) for kind in ("views", "depth")]
         dropped = engine.status().dropped
         while time.perf_counter() - start < seconds:
-            for each in steps:
-                each.note(engine)
-            time.sleep(LOOK_S)
+            for arrivals in steps:
+                arrivals.note(engine)
+            time.sleep(POLL_S)
         status = engine.status()
         failed = "" if status.failed is None else f"; failed: {status.failed}"
         ended = " (the video ended)" if status.over else ""
@@ -125,26 +125,26 @@ def main() -> None:
     parser.add_argument("layout", nargs="?", type=Path, default=DEFAULT_LAYOUT)
     parser.add_argument("--seconds", type=float, default=10.0)
     add_json_option(parser)
-    given = parser.parse_args()
-    layout = Layout.load(given.layout)
+    options = parser.parse_args()
+    layout = Layout.load(options.layout)
     with tempfile.TemporaryDirectory() as folder:
-        video = given.video
+        video = options.video
         if video is None:
             write_video(Path(folder) / "once.mp4", layout.camera.width_px, layout.camera.height_px)
             video = Path(folder) / "video.mp4"
-            repeated(Path(folder) / "once.mp4", video, TIMES)
+            repeat(Path(folder) / "once.mp4", video, TIMES)
         figures = {"reading_and_jpeg_hz": limit(video)}
-        request = LiveRequest(given.layout, str(video))
-        fast = LiveRequest(given.layout, str(video), every_frame=True)
+        request = LiveRequest(options.layout, str(video))
+        fast = LiveRequest(options.layout, str(video), every_frame=True)
         rows = [
-            session("frame, views, refocus, depth", request, (*DECODED, "depth"), given.seconds),
-            session("frame, views, refocus", request, DECODED, given.seconds),
-            session("depth alone", request, ("depth",), given.seconds),
-            session("as fast as it goes", fast, DECODED, given.seconds),
+            session("frame, views, refocus, depth", request, (*DECODED, "depth"), options.seconds),
+            session("frame, views, refocus", request, DECODED, options.seconds),
+            session("depth alone", request, ("depth",), options.seconds),
+            session("at full speed", fast, DECODED, options.seconds),
         ]
-    head = ("shown", "views and refocused", "depth", "latency, median and 95 %", "of depth")
-    write_record(given.json, "live", figures, table(head, rows))
-    print(f"wanted: views and refocus {WANTED_HZ:.0f}/s, depth {WANTED_DEPTH_HZ:.0f}/s")
+    header = ("shown", "views and refocused", "depth", "latency, median and 95 %", "of depth")
+    write_record(options.json, "live", figures, table(header, rows))
+    print(f"required: views and refocus {MIN_HZ:.0f}/s, depth {MIN_DEPTH_HZ:.0f}/s")
 
 
 if __name__ == "__main__":

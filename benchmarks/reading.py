@@ -1,7 +1,7 @@
-"""Time to read a good picture or a frame of a good video, beside OpenCV's and FFmpeg's decoders in the same run.
+"""Time to read a valid picture or a frame of a valid video, against OpenCV's and FFmpeg's decoders in the same run.
 
 `python -m benchmarks.reading` prints medians of interleaved runs, in ms of processor time of all threads; exit code 1
-where ours takes more than 5 % longer.
+if ours takes more than 5 % longer.
 """
 
 from __future__ import annotations
@@ -26,33 +26,33 @@ from mirrorcam.core.video.video import Video
 SIZE = (1920, 1080)
 RUNS = 11
 FRAMES = 150
-MOST = 1.05
+MAX_RATIO = 1.05
 
 
 def medians_ms(*calls: Callable[[], object]) -> tuple[float, ...]:
-    """The median processor time of each call, in ms; the calls take turns."""
+    """Return the median processor time of each call, ms; the calls are interleaved."""
     times: list[list[float]] = [[] for _ in calls]
     for _ in range(RUNS):
-        for call, found in zip(calls, times, strict=True):
-            begun = time.process_time()
+        for call, seconds in zip(calls, times, strict=True):
+            start_s = time.process_time()
             call()
-            found.append(time.process_time() - begun)
-    return tuple(float(np.median(each)) * 1e3 for each in times)
+            seconds.append(time.process_time() - start_s)
+    return tuple(float(np.median(seconds)) * 1e3 for seconds in times)
 
 
 def opencv(path: Path) -> object:
-    """The picture as OpenCV reads it, without a check."""
+    """Read a picture by OpenCV, without a check."""
     flags = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
     return cv2.imdecode(np.frombuffer(path.read_bytes(), np.uint8), flags)
 
 
 def ours(path: Path) -> None:
-    """Every frame of a video."""
+    """Read every frame of a video."""
     assert sum(1 for _ in Video(path).frames()) == FRAMES
 
 
 def ffmpeg(path: Path) -> None:
-    """Every frame of a video as PyAV reads it, without a check."""
+    """Read every frame of a video by PyAV, without a check."""
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
         stream.thread_type = "AUTO"
@@ -60,9 +60,9 @@ def ffmpeg(path: Path) -> None:
 
 
 def write_videos(folder: Path, pictures: list[NDArray[np.uint8]]) -> dict[str, Path]:
-    """The pictures as H.264 and as JPEG, as a camera gives it."""
-    found = {"H.264": folder / "a.mp4", "MJPEG": folder / "a.avi"}
-    for codec, path in found.items():
+    """Write the pictures as videos of H.264 and, like a camera, of JPEGs."""
+    paths = {"H.264": folder / "a.mp4", "MJPEG": folder / "a.avi"}
+    for codec, path in paths.items():
         with av.open(str(path), "w") as container:
             name, settings = ("libx264", {"preset": "ultrafast"}) if codec == "H.264" else ("mjpeg", {})
             stream: Any = container.add_stream(name, rate=30, options=settings)
@@ -78,7 +78,7 @@ def write_videos(folder: Path, pictures: list[NDArray[np.uint8]]) -> dict[str, P
                 container.mux(packet)
             if codec == "H.264":
                 container.mux(stream.encode(None))
-    return found
+    return paths
 
 
 def main() -> int:
@@ -89,7 +89,7 @@ def main() -> int:
     ratios = []
 
     def compare(name: str, mine: Callable[[], object], theirs: Callable[[], object], pictures: int) -> None:
-        ms, others_ms = (each / pictures for each in medians_ms(mine, theirs))
+        ms, others_ms = (total / pictures for total in medians_ms(mine, theirs))
         print(f"{name:<12}{ms:>10.1f}{others_ms:>12.1f}{ms / others_ms:>8.2f}", flush=True)
         ratios.append(ms / others_ms)
 
@@ -101,7 +101,7 @@ def main() -> int:
             compare(path.suffix, partial(read_image, path), partial(opencv, path), 1)
         for name, path in write_videos(Path(folder), noisy).items():
             compare(name, partial(ours, path), partial(ffmpeg, path), FRAMES)
-    return 1 if max(ratios) > MOST else 0
+    return 1 if max(ratios) > MAX_RATIO else 0
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Records of what benchmarks measure: figures and tables, with the command, the machine, the date and the commit.
+"""Records of benchmarks: figures and tables, with the command, the machine, the date and the commit.
 
 A benchmark with `--json FILE` adds its record to FILE (`add_json_option`, `write_record`). `python -m
-docs.make_measured` writes docs/measured.md from those in docs/measured.json.
+docs.make_measured` writes docs/measured.md from the records in docs/measured.json.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from mirrorcam.core.values import Value
 ROOT = Path(__file__).parents[1]
 
 TIMES, SIGMA = "\N{MULTIPLICATION SIGN}", "\N{GREEK SMALL LETTER SIGMA}"
-"""For texts of tables: a linter takes these letters for x and o."""
+"""For texts of tables: in literals, a linter confuses these characters with x and o."""
 
 
 class Machine(Value):
-    """What a benchmark ran on."""
+    """The machine of a benchmark."""
 
     cpu: str
     cores: int
@@ -40,14 +40,14 @@ class Machine(Value):
 
 
 class Figure(Value):
-    """One measured figure. A name ends in its unit where it has one; figures of `metrics.json` have theirs beside."""
+    """A measured figure. Its name ends in its unit, if any; figures of `metrics.json` state the unit in `unit`."""
 
     value: int | float
     unit: str = ""
 
 
 class Table(Value):
-    """A measured table as it is printed: cells are texts, in Markdown."""
+    """A measured table as printed: cells are Markdown."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -60,7 +60,7 @@ class Table(Value):
         return self
 
     def markdown(self) -> str:
-        """The table in Markdown, a line for each row, without a line break at its end."""
+        """Return the table in Markdown, a line for each row, without a final line break."""
         return "\n".join([_line(self.columns), f"|{'---|' * len(self.columns)}", *map(_line, self.rows)])
 
 
@@ -69,7 +69,7 @@ def _line(cells: Sequence[str]) -> str:
 
 
 class Record(Value):
-    """What one command measured."""
+    """The measurements of one command."""
 
     command: str
     date: datetime.date
@@ -82,47 +82,47 @@ class Record(Value):
 
 
 class Records(Value):
-    """A file of records by their keys."""
+    """A file of records, by key."""
 
     schema_id: Literal["mirrorcam.measured/1"] = Field(default="mirrorcam.measured/1", alias="schema")
     records: dict[str, Record] = Field(default_factory=dict)
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """The records of a file; `InputError` where it is none."""
+        """Read the records of a file; raises InputError if it is invalid."""
         return read_model(cls, path)
 
     def with_records(self, records: Mapping[str, Record]) -> Self:
-        """These with others, which replace those of the same key; in the order of their keys."""
+        """Return these records with others, which replace those with the same keys, sorted by key."""
         return type(self)(records=dict(sorted((self.records | dict(records)).items())))
 
     def save(self, path: Path) -> None:
-        """Write the records, a figure or a row of a table to a line."""
-        records = {name: each.model_dump(mode="json", exclude_defaults=True) for name, each in self.records.items()}
-        write_text(path, _dumped({"schema": self.schema_id, "records": records}) + "\n")
+        """Write the records, one figure or one row of a table per line."""
+        records = {key: record.model_dump(mode="json", exclude_defaults=True) for key, record in self.records.items()}
+        write_text(path, _json({"schema": self.schema_id, "records": records}) + "\n")
 
 
-def _dumped(value: Any, indent: int = 0) -> str:
-    """JSON with what holds no more than single values on one line."""
+def _json(value: Any, indent: int = 0) -> str:
+    """Return JSON with containers of single values on one line."""
     inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    if not any(isinstance(each, dict | list) for each in inside):
+    if not any(isinstance(child, dict | list) for child in inside):
         return json.dumps(value, ensure_ascii=False, allow_nan=False)
     pad = " " * (indent + 1)
     if isinstance(value, dict):
-        items = [f"{json.dumps(name)}: {_dumped(each, indent + 1)}" for name, each in value.items()]
+        items = [f"{json.dumps(name)}: {_json(child, indent + 1)}" for name, child in value.items()]
     else:
-        items = [_dumped(each, indent + 1) for each in value]
+        items = [_json(child, indent + 1) for child in value]
     opening, closing = "{}" if isinstance(value, dict) else "[]"
     return f"{opening}\n{pad}" + f",\n{pad}".join(items) + f"\n{' ' * indent}{closing}"
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    """A table of texts."""
+    """Return a table of texts."""
     return Table(columns=tuple(columns), rows=tuple(map(tuple, rows)))
 
 
 class Rows:
-    """A table that is printed row by row, as it is measured."""
+    """A table printed row by row while it is measured."""
 
     def __init__(self, *columns: str) -> None:
         self._columns, self._rows = columns, list[tuple[str, ...]]()
@@ -135,12 +135,12 @@ class Rows:
 
     @property
     def table(self) -> Table:
-        """The rows so far."""
+        """The table of the rows so far."""
         return table(self._columns, self._rows)
 
 
 def this_machine() -> Machine:
-    """The machine of this process."""
+    """Return the machine of this process."""
     try:
         system = platform.freedesktop_os_release()["PRETTY_NAME"]
     except (OSError, KeyError):
@@ -166,7 +166,7 @@ def _git(*arguments: str) -> str:
 
 
 def record_of(command: str, values: Mapping[str, Figure] | None = None, table: Table | None = None) -> Record:
-    """A record of what was measured now, on this machine, by the commit that is checked out."""
+    """Return a record of a measurement made now, on this machine, with the checked-out commit."""
     return Record(
         command=command,
         date=datetime.datetime.now(datetime.UTC).date(),
@@ -180,7 +180,7 @@ def record_of(command: str, values: Mapping[str, Figure] | None = None, table: T
 
 def add_json_option(parser: argparse.ArgumentParser) -> None:
     """Add `--json FILE`, for `write_record`."""
-    parser.add_argument("--json", type=Path, metavar="FILE", help="add what is measured to a file of records")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="add the measurements to a file of records")
 
 
 def write_record(
@@ -191,26 +191,26 @@ def write_record(
     *,
     command: str | None = None,
 ) -> None:
-    """Add a record to a file, in place of one of the same key; nothing where `--json` named none.
+    """Add a record to a file, replacing one with the same key; without a path, do nothing.
 
-    Without `command`, it is that of this process, as `python -m benchmarks.NAME ARGUMENTS`, without `--json FILE`.
+    By default, `command` is that of this process, as `python -m benchmarks.NAME ARGUMENTS`, without `--json FILE`.
     """
     if path is None:
         return
     figures = {
-        name: each if isinstance(each, Figure) else Figure(value=each, unit=unit_of(name))
-        for name, each in (values or {}).items()
+        name: value if isinstance(value, Figure) else Figure(value=value, unit=unit_of(name))
+        for name, value in (values or {}).items()
     }
     record = record_of(command or this_command(sys.argv), figures, table)
     (Records.load(path) if path.is_file() else Records()).with_records({key: record}).save(path)
 
 
 def this_command(argv: Sequence[str]) -> str:
-    """The command line of a benchmark, as it is typed in the root of the project; of absolute paths the last name."""
-    program, *arguments = (Path(each).name if Path(each).is_absolute() else each for each in argv)
+    """Return the command line of a benchmark in the root of the project, with only the last name of absolute paths."""
+    program, *arguments = (Path(argument).name if Path(argument).is_absolute() else argument for argument in argv)
     if "--json" in arguments:
-        at = arguments.index("--json")
-        del arguments[at : at + 2]
+        index = arguments.index("--json")
+        del arguments[index : index + 2]
     return " ".join([f"python -m benchmarks.{Path(program).stem}", *arguments])
 
 
@@ -242,5 +242,5 @@ UNITS = {
 
 
 def unit_of(name: str) -> str:
-    """The unit in which a name ends; none where it has none."""
+    """Return the unit at the end of a name, or an empty string."""
     return next((unit for end, unit in UNITS.items() if name.endswith(f"_{end}") or name == end), "")

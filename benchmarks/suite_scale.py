@@ -1,12 +1,12 @@
 """How suites scale: `python -m benchmarks.suite_scale [--sets 200] [--json FILE]`.
 
-- weak scaling: one worker renders so many small sets, two render twice as many, up to the cores there are. Efficiency
-  is the time of one worker divided by that of all, in elapsed time, which other work on the machine lengthens, and in
-  the processor time that a set takes;
+- weak scaling: one worker renders a number of small sets, two render twice as many, up to the number of cores.
+  Efficiency is the time with one worker divided by that with all, in elapsed time, which other work on the machine
+  lengthens, and in processor time per set;
 - a cluster: a Dask scheduler with a worker per core renders small sets, and one worker is killed in the middle. All
-  sets must be there, with the same bytes as those that processes without a cluster rendered.
+  sets must exist, with the same bytes as rendered by processes without a cluster.
 
-Exits with 1 where a set is missing, or differs.
+Exit code 1: a set is missing, or differs.
 """
 
 from __future__ import annotations
@@ -23,7 +23,15 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from benchmarks.records import Table, add_json_option, table, write_record
-from mirrorcam.bench.suite_run import Rendered, Workers, layouts_of, planned, render_suite, workers_here, workers_of
+from mirrorcam.bench.suite_run import (
+    RenderedSuite,
+    Workers,
+    layouts_of,
+    make_plan,
+    render_suite,
+    workers_here,
+    workers_of,
+)
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.processes.worker_pool import Died, cores
@@ -38,15 +46,15 @@ SMALL: dict[str, Any] = {
     "frames": 3,
     "base_frames": 1,
 }
-"""Sets of four pictures of 240 x 135 pixels through nine mirrors."""
+"""Sets of four pictures of 240 x 135 pixels via nine mirrors."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A suite that was rendered: elapsed seconds without designs, and what came of it."""
+    """A rendered suite, and the elapsed seconds without designs."""
 
     elapsed_s: float
-    rendered: Rendered
+    rendered: RenderedSuite
 
     @property
     def processor_s(self) -> float:
@@ -55,31 +63,31 @@ class Run:
 
     @property
     def digests(self) -> dict[str, str]:
-        """What `dataset.json`, and so every file, of each set is."""
-        return {each.name: each.dataset_sha256 for each in self.rendered.manifest.sets}
+        """Digests of each set's `dataset.json`, and so of all its files."""
+        return {entry.name: entry.dataset_sha256 for entry in self.rendered.manifest.sets}
 
 
 def small_sets(count: int) -> Suite:
-    """A suite of so many small sets, which differ in their seeds."""
+    """Return a suite of a number of small sets, which differ in their seeds."""
     return Suite.model_validate({"name": "small", "version": 1, "set": [SMALL]}).times(count)
 
 
 def render(suite: Suite, folder: Path, workers: Workers) -> Run:
-    """Render what a folder lacks of a suite."""
+    """Render the sets of a suite that a folder lacks."""
     with output_folder(folder, "suite") as output:
-        plan = planned(suite, folder, choose_variant())
+        plan = make_plan(suite, folder, choose_variant())
         layouts = layouts_of(plan, folder, workers.design)
-        started = time.perf_counter()
+        start_s = time.perf_counter()
         rendered = render_suite(plan, output, workers, layouts)
-    return Run(time.perf_counter() - started, rendered)
+    return Run(time.perf_counter() - start_s, rendered)
 
 
 def weak_scaling(folder: Path, per_worker: int) -> list[dict[str, Any]]:
-    """Rows of workers, sets, elapsed and processor seconds a set, and efficiency."""
+    """Return rows of workers, sets, elapsed seconds, processor seconds per set, and efficiency."""
     rows: list[dict[str, Any]] = []
     for count in range(1, cores() + 1):
-        done = render(small_sets(count * per_worker), folder / f"weak-{count}", workers_here(count))
-        row = {"workers": count, "sets": count * per_worker, "elapsed_s": done.elapsed_s, "set_s": done.processor_s}
+        run = render(small_sets(count * per_worker), folder / f"weak-{count}", workers_here(count))
+        row = {"workers": count, "sets": count * per_worker, "elapsed_s": run.elapsed_s, "set_s": run.processor_s}
         first = rows[0] if rows else row
         row["efficiency_elapsed"] = first["elapsed_s"] / row["elapsed_s"]
         row["efficiency_processor"] = first["set_s"] / row["set_s"]
@@ -93,7 +101,7 @@ def weak_scaling(folder: Path, per_worker: int) -> list[dict[str, Any]]:
 
 
 def on_cluster(suite: Suite, folder: Path) -> tuple[Run, int]:
-    """Render a suite on a Dask cluster of this machine, and kill a worker in the middle; also how many were killed."""
+    """Render a suite on a Dask cluster on this machine, kill a worker halfway, and count the killed workers."""
     from distributed import Client, LocalCluster
 
     killed = 0
@@ -117,14 +125,14 @@ def on_cluster(suite: Suite, folder: Path) -> tuple[Run, int]:
 
 
 def scale(folder: Path, sets: int, per_worker: int) -> dict[str, Any]:
-    """Figures of weak scaling and of the cluster."""
-    found: dict[str, Any] = {"cores": cores(), "weak_scaling": weak_scaling(folder, per_worker)}
+    """Return the figures of weak scaling and of the cluster."""
+    figures: dict[str, Any] = {"cores": cores(), "weak_scaling": weak_scaling(folder, per_worker)}
     suite = small_sets(sets)
     clustered, killed = on_cluster(suite, folder / "cluster")
     # Goes on with the sets of weak scaling, which are the first of these.
     alone = render(suite, folder / f"weak-{cores()}", workers_here(cores()))
     same = [name for name, sha256 in alone.digests.items() if clustered.digests.get(name) == sha256]
-    found["cluster"] = {
+    figures["cluster"] = {
         "sets": sets,
         "workers": cores(),
         "killed": killed,
@@ -134,23 +142,23 @@ def scale(folder: Path, sets: int, per_worker: int) -> dict[str, Any]:
         "set_s": clustered.processor_s,
         "missing": clustered.rendered.failures,
     }
-    row = found["cluster"]
+    row = figures["cluster"]
     print("cluster: {there} of {sets} sets there, {same_bytes} with the bytes of one without a cluster,".format(**row))
     print("{killed} worker killed, {elapsed_s:.0f} s, {set_s:.2f} processor s a set".format(**row), flush=True)
-    return found
+    return figures
 
 
-def scale_table(found: dict[str, Any]) -> Table:
-    """What was measured of small sets, in the words of docs/suites.md."""
-    first, last = found["weak_scaling"][0], found["weak_scaling"][-1]
-    row = found["cluster"]
+def scale_table(figures: dict[str, Any]) -> Table:
+    """Return the measurements of small sets, in the words of docs/suites.md."""
+    first, last = figures["weak_scaling"][0], figures["weak_scaling"][-1]
+    row = figures["cluster"]
     killed = f"{count_text(row['killed'], 'worker')} killed after {row['sets'] // 2}"
     weak = (
         f"one worker: {first['set_s']:.2f} processor seconds a set; {last['workers']}: {last['set_s']:.2f} "
         f"(efficiency {last['efficiency_processor']:.2f}; by the clock {last['efficiency_elapsed']:.2f})"
     )
     there = f"{row['there']} there, with every checksum; {row['elapsed_s']:.0f} s"
-    missing = "".join(f"; {name}: {why}" for name, why in row["missing"].items())
+    missing = "".join(f"; {name}: {reason}" for name, reason in row["missing"].items())
     return table(
         ("small sets, of four pictures of 240 x 135 px, with the default tolerances", "measured"),
         [
@@ -166,14 +174,14 @@ def main() -> int:
     parser.add_argument("--sets", type=int, default=200, help="sets of the cluster")
     parser.add_argument("--per-worker", type=int, default=20, help="sets of a worker in weak scaling")
     add_json_option(parser)
-    given = parser.parse_args()
+    options = parser.parse_args()
     with TemporaryDirectory() as folder:
-        scaled = scale(Path(folder), given.sets, given.per_worker)
+        scaled = scale(Path(folder), options.sets, options.per_worker)
     measured = scale_table(scaled)
     print(measured.markdown())
     row = scaled["cluster"]
-    write_record(given.json, "suite_scale", {name: row[name] for name in ("elapsed_s", "set_s")}, measured)
-    return int(row["same_bytes"] < given.sets or not row["killed"])
+    write_record(options.json, "suite_scale", {name: row[name] for name in ("elapsed_s", "set_s")}, measured)
+    return int(row["same_bytes"] < options.sets or not row["killed"])
 
 
 if __name__ == "__main__":

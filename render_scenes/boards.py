@@ -19,8 +19,8 @@ from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.settings import RenderSettings
 
 MARGIN_SQUARES = 1  # width of the white paper around the print, in squares or AprilGrid tags
-_MOST_TEXELS_PER_SQUARE = 64
-_MOST_TEXELS_PER_MODULE = 32
+_MAX_TEXELS_PER_SQUARE = 64
+_MAX_TEXELS_PER_MODULE = 32
 
 
 def print_on_paper(target: Target) -> NDArray[np.uint8]:
@@ -47,20 +47,20 @@ def margin_mm(target: Target) -> float:
 
 
 def _texels_per_tag(target: AprilGrid) -> int:
-    gap_modules = Fraction(target.spacing * TAG_MODULES).limit_denominator(_MOST_TEXELS_PER_MODULE)
+    gap_modules = Fraction(target.spacing * TAG_MODULES).limit_denominator(_MAX_TEXELS_PER_MODULE)
     return TAG_MODULES * gap_modules.denominator
 
 
 def _marker_raster(target: Charuco) -> tuple[int, float]:
-    """Texels per square, and the marker size (mm) nearest to the target's whose modules are whole numbers of texels."""
+    """Texels per square, and the marker size, mm, with modules of whole texels that is nearest to the target's."""
     modules = target.markers.shape[1]
-    choices = [
+    candidates = [
         (texels, texels_per_module * modules * target.square_mm / texels)
-        for texels in range(modules + 1, _MOST_TEXELS_PER_SQUARE + 1)
+        for texels in range(modules + 1, _MAX_TEXELS_PER_SQUARE + 1)
         for texels_per_module in range(1, (texels - 1) // modules + 1)
         if (texels - texels_per_module * modules) % 2 == 0  # else the marker would not be centred
     ]
-    return min(choices, key=lambda choice: (round(abs(choice[1] - target.marker_mm), 9), choice[0]))
+    return min(candidates, key=lambda candidate: (round(abs(candidate[1] - target.marker_mm), 9), candidate[0]))
 
 
 def printed_radiance(target: Target, settings: RenderSettings) -> FloatArray:
@@ -80,7 +80,7 @@ def board_from_texels(target: Target) -> FloatArray:
 
 
 def rig_from_rectangle(target: Target, rig_from_board: FloatArray) -> FloatArray:
-    """Return the affine map (4, 4) from Mitsuba's rectangle ([-1, 1]^2, emits along +z, v up) to a print in rig, mm."""
+    """Return the affine map (4, 4) from Mitsuba's rectangle ([-1, 1]^2, emits along +z, v up) to a print in the rig."""
     width, height = target.size_mm
     margin = margin_mm(target)
     board_from_rectangle = np.diag([width / 2 + margin, -(height / 2 + margin), -1.0, 1.0])
@@ -92,7 +92,7 @@ def smooth_motion(keys: FloatArray, times: FloatArray) -> FloatArray:
     """Interpolate a smooth motion through key poses.
 
     Positions follow a clamped cubic spline, at rest at both ends; rotations follow SciPy's `RotationSpline`. Before the
-    first and after the last key the board rests.
+    first and after the last key the board is at rest.
 
     Parameters
     ----------
@@ -106,19 +106,18 @@ def smooth_motion(keys: FloatArray, times: FloatArray) -> FloatArray:
     FloatArray
         Poses (n, 4, 4).
     """
-    at = np.clip(times, 0.0, len(keys) - 1.0)
+    clamped = np.clip(times, 0.0, len(keys) - 1.0)
     if len(keys) == 1:
-        return np.repeat(keys, len(at), axis=0)
+        return np.repeat(keys, len(clamped), axis=0)
     knots = np.arange(len(keys), dtype=np.float64)
-    rotations = RotationSpline(knots, Rotation.from_matrix(keys[:, :3, :3]))(at)
-    return rigid(rotations.as_matrix(), CubicSpline(knots, keys[:, :3, 3], bc_type="clamped")(at))
+    rotations = RotationSpline(knots, Rotation.from_matrix(keys[:, :3, :3]))(clamped)
+    return rigid(rotations.as_matrix(), CubicSpline(knots, keys[:, :3, 3], bc_type="clamped")(clamped))
 
 
 def poses_at(poses: FloatArray, fractions: FloatArray) -> FloatArray:
     """Interpolate poses within the readout of one frame.
 
-    Positions, and rotation vectors relative to the middle pose, follow parabolas, with constant acceleration within a
-    readout.
+    Positions, and rotation vectors relative to the middle pose, follow parabolas (constant acceleration).
 
     Parameters
     ----------
@@ -133,7 +132,7 @@ def poses_at(poses: FloatArray, fractions: FloatArray) -> FloatArray:
         Poses (n, 4, 4).
     """
     middle = Rotation.from_matrix(poses[1, :3, :3])
-    turns = (middle.inv() * Rotation.from_matrix(poses[:, :3, :3])).as_rotvec()
+    rotation_vectors = (middle.inv() * Rotation.from_matrix(poses[:, :3, :3])).as_rotvec()
     begin, end = (2.0 * fractions - 1.0) * (fractions - 1.0), fractions * (2.0 * fractions - 1.0)
     weights = np.stack([begin, 1.0 - begin - end, end], axis=-1)
-    return rigid((middle * Rotation.from_rotvec(weights @ turns)).as_matrix(), weights @ poses[:, :3, 3])
+    return rigid((middle * Rotation.from_rotvec(weights @ rotation_vectors)).as_matrix(), weights @ poses[:, :3, 3])

@@ -23,9 +23,9 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.settings import SensorModel
 
 STEPS = 4
-"""Fixed-point iterations; each divides the error by more than 100 if the waves are below a pixel."""
+"""Fixed-point iterations; each divides the error by more than 100 if the RMS of the waves is below a pixel."""
 PERIODS = 2.0
-"""Waves across the width of the sensor."""
+"""Number of waves across the width of the sensor."""
 
 
 class WavyCamera(Camera):
@@ -86,20 +86,20 @@ def undistorted_pixels(camera: Camera, u: FloatArray, v: FloatArray) -> FloatArr
 
 
 BLUR_STEP_PX = 0.25
-"""Largest step of sigma in px between interpolated blurred copies."""
+"""Maximum step of sigma in px between the blurred copies that are interpolated."""
 
-LEAST_BLUR_PX = 0.02
-"""Smaller sigmas in px are neglected."""
+MIN_BLUR_PX = 0.02
+"""Sigma in px below which blur is neglected."""
 
 ROWS = 32
 """Number of rows per batch of interpolation."""
 
-LEAST_SAMPLED = 0.7
-"""Smallest sigma in subpixels at which a sampled Gaussian has the right variance; smaller ones are interpolated."""
+MIN_SAMPLED_SIGMA = 0.7
+"""Minimum sigma in subpixels at which a sampled Gaussian has the right variance; smaller ones are interpolated."""
 
 
 def defocused(sharp: NDArray[np.float32], variance_px2: NDArray[np.float32], subpixels: int) -> NDArray[np.float32]:
-    """Blur a view (h, w) by a variance per subpixel (h, w), interpolated between levels.
+    """Blur a view (h, w) with a different variance at each subpixel (h, w), interpolating between blurred copies.
 
     Parameters
     ----------
@@ -108,36 +108,36 @@ def defocused(sharp: NDArray[np.float32], variance_px2: NDArray[np.float32], sub
     variance_px2
         Variance of the defocus along an axis, px^2.
     subpixels
-        Squares along each side of a pixel.
+        Subpixels along each side of a pixel.
     """
-    low, high = (float(np.sqrt(end)) for end in (variance_px2.min(), variance_px2.max()))
-    if high < LEAST_BLUR_PX:
+    low, high = (float(np.sqrt(bound)) for bound in (variance_px2.min(), variance_px2.max()))
+    if high < MIN_BLUR_PX:
         return sharp
     levels = _levels(low * subpixels, high * subpixels, BLUR_STEP_PX * subpixels)
     blurred = [_blurred(sharp, level) for level in levels]
-    found = np.empty_like(sharp)
+    result = np.empty_like(sharp)
     # Batches of rows fit the processor's cache.
     for start in range(0, len(sharp), ROWS):
         rows = slice(start, start + ROWS)
         mixed = blurred[0][rows]
-        for (before, level), more in zip(pairwise(levels), blurred[1:], strict=True):
-            blend = variance_px2[rows] * np.float32(subpixels**2 / (level**2 - before**2))
-            blend -= np.float32(before**2 / (level**2 - before**2))
+        for (lower, upper), copy in zip(pairwise(levels), blurred[1:], strict=True):
+            blend = variance_px2[rows] * np.float32(subpixels**2 / (upper**2 - lower**2))
+            blend -= np.float32(lower**2 / (upper**2 - lower**2))
             if len(levels) > 2:
                 np.clip(blend, 0.0, 1.0, out=blend)
-            blend *= more[rows] - mixed
+            blend *= copy[rows] - mixed
             blend += mixed
             mixed = blend
-        found[rows] = mixed
-    return found
+        result[rows] = mixed
+    return result
 
 
 def _levels(low: float, high: float, step: float) -> list[float]:
-    """Return ascending sigmas from `low` (or less) to `high` (or more), all 0 or at least `LEAST_SAMPLED`."""
-    low = low if low >= LEAST_SAMPLED else 0.0
+    """Return ascending sigmas from `low` (or less) to `high` (or more), all 0 or at least `MIN_SAMPLED_SIGMA`."""
+    low = low if low >= MIN_SAMPLED_SIGMA else 0.0
     even = np.linspace(low, high, max(int(np.ceil((high - low) / step)), 1) + 1).tolist()
-    inner = [level for level in even[1:-1] if level >= LEAST_SAMPLED]
-    return sorted({low, *inner, max(high, LEAST_SAMPLED)})
+    inner = [level for level in even[1:-1] if level >= MIN_SAMPLED_SIGMA]
+    return sorted({low, *inner, max(high, MIN_SAMPLED_SIGMA)})
 
 
 def _blurred(picture: NDArray[np.float32], sigma: float) -> NDArray[np.float32]:

@@ -37,19 +37,19 @@ class MirrorFinish(Value):
 
     @cached_property
     def luminance(self) -> float:
-        """Reflectance of white light (ITU-R BT.709), as a monochrome camera sees it."""
+        """Reflectance of white light for a monochrome camera (luma coefficients of ITU-R BT.709)."""
         if len(set(self.reflectance)) == 1:
             return self.reflectance[0]
         return float(np.dot([0.212671, 0.715160, 0.072169], self.reflectance))
 
     def bent(self, mirror: Mirror) -> Mirror:
         """Return the mirror with the sag of this finish as its curvature, without the ripple."""
-        along, across = _direction(self.sag_direction_deg)
-        bends = np.outer(along, along) + (np.outer(across, across) if self.bend == "sphere" else 0.0)
+        u_axis, v_axis = _axes(self.sag_direction_deg)
+        bends = np.outer(u_axis, u_axis) + (np.outer(v_axis, v_axis) if self.bend == "sphere" else 0.0)
         (xx, xy), (_, yy) = 2e3 * self.sag_mm / radius_mm(mirror) ** 2 * bends
         curvature = mirror.curvature_per_m + np.array([xx, yy, xy])
-        lowered = mirror.moved(np.eye(3), -0.5 * self.sag_mm * mirror.normal_in_rig)
-        return lowered.replaced(curvature_per_m=curvature)
+        shifted = mirror.moved(np.eye(3), -0.5 * self.sag_mm * mirror.normal_in_rig)
+        return shifted.replaced(curvature_per_m=curvature)
 
     def shape(self, radius_mm: float, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the height of the surface over the plane and its slopes.
@@ -57,39 +57,38 @@ class MirrorFinish(Value):
         Parameters
         ----------
         radius_mm
-            Radius at which the surface is half the sag above the plane; in the middle it is half the sag below.
+            Radius at which the surface is half the sag above the plane; at the centre it is half the sag below.
         points
-            Points (..., 2) of the plane, mm, frame `plane`.
+            Points (..., 2) of the plane in the mirror's frame `plane`, mm.
 
         Returns
         -------
         height
             (...), mm, positive towards the pupil.
         slopes
-            (..., 2), derivatives of the height along x and y.
+            (..., 2), derivatives of the height with respect to x and y.
         """
-        along, across = _direction(self.sag_direction_deg)
-        curve = self.sag_mm / radius_mm**2
-        u, v = points @ along, points @ across
-        round_ = 1.0 if self.bend == "sphere" else 0.0
-        height = curve * (u**2 + round_ * v**2) - 0.5 * self.sag_mm
-        slopes = 2.0 * curve * (u[..., None] * along + round_ * v[..., None] * across)
-        crest, _ = _direction(self.ripple_direction_deg)
-        number = 2.0 * np.pi / self.ripple_wavelength_mm
-        phase = number * (points @ crest) + np.deg2rad(self.ripple_phase_deg)
-        return height + self.ripple_mm * np.sin(phase), slopes + (self.ripple_mm * number * np.cos(phase))[
-            ..., None
-        ] * crest
+        u_axis, v_axis = _axes(self.sag_direction_deg)
+        curvature = self.sag_mm / radius_mm**2
+        u, v = points @ u_axis, points @ v_axis
+        spherical = 1.0 if self.bend == "sphere" else 0.0
+        height = curvature * (u**2 + spherical * v**2) - 0.5 * self.sag_mm
+        slopes = 2.0 * curvature * (u[..., None] * u_axis + spherical * v[..., None] * v_axis)
+        ripple_axis, _ = _axes(self.ripple_direction_deg)
+        wavenumber = 2.0 * np.pi / self.ripple_wavelength_mm
+        phase = wavenumber * (points @ ripple_axis) + np.deg2rad(self.ripple_phase_deg)
+        ripple_slope = self.ripple_mm * wavenumber * np.cos(phase)
+        return height + self.ripple_mm * np.sin(phase), slopes + ripple_slope[..., None] * ripple_axis
 
 
-def _direction(angle_deg: float) -> tuple[FloatArray, FloatArray]:
-    """Return unit vectors (2,) along and perpendicular to a direction."""
+def _axes(angle_deg: float) -> tuple[FloatArray, FloatArray]:
+    """Return unit vectors (2,) along a direction and perpendicular to it."""
     angle = np.deg2rad(angle_deg)
     return np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
 
 
 def radius_mm(mirror: Mirror) -> float:
-    """Return the distance of the farthest corner of a mirror from its centre."""
+    """Return the distance of a mirror's farthest corner from its centre."""
     return float(np.linalg.norm(mirror.outline_in_plane_mm, axis=1).max())
 
 
@@ -101,17 +100,17 @@ def uniform_finishes(settings: RenderSettings, count: int) -> tuple[MirrorFinish
 def draw_finishes(settings: RenderSettings, count: int, random: np.random.Generator) -> tuple[MirrorFinish, ...]:
     """Draw the surface finish of each mirror; empty if the settings request ideal mirrors.
 
-    With the same generator state, deviations scale with the magnitudes in the settings.
+    With the same generator state, deviations are proportional to the magnitudes in the settings.
     """
     finish = settings.finish
     if finish == SurfaceFinish():
         return ()
-    found = []
+    finishes = []
     for brightness, sag in random.standard_normal((count, 2)):
         sag_direction, ripple_direction, phase = random.uniform(0.0, [180.0, 180.0, 360.0])
-        bright = settings.mirror_reflectance * (1.0 + finish.reflectance_percent / 100.0 * brightness)
-        red, green, blue = (float(np.clip(bright * tint, 0.0, 1.0)) for tint in finish.tint)
-        found.append(
+        mean_reflectance = settings.mirror_reflectance * (1.0 + finish.reflectance_percent / 100.0 * brightness)
+        red, green, blue = (float(np.clip(mean_reflectance * tint, 0.0, 1.0)) for tint in finish.tint)
+        finishes.append(
             MirrorFinish(
                 reflectance=(red, green, blue),
                 roughness=finish.roughness,
@@ -124,4 +123,4 @@ def draw_finishes(settings: RenderSettings, count: int, random: np.random.Genera
                 ripple_phase_deg=float(phase),
             )
         )
-    return tuple(found)
+    return tuple(finishes)

@@ -18,7 +18,7 @@ class SensorModel(Value):
     """Model of lens, sensor and 8-bit processing: radiance 1 / `exposure` is grey level 255.
 
     All fields but `exposure` are zero or off in an ideal camera. If the lens or the sensor separates colours, pictures
-    of grey light are in colour, too.
+    of grey scenes are in colour, too.
     """
 
     lens_blur_px: float = Bounds(0.0, 100.0).field(0.8, "sigma of the lens's Gaussian blur in focus")
@@ -38,7 +38,7 @@ class SensorModel(Value):
     )
     vignetting: float = Bounds(0.0, 100.0).field(
         0.0,
-        "exponent of cos in the fall-off of light away from the axis; 4 is natural vignetting",
+        "exponent of the cosine in the fall-off of light away from the axis; 4 is natural vignetting",
     )
     veiling_glare: float = Bounds(0.0, 1.0).field(
         0.0, "fraction of the picture's mean light that is spread evenly over it"
@@ -64,7 +64,7 @@ class SensorModel(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.jpeg_quality is not None and self.h264_crf is not None:
-            raise ValueError("jpeg_quality and h264_crf: expected one of the two")
+            raise ValueError("jpeg_quality and h264_crf: expected at most one of the two")
         return self
 
     @property
@@ -131,7 +131,7 @@ POSES_HZ = Bounds(1e-3, 1e4)
 
 
 class SurfaceFinish(Value):
-    """Surface finish of the mirrors of a device; the finish of each mirror is drawn from the seed of its set."""
+    """Distribution of the surface finish of a device's mirrors; each mirror's is drawn with the seed of its set."""
 
     tint: tuple[Tint, Tint, Tint] = Field(
         default=(1.0, 1.0, 1.0), description=f"factors of the reflectance in red, green and blue, {TINT}"
@@ -139,7 +139,7 @@ class SurfaceFinish(Value):
     reflectance_percent: float = Bounds(0.0, 100.0).field(0.0, "sigma of the reflectance between mirrors")
     roughness: float = Field(default=0.0, ge=0, lt=1, description="alpha of the Beckmann microfacet distribution")
     bend: Bend = Field(default="sphere", description="shape of the sag: curved along both axes or along one")
-    sag_mm: float = TOLERANCE_MM.field(0.0, "sigma of the sag: depth of the middle below the rim")
+    sag_mm: float = TOLERANCE_MM.field(0.0, "sigma of the sag: depth of the centre below the rim")
     ripple_mm: float = TOLERANCE_MM.field(0.0, "amplitude of the surface waviness")
     ripple_wavelength_mm: float = LENGTH_MM.field(20.0)
 
@@ -147,7 +147,7 @@ class SurfaceFinish(Value):
 class RenderSettings(Value):
     """Settings of a rendered set, beyond its layout, board and poses.
 
-    Radiance is linear and without unit; a sensor with `exposure` 1 maps radiance 1 to grey level 255.
+    Radiance is linear and dimensionless; a sensor with `exposure` 1 maps radiance 1 to grey level 255.
     """
 
     renderer: RendererName = Field(

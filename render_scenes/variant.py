@@ -1,4 +1,4 @@
-"""Choice of Mitsuba's variant: CUDA where a GPU is available, otherwise LLVM, scalar as a last resort; never an abort.
+"""Choice of Mitsuba's variant: CUDA where a GPU is available, otherwise LLVM, scalar as a last resort; it never aborts.
 
 Dr.Jit loads a shared LLVM as soon as it is imported. Several versions (15 and 16 among them) end the whole process
 with an LLVM ERROR when a kernel is compiled, and Dr.Jit loads whichever the distribution ships. Therefore a library is
@@ -23,10 +23,10 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_program import run_program
 
 CUDA, LLVM, SCALAR = "cuda_ad_mono", "llvm_ad_mono", "scalar_rgb"
-IN_COLOUR = {CUDA: "cuda_ad_rgb", LLVM: "llvm_ad_rgb", SCALAR: SCALAR}
+COLOUR_VARIANTS = {CUDA: "cuda_ad_rgb", LLVM: "llvm_ad_rgb", SCALAR: SCALAR}
 PACKAGE = "karellen-llvm-core"
 LIBRARY_VARIABLE = "DRJIT_LIBLLVM_PATH"
-_NEWEST_THAT_ABORTS = 16
+_LAST_ABORTING_LLVM = 16
 _log = logging.getLogger(__name__)
 
 # Float comparisons, a ray cast and a reduction: an unusable LLVM or driver fails to compile these.
@@ -43,20 +43,20 @@ sys.exit(0 if abs(dr.sum(distance)[0] - 6.5) < 1e-5 else 1)
 
 
 def packaged_library() -> Path | None:
-    """Return the libLLVM that the `render` extra installed, by its full name: the short links may not exist yet."""
+    """Return the libLLVM that the `render` extra installed, by its full file name: short links may not exist yet."""
     try:
         files = metadata.distribution(PACKAGE).files or []
     except metadata.PackageNotFoundError:
         return None
-    found = [Path(str(file.locate())) for file in files if file.name.startswith(("libLLVM.so.", "libLLVM.dylib"))]
-    return next((path.resolve() for path in found if path.is_file()), None)
+    libraries = [Path(str(file.locate())) for file in files if file.name.startswith(("libLLVM.so.", "libLLVM.dylib"))]
+    return next((path.resolve() for path in libraries if path.is_file()), None)
 
 
-def loads(library: Path) -> bool:
+def can_load(library: Path) -> bool:
     """Return whether the dynamic loader accepts a library; preload the packaged C++ runtime if its links are missing.
 
     The package creates the link libc++.so.1 when Python first starts after the installation, too late for that process.
-    A runtime that was loaded globally under its full name satisfies the loader, too.
+    A runtime loaded globally under its full name satisfies the loader, too.
     """
     try:
         ctypes.CDLL(str(library))
@@ -75,17 +75,17 @@ def loads(library: Path) -> bool:
         return False
 
 
-def renders(variant: str, library: Path | None = None) -> bool:
+def can_render(variant: str, library: Path | None = None) -> bool:
     """Return whether a variant (and an LLVM library) can render, tested in a child process because it may abort."""
     environment = dict(os.environ)
     if library is not None:
         environment[LIBRARY_VARIABLE] = str(library)
     command = [sys.executable, "-c", _PROBE, variant]
     try:
-        done = run_program(command, timeout_s=120, environment=environment)
+        process = run_program(command, timeout_s=120, environment=environment)
     except subprocess.TimeoutExpired:
         return False
-    return done.returncode == 0
+    return process.returncode == 0
 
 
 def has_gpu() -> bool:
@@ -117,20 +117,20 @@ def usable_library() -> Path | None:
     packaged = packaged_library()
     chosen = os.environ.get(LIBRARY_VARIABLE)
     if chosen and Path(chosen) != packaged:
-        if not renders(LLVM, Path(chosen)):
+        if not can_render(LLVM, Path(chosen)):
             raise InputError(
-                f"{LIBRARY_VARIABLE}={chosen}: Mitsuba cannot render with this LLVM, unset it or name another"
+                f"{LIBRARY_VARIABLE}={chosen}: Mitsuba cannot render with this LLVM, unset it or set another"
             )
         return Path(chosen)
-    if packaged is not None and loads(packaged):
+    if packaged is not None and can_load(packaged):
         return packaged
-    return next((library for library in _system_libraries() if renders(LLVM, library)), None)
+    return next((library for library in _system_libraries() if can_render(LLVM, library)), None)
 
 
 @cache
 def choose_variant() -> str:
     """Return the fastest variant that this machine can render with."""
-    if has_gpu() and renders(CUDA):
+    if has_gpu() and can_render(CUDA):
         return CUDA
     if usable_library() is not None:
         return LLVM
@@ -153,9 +153,9 @@ def _check_usable(variant: str) -> None:
         return
     # Other code imported Dr.Jit, which has already chosen its library and cannot change it.
     loaded = importlib.import_module("drjit").detail.llvm_version()
-    if variant.startswith("llvm") and loaded[0] <= _NEWEST_THAT_ABORTS:
+    if variant.startswith("llvm") and loaded[0] <= _LAST_ABORTING_LLVM:
         version = ".".join(str(number) for number in loaded)
-        raise InputError(f"drjit was imported with LLVM {version}, too old: set {LIBRARY_VARIABLE}={library} before")
+        raise InputError(f"drjit was imported with LLVM {version}, too old: set {LIBRARY_VARIABLE}={library} first")
 
 
 def use_variant(variant: str | None = None, *, colour: bool = False) -> str:
@@ -165,7 +165,7 @@ def use_variant(variant: str | None = None, *, colour: bool = False) -> str:
     """
     if importlib.util.find_spec("mitsuba") is None or importlib.util.find_spec("drjit") is None:
         raise InputError('rendering needs Mitsuba, which is not installed: pip install "mirrorcam[render]"')
-    name = variant or (IN_COLOUR[choose_variant()] if colour else choose_variant())
+    name = variant or (COLOUR_VARIANTS[choose_variant()] if colour else choose_variant())
     _check_usable(name)
     mi = importlib.import_module("mitsuba")
     if name not in mi.variants():

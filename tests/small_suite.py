@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from mirrorcam.bench.suite_run import Rendered, Workers, planned, render_suite
+from mirrorcam.bench.suite_run import RenderedSuite, Workers, make_plan, render_suite
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.designs.sweep_files import design_locally
 from mirrorcam.optics.geometry.layout import Layout
@@ -36,7 +36,7 @@ def workers(*, share_the_folder: bool = True) -> Workers:
     return Workers(lambda specs: design_locally(specs, 1), here, share_the_folder)
 
 
-def rendered_into(folder: Path, suite: Suite, by: Workers | None = None) -> Rendered:
+def rendered_into(folder: Path, suite: Suite, by: Workers | None = None) -> RenderedSuite:
     """Render what is missing of a suite whose sets have layouts."""
     with output_folder(folder, "suite") as output:
-        return render_suite(planned(suite, folder, choose_variant()), output, by or workers(), {})
+        return render_suite(make_plan(suite, folder, choose_variant()), output, by or workers(), {})

@@ -1,1 +1,1 @@
-"""Calibrators that are made of OpenCV's functions as a user would, to be scored: they see a set, never its truth."""
+"""Calibrators to be scored, built from other tools as a user would: they read a set, never its ground truth."""

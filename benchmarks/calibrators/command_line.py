@@ -1,4 +1,4 @@
-"""The command line that all calibrators have: SET OUT, and what one adds to it."""
+"""The command line that all calibrators have: SET OUT, and options of their own."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def run(
     calibrate: Callable[[argparse.Namespace], object],
     add_options: Callable[[argparse.ArgumentParser], object] = lambda parser: None,
 ) -> int:
-    """Calibrate `set` of the command line and write the file `out` that it names; 2 where that cannot be done."""
+    """Calibrate the `set` of the command line and write its `out`; return the exit code, 2 on failure."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("set", type=Path)
     parser.add_argument("out", type=Path)

@@ -1,7 +1,7 @@
 """This project's own calibration: `python -m benchmarks.calibrators.mirrorcam_blind SET OUT [--without-base]`.
 
-What `mirrorcam calibrate` does with a set's frames, those of the bare camera, nominal layout and board. Writes OUT, a
-`layout.json` with its covariance, and prints its alarms, with which the command would end with exit code 1.
+Does what `mirrorcam calibrate` does with a set's frames, base frames, nominal layout and board. Writes OUT, a
+`layout.json` with its covariance, and prints the alarms for which the command would end with exit code 1.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ def calibrate_set(folder: Path, out: Path, *, without_base: bool = False) -> tup
         layout=folder / "layout.json",
         base=(base,) if base.is_dir() and not without_base else (),
     )
-    found = calibrate_files([folder / "frames"], request)
-    found.layout.save(out)
-    return () if found.diagnostics is None else found.diagnostics.alarms
+    calibration = calibrate_files([folder / "frames"], request)
+    calibration.layout.save(out)
+    return () if calibration.diagnostics is None else calibration.diagnostics.alarms
 
 
 def calibrate(options: argparse.Namespace) -> None:
-    """Calibrate as the command line asks, and print the alarms."""
+    """Calibrate according to the options, and print the alarms."""
     for alarm in calibrate_set(options.set, options.out, without_base=options.without_base):
         print(f"alarm: {alarm}")
 

@@ -1,9 +1,10 @@
 """All mirrors as cameras with one lens, by mrcal: `python -m benchmarks.calibrators.mrcal_joint SET OUT`.
 
-OpenCV finds the corners, as mrcal has no detector of ChArUco boards, and the poses to start from: those that mrcal
-finds by itself are far off where every camera shows a corner of the picture alone. mrcal (https://mrcal.secretsauce.net)
-solves for one lens and a free place of each mirror, leaves out outliers, and says how certain it is. It knows boards of
-even squares alone, so no AprilGrid. `--python PYTHON` has mrcal, by default the running one or that of the system.
+OpenCV detects the corners, because mrcal has no detector of ChArUco boards, and estimates the initial poses: those that
+mrcal estimates itself are far off if every camera shows only a corner of the picture. mrcal
+(https://mrcal.secretsauce.net) solves for one lens and a free pose of each mirror, rejects outliers, and states the
+covariance. It supports only equally spaced corners, so no AprilGrid. `--python PYTHON` is an interpreter with mrcal, by
+default the running one or that of the system.
 Writes OUT, a FileStorage in YAML, and with `--covariance FILE` the covariance of its parameters.
 """
 
@@ -21,7 +22,7 @@ from benchmarks.calibrators.command_line import run
 from benchmarks.calibrators.opencv_joint import POSE, start
 from benchmarks.calibrators.set_corners import SetCorners, corners_of_set
 from benchmarks.calibrators.view_poses import OpencvCamera, write_cameras
-from benchmarks.referees.mrcal_runner import LENSES, asked, python_with_mrcal
+from benchmarks.referees.mrcal_runner import LENSES, python_with_mrcal, run_solver
 from mirrorcam.core.disk.files import write_json
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
@@ -33,24 +34,24 @@ LENS = ("fx_px", "fy_px", "cx_px", "cy_px", *("k1", "k2", "p1", "p2", "k3", "k4"
 MM_PER_M = 1000.0
 
 
-def by_boards(corners: SetCorners) -> list[int]:
-    """The views, that with most boards first: mrcal refers all places to it."""
+def by_board_count(corners: SetCorners) -> list[int]:
+    """Return the views, the one with the most boards first: mrcal's poses are relative to it."""
     views = [view for _, view in corners.seen]
     return sorted(range(len(corners.names)), key=lambda view: -views.count(view))
 
 
 def task_of(corners: SetCorners, folder: Path) -> dict[str, object]:
-    """Board and corners as the solver takes them, cameras in the order of `by_boards`."""
+    """Return the solver's task: board and corners, with cameras in the order of `by_board_count`."""
     layout, target = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
     lens = LENSES.get(layout.camera.lens_model)
     if lens is None:
         raise InputError(f"{folder}: a {layout.camera.lens_model} lens, expected one of {', '.join(LENSES)}")
     bundle, _, _ = start(corners)
-    order = by_boards(corners)
+    order = by_board_count(corners)
     reference = bundle.views[order[0]]
     camera = {view: number for number, view in enumerate(order)}
     frames = {frame: number for number, frame in enumerate(sorted({frame for frame, _ in corners.seen}))}
-    cols, along = target.corner_counts
+    cols, rows = target.corner_counts
     return {
         "width_px": corners.size_px[0],
         "height_px": corners.size_px[1],
@@ -58,10 +59,10 @@ def task_of(corners: SetCorners, folder: Path) -> dict[str, object]:
         "lens": lens,
         "start": {
             "core": bundle.lens[:4].tolist(),
-            "places": [_in_m(bundle.views[view] @ inverse(reference)) for view in order[1:]],
+            "cameras": [_in_m(bundle.views[view] @ inverse(reference)) for view in order[1:]],
             "poses": [_in_m(reference @ pose) for pose in bundle.frames],
         },
-        "board": {"rows": along, "cols": cols, "spacing_m": target.pitch_mm / MM_PER_M},
+        "board": {"rows": rows, "cols": cols, "spacing_m": target.pitch_mm / MM_PER_M},
         "corners": [
             [frames[frame], camera[view], corner, x, y, 1.0]
             for (frame, view), board in sorted(corners.seen.items())
@@ -71,76 +72,78 @@ def task_of(corners: SetCorners, folder: Path) -> dict[str, object]:
 
 
 def _in_m(pose: FloatArray) -> list[list[float]]:
-    moved = pose.copy()
-    moved[:3, 3] /= MM_PER_M
-    return moved.tolist()
+    scaled = pose.copy()
+    scaled[:3, 3] /= MM_PER_M
+    return scaled.tolist()
 
 
-def left_jacobian(turn: FloatArray) -> FloatArray:
-    """The turn on the left (3, 3) for each change of a Rodrigues vector (3,): exp(J dr) exp(r) = exp(r + dr)."""
-    across = _cross(turn)
-    angle = float(np.linalg.norm(turn))
+def left_jacobian(rotation: FloatArray) -> FloatArray:
+    """Return the left Jacobian J (3, 3) of a rotation vector r (3,): exp(J dr) exp(r) = exp(r + dr)."""
+    cross = _cross(rotation)
+    angle = float(np.linalg.norm(rotation))
     if angle < 1e-6:
-        return np.eye(3) + across / 2.0
+        return np.eye(3) + cross / 2.0
     return (
         np.eye(3)
-        + (1.0 - np.cos(angle)) / angle**2 * across
-        + (angle - np.sin(angle)) / angle**3 * np.asarray(across @ across)
+        + (1.0 - np.cos(angle)) / angle**2 * cross
+        + (angle - np.sin(angle)) / angle**3 * np.asarray(cross @ cross)
     )
 
 
 def _cross(vector: FloatArray) -> FloatArray:
-    """The matrix (3, 3) of the cross product with a vector (3,) on the left."""
+    """Return the matrix (3, 3) of the cross product with a vector (3,) on the left."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def covariance_of(covariance: FloatArray, places: FloatArray, lens: int) -> FloatArray:
-    """mrcal's covariance of a lens and places (n, 4, 4) but the first, m, as a covariance that is scored has it.
+def covariance_of(covariance: FloatArray, poses: FloatArray, lens: int) -> FloatArray:
+    """Convert mrcal's covariance of a lens and of poses (n, 4, 4) but the first, m, to the one that is scored.
 
-    There, points in a camera's frame are turned about its origin, then shifted: where a Rodrigues vector changes, the
-    shift in mrcal's place, which stays, is what turns with it less that.
+    The scored one is of a rotation of points in a camera's frame about its origin, followed by a shift. A change of
+    mrcal's rotation vector leaves its translation unchanged, so that the equivalent shift compensates the rotation.
     """
-    slopes = [np.eye(lens)]
-    for place in places[1:]:
-        turned = left_jacobian(Rotation.from_matrix(place[:3, :3]).as_rotvec())
-        shifted = MM_PER_M * np.hstack([_cross(place[:3, 3]) @ turned, np.eye(3)])
-        slopes.append(np.vstack([np.hstack([turned, np.zeros((3, 3))]), shifted]))
-    slope = block_diag(*slopes)
-    return np.asarray(slope @ covariance @ slope.T)
+    blocks = [np.eye(lens)]
+    for pose in poses[1:]:
+        d_rotation = left_jacobian(Rotation.from_matrix(pose[:3, :3]).as_rotvec())
+        d_shift = MM_PER_M * np.hstack([_cross(pose[:3, 3]) @ d_rotation, np.eye(3)])
+        blocks.append(np.vstack([np.hstack([d_rotation, np.zeros((3, 3))]), d_shift]))
+    jacobian = block_diag(*blocks)
+    return np.asarray(jacobian @ covariance @ jacobian.T)
 
 
 def calibrate_set(folder: Path, out: Path, python: str, covariance_file: Path | None = None) -> None:
-    """Calibrate a set from its frames, nominal layout and board; write cameras, and their covariance where asked."""
+    """Calibrate a set from its frames, nominal layout and board; write cameras and, if requested, their covariance."""
     corners = corners_of_set(folder)
-    found = asked(python, task_of(corners, folder))["found"]["mrcal"]
-    lens, places, order = np.array(found["lens"]), np.array(found["cameras"]), by_boards(corners)
+    solution = run_solver(python, task_of(corners, folder))["found"]["mrcal"]
+    lens, poses, order = np.array(solution["lens"]), np.array(solution["cameras"]), by_board_count(corners)
     fx, fy, cx, cy = lens[:4]
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    in_mm = places.copy()
+    in_mm = poses.copy()
     in_mm[:, :3, 3] *= MM_PER_M
-    cameras = {view: OpencvCamera(corners.names[view], matrix, lens[4:], in_mm[at]) for at, view in enumerate(order)}
+    cameras = {
+        view: OpencvCamera(corners.names[view], matrix, lens[4:], in_mm[number]) for number, view in enumerate(order)
+    }
     write_cameras(out, [cameras[view] for view in range(len(order))], corners.size_px, corners.flip)
     if covariance_file is not None:
         names = [f"all {name}" for name in LENS[: len(lens)]]
         names += [f"{corners.names[view]} {name}" for view in order[1:] for name in POSE]
-        covariance = covariance_of(np.array(found["covariance"]), places, len(lens))
-        stated = {"schema": "mirrorcam.covariance/1", "parameters": names, "covariance": covariance.tolist()}
-        write_json(covariance_file, stated)
+        covariance = covariance_of(np.array(solution["covariance"]), poses, len(lens))
+        content = {"schema": "mirrorcam.covariance/1", "parameters": names, "covariance": covariance.tolist()}
+        write_json(covariance_file, content)
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    """Options beside SET OUT."""
+    """Add the options besides SET OUT."""
     parser.add_argument("--covariance", type=Path)
     parser.add_argument("--python")
 
 
 def calibrate(options: argparse.Namespace) -> None:
-    """Calibrate as the command line asks; raises InputError where no interpreter has mrcal."""
+    """Calibrate according to the options; raises InputError if no interpreter has mrcal."""
     python = python_with_mrcal(options.python)
     if python is None:
         where = options.python or "this or the system python3"
-        raise InputError(f"mrcal: not there in {where}; --python PYTHON names another")
+        raise InputError(f"mrcal: not installed in {where}; --python PYTHON states a different one")
     calibrate_set(options.set, options.out, python, options.covariance)
 
 

@@ -1,4 +1,4 @@
-"""Corners of the boards in a set by OpenCV's own detectors, in the flipped frame, a view at a time."""
+"""Corners of the boards in a set, from OpenCV's own detectors, in the flipped frame, view by view."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from mirrorcam.optics.camera_files.write.virtual_cameras import Flip, VirtualCam
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, load_board
 
-FEWEST = 8
-"""Corners of a board that are worth a pose."""
+MIN_CORNERS = 8
+"""Minimum number of corners for the pose of a board."""
 EDGE_PX = 6.0
 """Corners nearer to the edge of a view are not used."""
 BLANK = 127
-"""Grey level of what belongs to other mirrors, whose boards have the same markers."""
+"""Grey level that replaces the parts of other mirrors, whose boards have the same markers."""
 
 
 @dataclass(frozen=True)
-class SeenBoard:
-    """Corners of one board in one picture of one view: their numbers (n,) and pixels (n, 2) of the flipped frame."""
+class DetectedBoard:
+    """Corners of a board in one view of one frame: their numbers (n,) and pixels (n, 2) in the flipped frame."""
 
     corner: NDArray[np.int64]
     pixels: FloatArray
@@ -34,7 +34,7 @@ class SeenBoard:
 
 @dataclass(frozen=True)
 class SetCorners:
-    """What a calibrator with OpenCV knows of a set.
+    """The inputs of a calibrator with OpenCV.
 
     Attributes
     ----------
@@ -45,11 +45,11 @@ class SetCorners:
     size_px
         Width and height of a frame.
     matrix
-        Camera matrix (3, 3) of the flipped frame by the data sheet.
+        Camera matrix (3, 3) of the flipped frame, from the data sheet.
     points_in_board
         Corners (m, 3) of the board, mm.
     seen
-        Boards by frame and view.
+        Detected boards, by frame and view.
     """
 
     names: tuple[str, ...]
@@ -57,13 +57,13 @@ class SetCorners:
     size_px: tuple[int, int]
     matrix: FloatArray
     points_in_board: FloatArray
-    seen: dict[tuple[int, int], SeenBoard]
+    seen: dict[tuple[int, int], DetectedBoard]
 
 
 def corners_of_set(folder: Path) -> SetCorners:
-    """Find the corners in the `frames` of a rendered set, of which nothing but `layout.json` and `board.toml` is read.
+    """Detect the corners in the `frames` of a rendered set; it reads only these, `layout.json` and `board.toml`.
 
-    Raises InputError for a set without frames, and for a board that OpenCV has no detector of.
+    Raises InputError for a set without frames, and for a board for which OpenCV has no detector.
     """
     layout = Layout.load(folder / "layout.json")
     frames = sorted((folder / "frames").glob("*"))
@@ -77,9 +77,9 @@ def corners_of_set(folder: Path) -> SetCorners:
     for frame, path in enumerate(frames):
         flipped = np.ascontiguousarray(views[0].flipped(read_image(path, grey=True)))
         for number, view in enumerate(views):
-            found = _in_view(flipped, view, board)
-            if found is not None:
-                seen[frame, number] = found
+            detected = _in_view(flipped, view, board)
+            if detected is not None:
+                seen[frame, number] = detected
     return SetCorners(
         names=tuple(view.name for view in views),
         flip=views[0].flip,
@@ -90,25 +90,25 @@ def corners_of_set(folder: Path) -> SetCorners:
     )
 
 
-def _in_view(flipped: NDArray[np.uint8], view: VirtualCamera, board: Target) -> SeenBoard | None:
-    """The board in the part of the flipped frame (h, w) that a mirror is to show; None where too little is found."""
+def _in_view(flipped: NDArray[np.uint8], view: VirtualCamera, board: Target) -> DetectedBoard | None:
+    """Return the board in a mirror's part of the flipped frame (h, w); None if too few corners are detected."""
     part = view.sub_image
-    shown_by_mirror = view.mask[part.slices] > 0
-    picture = np.where(shown_by_mirror, flipped[part.slices], BLANK).astype(np.uint8)
+    in_mirror = view.mask[part.slices] > 0
+    picture = np.where(in_mirror, flipped[part.slices], BLANK).astype(np.uint8)
     if isinstance(board, Charuco):
-        found, ids, _, _ = cv2.aruco.CharucoDetector(board.opencv_board).detectBoard(picture)
+        detected, ids, _, _ = cv2.aruco.CharucoDetector(board.opencv_board).detectBoard(picture)
         if ids is None:
             return None
-        corner, pixels = np.ravel(ids).astype(np.int64), np.reshape(found, (-1, 2)).astype(np.float64)
+        corner, pixels = np.ravel(ids).astype(np.int64), np.reshape(detected, (-1, 2)).astype(np.float64)
     else:
-        shown, found = cv2.findChessboardCornersSB(picture, board.corner_counts)
-        if not shown:
+        is_detected, detected = cv2.findChessboardCornersSB(picture, board.corner_counts)
+        if not is_detected:
             return None
-        pixels = np.reshape(found, (-1, 2)).astype(np.float64)
+        pixels = np.reshape(detected, (-1, 2)).astype(np.float64)
         corner = np.arange(len(pixels))
-    from_edge = cv2.distanceTransform(np.pad(shown_by_mirror.astype(np.uint8), 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    from_edge = cv2.distanceTransform(np.pad(in_mirror.astype(np.uint8), 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
     column, row = np.clip(np.rint(pixels).astype(int), 0, [part.width - 1, part.height - 1]).T
-    kept = from_edge[row, column] > EDGE_PX
-    if kept.sum() < FEWEST:
+    used = from_edge[row, column] > EDGE_PX
+    if used.sum() < MIN_CORNERS:
         return None
-    return SeenBoard(corner[kept], pixels[kept] + [part.x, part.y])
+    return DetectedBoard(corner[used], pixels[used] + [part.x, part.y])

@@ -1,4 +1,4 @@
-"""Poses of views against each other from poses of boards, and cameras as OpenCV's YAML."""
+"""Relative poses of views from poses of boards, and cameras as OpenCV's YAML."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.write.virtual_cameras import Flip
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 
-UNLIKE = 3.0
-"""Poses that are farther from the median than this many times the median distance are left out of the mean."""
+OUTLIER = 3.0
+"""Poses farther from the median than this multiple of the median distance are omitted from the mean."""
 
 
 @dataclass(frozen=True)
 class OpencvCamera:
-    """A view as `cv2.projectPoints` takes it; camera_from_rig (4, 4), mm."""
+    """A view for `cv2.projectPoints`; camera_from_rig (4, 4), mm."""
 
     name: str
     matrix: FloatArray
@@ -33,9 +33,9 @@ class OpencvCamera:
 def view_from_reference(
     view_from_board: Mapping[tuple[int, int], FloatArray], views: int
 ) -> tuple[int, tuple[FloatArray, ...]]:
-    """The view with most boards, and the pose (4, 4) of each view after it, from poses by frame and view.
+    """Return the view with the most boards, and each view's pose (4, 4) relative to it, from poses by frame and view.
 
-    Raises InputError for a view without a frame in common with that one.
+    Raises InputError for a view that has no frame in common with the reference view.
     """
     frames = [{frame for frame, number in view_from_board if number == view} for view in range(views)]
     reference = max(range(views), key=lambda view: len(frames[view]))
@@ -50,17 +50,17 @@ def view_from_reference(
 
 
 def mean_pose(poses: FloatArray) -> FloatArray:
-    """The mean of poses (n, 4, 4), without those far from the median."""
+    """Return the mean of poses (n, 4, 4), without those far from the median."""
     shift = np.median(poses[:, :3, 3], axis=0)
-    turns = Rotation.from_matrix(poses[:, :3, :3])
-    apart = np.array([(turns * turn.inv()).magnitude() for turn in turns])
-    middle = turns[int(np.median(apart, axis=1).argmin())]
-    angles = (turns * middle.inv()).magnitude()
+    rotations = Rotation.from_matrix(poses[:, :3, :3])
+    angles_between = np.array([(rotations * rotation.inv()).magnitude() for rotation in rotations])
+    median = rotations[int(np.median(angles_between, axis=1).argmin())]
+    angles = (rotations * median.inv()).magnitude()
     lengths = np.linalg.norm(poses[:, :3, 3] - shift, axis=1)
-    kept = (angles <= UNLIKE * np.median(angles) + 1e-12) & (lengths <= UNLIKE * np.median(lengths) + 1e-12)
-    if not kept.any():
-        kept[angles.argmin()] = True
-    return rigid(turns[kept].mean().as_matrix(), poses[kept, :3, 3].mean(axis=0))
+    used = (angles <= OUTLIER * np.median(angles) + 1e-12) & (lengths <= OUTLIER * np.median(lengths) + 1e-12)
+    if not used.any():
+        used[angles.argmin()] = True
+    return rigid(rotations[used].mean().as_matrix(), poses[used, :3, 3].mean(axis=0))
 
 
 def write_cameras(path: Path, cameras: Sequence[OpencvCamera], size_px: tuple[int, int], flip: Flip) -> None:

@@ -1,1 +1,1 @@
-"""Scenes that are hard for depth estimation, seen by an even grid of pinholes, with true disparity."""
+"""Scenes that are hard for depth estimation, viewed by an even grid of pinholes, with true disparity."""

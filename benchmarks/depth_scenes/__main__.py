@@ -1,11 +1,10 @@
 """Scenes that are hard for depth estimation, with true disparity, in the format of the 4D Light Field Benchmark.
 
 `python -m benchmarks.depth_scenes FOLDER [--views 3|5|9] [--size 512] [NAME...]` renders them, each into a folder of
-its name, and leaves alone what is there. `edges.png` in it is white where a pixel of the central view shows a step of
-depth.
+its name, unless it exists. `edges.png` there is white where a pixel of the central view shows a step in depth.
 
-Printed for each: how far the other views, warped by the truth, are from the central one, in grey levels, where both
-show the same surface away from edges of depth.
+Prints, for each, by how many grey levels the other views, warped by the truth, differ from the central one, where both
+show the same surface away from depth edges.
 """
 
 from __future__ import annotations
@@ -34,20 +33,22 @@ SAME_SURFACE_PX = 0.05
 
 
 def residuals(scene: RenderedScene, light_field: LightField, edges: NDArray[np.bool_]) -> Iterator[NDArray[np.float64]]:
-    """Of each other view warped to the central one by the true disparity: the grey levels (n,) by which they differ."""
+    """Yield the absolute grey differences (n,) of each other view, warped by true disparity, from the central one."""
     t, s = light_field.rows // 2, light_field.cols // 2
     grey = [cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY) for picture in light_field.samples.reshape(-1, *edges.shape, 3)]
     centre = grey[t * light_field.cols + s].astype(np.float64)
-    own = _disparity(scene, light_field, t, s)
+    disparity = _disparity(scene, light_field, t, s)
     columns, rows = np.meshgrid(*(np.arange(length, dtype=np.float32) for length in edges.shape[::-1]))
     for index in np.ndindex(light_field.rows, light_field.cols):
         if index == (t, s):
             continue
-        place = columns - own * np.float32(index[1] - s), rows - own * np.float32(index[0] - t)
-        picture = cv2.remap(grey[index[0] * light_field.cols + index[1]].astype(np.float32), *place, cv2.INTER_LANCZOS4)
-        theirs = cv2.remap(_disparity(scene, light_field, *index), *place, cv2.INTER_LINEAR, borderValue=np.nan)
-        same = ~edges & (np.abs(theirs - own) < SAME_SURFACE_PX)
-        yield np.abs(picture - centre)[same]
+        positions = columns - disparity * np.float32(index[1] - s), rows - disparity * np.float32(index[0] - t)
+        picture = cv2.remap(
+            grey[index[0] * light_field.cols + index[1]].astype(np.float32), *positions, cv2.INTER_LANCZOS4
+        )
+        other = cv2.remap(_disparity(scene, light_field, *index), *positions, cv2.INTER_LINEAR, borderValue=np.nan)
+        is_same_surface = ~edges & (np.abs(other - disparity) < SAME_SURFACE_PX)
+        yield np.abs(picture - centre)[is_same_surface]
 
 
 def _disparity(scene: RenderedScene, views: Views, t: int, s: int) -> NDArray[np.float32]:
@@ -55,13 +56,13 @@ def _disparity(scene: RenderedScene, views: Views, t: int, s: int) -> NDArray[np
 
 
 def write_scene(folder: Path, name: str, *, count: int, size_px: int, spp: int = SPP) -> tuple[str, ...] | None:
-    """Render a scene into a folder, unless it is there.
+    """Render a scene into a folder, unless it exists there.
 
-    Returns, unless it was there, grey levels by which warped views differ (median, and what 90 % are below), and how
-    many pixels are on edges of depth.
+    Returns None if it exists; otherwise the grey differences of warped views (median and 90th percentile), and the
+    percentage of pixels on depth edges.
     """
     if (folder / PARAMETERS).exists():
-        print(f"{name}: is there")
+        print(f"{name}: exists")
         return None
     scene, views = RenderedScene(SCENES[name](SEED)), depth_views(count, size_px)
     samples = np.empty((count, count, size_px, size_px, 3), np.uint8)
@@ -71,26 +72,26 @@ def write_scene(folder: Path, name: str, *, count: int, size_px: int, spp: int =
     edges = scene.edges(views)
     write_image(folder / "edges.png", np.where(edges, 255, 0).astype(np.uint8))
     write_hci(folder, light_field, scene.depth_mm(views, count // 2, count // 2))
-    off = np.concatenate(list(residuals(scene, light_field, edges)))
-    return f"{np.median(off):.2f}", f"{np.quantile(off, 0.9):.2f}", f"{100.0 * edges.mean():.1f} %"
+    differences = np.concatenate(list(residuals(scene, light_field, edges)))
+    return f"{np.median(differences):.2f}", f"{np.quantile(differences, 0.9):.2f}", f"{100.0 * edges.mean():.1f} %"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(SCENES)}; all of them by default")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"some of {', '.join(SCENES)}; by default all")
     parser.add_argument("--views", type=int, choices=(3, 5, 9), default=3)
     parser.add_argument("--size", type=int, default=512, help="side of each view, px")
     add_json_option(parser)
     request = parser.parse_intermixed_args()
-    wrong = sorted(set(request.names) - set(SCENES))
-    if wrong:
-        parser.error(f"unknown scene {wrong[0]!r}, expected of {', '.join(SCENES)}")
+    unknown = sorted(set(request.names) - set(SCENES))
+    if unknown:
+        parser.error(f"unknown scene {unknown[0]!r}, expected one of {', '.join(SCENES)}")
     rows = Rows("scene", "difference, grey levels: median", "90 % below", "pixels on edges of depth")
     for name in request.names or SCENES:
-        made = write_scene(request.folder / name, name, count=request.views, size_px=request.size)
-        if made is not None:
-            rows.add(name, *made)
+        cells = write_scene(request.folder / name, name, count=request.views, size_px=request.size)
+        if cells is not None:
+            rows.add(name, *cells)
     write_record(request.json, "depth_scenes", table=rows.table)
 
 

@@ -1,4 +1,4 @@
-"""Bushes, grass and hanging twigs at several depths before a brick wall, which shows through their gaps."""
+"""Bushes, grass and hanging twigs at several depths in front of a brick wall, which is visible through their gaps."""
 
 from __future__ import annotations
 
@@ -22,37 +22,39 @@ _BUSHES = (
 _TUFTS = ((20.0, 2750.0), (-140.0, 3400.0), (430.0, 2850.0), (60.0, 4200.0), (-700.0, 5200.0), (900.0, 6600.0))
 
 
-def _axes(random: np.random.Generator, way: FloatArray) -> FloatArray:
-    """Axes (3, 3) of a leaf that points along a way and turns its face anywhere."""
-    along = way / np.linalg.norm(way)
-    across = np.cross(along, random.standard_normal(3))
-    across /= np.linalg.norm(across)
-    return np.stack([along, across, np.cross(along, across)])
+def _axes(random: np.random.Generator, direction: FloatArray) -> FloatArray:
+    """Return the axes (3, 3) of a leaf that points in a direction, with a random rotation about it."""
+    forward = direction / np.linalg.norm(direction)
+    sideways = np.cross(forward, random.standard_normal(3))
+    sideways /= np.linalg.norm(sideways)
+    return np.stack([forward, sideways, np.cross(forward, sideways)])
 
 
 def _bush(
-    random: np.random.Generator, foot: FloatArray, height: float, spread: float, twigs: int, count: int
+    random: np.random.Generator, foot: FloatArray, height: float, spread: float, twigs: int, leaf_count: int
 ) -> Iterator[tuple[bool, Surface]]:
-    """Twigs (False) and leaves (True)."""
+    """Yield the surfaces of a bush, with False for a twig and True for a leaf."""
     for _ in range(twigs):
         tip = np.add(foot, [*random.uniform(-spread, spread, 2), height * random.uniform(0.55, 1.0)])
-        part = np.linspace(0.0, 1.0, 14)[:, None]
-        path = foot + part * (tip - foot) + 0.14 * height * np.sin(np.pi * part) * random.uniform(-1.0, 1.0, 3)
+        fraction = np.linspace(0.0, 1.0, 14)[:, None]
+        path = foot + fraction * (tip - foot) + 0.14 * height * np.sin(np.pi * fraction) * random.uniform(-1.0, 1.0, 3)
         yield False, tube(path, random.uniform(1.5, 4.0))
-        for place in random.uniform(0.2, 1.0, count):
-            start = path[int(place * 13)]
-            way = np.add(random.uniform(-1.0, 1.0, 3), [0.0, 0.0, 0.3])
+        for position in random.uniform(0.2, 1.0, leaf_count):
+            start = path[int(position * 13)]
+            direction = np.add(random.uniform(-1.0, 1.0, 3), [0.0, 0.0, 0.3])
             length = random.uniform(55.0, 130.0)
             width, bend = length * random.uniform(0.16, 0.42), random.uniform(-0.2, 0.5)
-            yield True, leaf(start, _axes(random, way), length, width, bend, random.uniform(0.0, 400.0, 2))
+            yield True, leaf(start, _axes(random, direction), length, width, bend, random.uniform(0.0, 400.0, 2))
 
 
 def _tuft(random: np.random.Generator, foot: FloatArray) -> Iterator[Surface]:
     for _ in range(26):
-        way = np.array([*random.uniform(-0.45, 0.45, 2), 1.0])
+        direction = np.array([*random.uniform(-0.45, 0.45, 2), 1.0])
         length, width = random.uniform(160.0, 420.0), random.uniform(5.0, 11.0)
         start = np.add(foot, [*random.uniform(-60.0, 60.0, 2), 0.0])
-        yield leaf(start, _axes(random, way), length, width, random.uniform(-0.4, 0.4), random.uniform(0.0, 400.0, 2))
+        yield leaf(
+            start, _axes(random, direction), length, width, random.uniform(-0.4, 0.4), random.uniform(0.0, 400.0, 2)
+        )
 
 
 def foliage(seed: int) -> Scene:
@@ -61,8 +63,8 @@ def foliage(seed: int) -> Scene:
     seeds = iter(random.integers(0, 2**31, 8).tolist())
     leaves: list[list[Surface]] = [[] for _ in _GREENS]
     twigs: list[Surface] = []
-    for number, (foot, height, spread, count, each) in enumerate(_BUSHES):
-        for is_leaf, surface in _bush(random, np.array(foot), height, spread, count, each):
+    for number, (foot, height, spread, twig_count, leaf_count) in enumerate(_BUSHES):
+        for is_leaf, surface in _bush(random, np.array(foot), height, spread, twig_count, leaf_count):
             (leaves[number % len(_GREENS)] if is_leaf else twigs).append(surface)
     for number, (x, y) in enumerate(_TUFTS):
         leaves[(number + 1) % len(_GREENS)] += _tuft(random, np.array([x, y, 0.0]))
@@ -73,8 +75,8 @@ def foliage(seed: int) -> Scene:
         Item("ground", ground, Finish(pattern=stone(next(seeds), (0.24, 0.21, 0.15)), tile_mm=1300.0)),
         Item("twigs", joined(twigs), Finish(pattern=plaster(next(seeds), (0.17, 0.11, 0.07), 0.2), tile_mm=300.0)),
         *(
-            Item(f"leaves {number}", joined(part), Finish(pattern=skin(next(seeds), colour), tile_mm=500.0))
-            for number, (part, colour) in enumerate(zip(leaves, _GREENS, strict=True))
+            Item(f"leaves {number}", joined(surfaces), Finish(pattern=skin(next(seeds), colour), tile_mm=500.0))
+            for number, (surfaces, colour) in enumerate(zip(leaves, _GREENS, strict=True))
         ),
     )
     lamps = (

@@ -1,4 +1,4 @@
-"""Glossy, metal and mirror-like things beside matte ones on a polished table; truth is their first surface."""
+"""Glossy, metallic and mirror-like objects among matte ones on a polished table; the truth is the first surface."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from benchmarks.depth_scenes.patterns import Pattern, bricks, planks, plaster, repeated, stone, weave
+from benchmarks.depth_scenes.patterns import Pattern, bricks, planks, plaster, resized, stone, weave
 from benchmarks.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
-from benchmarks.depth_scenes.surfaces import ball, block, sheet, tube, turned
+from benchmarks.depth_scenes.surfaces import ball, block, revolved, sheet, tube
 from mirrorcam.render_scenes.tabletop.objects import texture
 
 # Radii and heights of what is turned.
@@ -49,15 +49,15 @@ def _room(seeds: Iterator[int], wood: Pattern, poster: Pattern) -> Iterator[Item
     )
 
 
-def _things(random: np.random.Generator, seeds: Iterator[int], label: Pattern) -> Iterator[Item]:
-    def place(x: float, y: float) -> tuple[float, float, float]:
+def _objects(random: np.random.Generator, seeds: Iterator[int], label: Pattern) -> Iterator[Item]:
+    def position(x: float, y: float) -> tuple[float, float, float]:
         return x + random.uniform(-20.0, 20.0), y + random.uniform(-20.0, 20.0), 0.0
 
     handle = np.linspace(0.0, np.pi, 24)[:, None]
-    kettle, marble = place(215.0, 3000.0), place(-60.0, 2930.0)
+    kettle, marble = position(215.0, 3000.0), position(-60.0, 2930.0)
     arc = np.add(kettle, (0.0, 0.0, 170.0)) + np.cos(handle) * [120.0, 40.0, 0.0] + np.sin(handle) * [0.0, 0.0, 150.0]
-    yield Item("vase", turned(_VASE, place(-330.0, 3250.0)), Finish("mirror", colour=(0.88, 0.86, 0.82)))
-    yield Item("kettle", turned(_KETTLE, kettle), Finish("metal", colour=(0.85, 0.50, 0.34), roughness=0.18))
+    yield Item("vase", revolved(_VASE, position(-330.0, 3250.0)), Finish("mirror", colour=(0.88, 0.86, 0.82)))
+    yield Item("kettle", revolved(_KETTLE, kettle), Finish("metal", colour=(0.85, 0.50, 0.34), roughness=0.18))
     yield Item("handle", tube(arc, 7.0, 12), Finish("satin", colour=(0.04, 0.04, 0.05)))
     yield Item(
         "marble",
@@ -65,41 +65,43 @@ def _things(random: np.random.Generator, seeds: Iterator[int], label: Pattern) -
         Finish("glossy", stone(next(seeds), (0.55, 0.5, 0.46)), 300.0),
     )
     yield Item(
-        "bowl", turned(_BOWL, place(430.0, 3700.0)), Finish("glossy", stone(next(seeds), (0.16, 0.28, 0.42)), 400.0)
+        "bowl",
+        revolved(_BOWL, position(430.0, 3700.0)),
+        Finish("glossy", stone(next(seeds), (0.16, 0.28, 0.42)), 400.0),
     )
     yield Item(
         "pot",
-        turned(_POT, place(-30.0, 3900.0)),
+        revolved(_POT, position(-30.0, 3900.0)),
         Finish("matte", plaster(next(seeds), (0.45, 0.24, 0.15), 0.15), 400.0),
     )
-    yield Item("can", turned(_CAN, place(80.0, 3300.0)), Finish("satin", label, 390.0, roughness=0.1))
+    yield Item("can", revolved(_CAN, position(80.0, 3300.0)), Finish("satin", label, 390.0, roughness=0.1))
     yield Item(
         "box",
-        block((260.0, 180.0, 340.0), place(-420.0, 4100.0), 28.0),
+        block((260.0, 180.0, 340.0), position(-420.0, 4100.0), 28.0),
         Finish("satin", weave(next(seeds), (0.42, 0.16, 0.14)), 330.0),
     )
     yield Item(
         "tray",
-        block((360.0, 260.0, 16.0), place(-360.0, 2900.0), -16.0),
+        block((360.0, 260.0, 16.0), position(-360.0, 2900.0), -16.0),
         Finish("metal", colour=(0.72, 0.72, 0.74), roughness=0.3),
     )
     yield Item(
         "tin",
-        block((170.0, 170.0, 260.0), place(330.0, 4350.0), 40.0),
+        block((170.0, 170.0, 260.0), position(330.0, 4350.0), 40.0),
         Finish("metal", colour=(0.75, 0.72, 0.66), roughness=0.22),
     )
 
 
 def gloss(seed: int) -> Scene:
-    """The table; textures and small shifts by the seed."""
+    """Return the scene; the seed determines textures and small shifts."""
     random = np.random.default_rng(seed)
     seeds = iter(random.integers(0, 2**31, 16).tolist())
     wood = planks(next(seeds), (0.34, 0.20, 0.11), boards=7)
-    poster = repeated(texture("poster", (1024, 1024), next(seeds)))
-    label = repeated(texture("label", (1024, 1024), next(seeds)))
+    poster = resized(texture("poster", (1024, 1024), next(seeds)))
+    label = resized(texture("label", (1024, 1024), next(seeds)))
     items = (
         *_room(seeds, wood, poster),
-        *_things(random, seeds, label),
+        *_objects(random, seeds, label),
         Item(
             "room behind",
             sheet((-4000.0, -1500.0, -750.0), (8000.0, 0.0, 0.0), (0.0, 0.0, 4200.0)),

@@ -1,4 +1,4 @@
-"""A scene of surfaces and lamps in Mitsuba, its pictures by pinholes, and the true depth of their pixels.
+"""A scene of surfaces and lamps in Mitsuba, its pictures from pinholes, and the true depths of their pixels.
 
 A scene is described in its own frame (x right, y away, z up, mm) and rendered in the frame of its central view, which
 is also the rig of its light field (x right, y down, z forward).
@@ -23,18 +23,18 @@ from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 from mirrorcam.render_scenes.tabletop.tabletop_scene import RayThrough, pinhole, pinhole_rays, render_lit
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
-Colour = tuple[float, float, float]
+Triple = tuple[float, float, float]
 Kind = Literal["matte", "glossy", "satin", "metal", "mirror"]
 
 VIEWS = 9
-"""Views down and across of the whole grid, as in the 4D Light Field Benchmark."""
+"""Number of rows and of columns of the complete grid, as in the 4D Light Field Benchmark."""
 STEP_MM, FOCUS_MM = 10.0, 4000.0
 FOCAL_IN_WIDTHS = 100.0 / 35.0  # focal length and sensor of the benchmark's cameras
 SOFTNESS_PX = 0.4  # sigma of the Gaussian that a pixel averages over
 PLASTIC_INDEX = 1.5
-MOST_INDIRECT = 1.0  # linear grey that light by way of another surface may add to a sample
+MAX_INDIRECT = 1.0  # linear grey that light by way of another surface may add to a sample
 EDGE_PX = 0.1
-"""Least step of disparity, per step of the whole grid, at an edge of depth."""
+"""Minimum step of disparity, per step of the complete grid, at a depth edge."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class Finish:
     kind: Kind = "matte"
     pattern: Pattern | None = None
     tile_mm: float = 1000.0
-    colour: Colour = (0.5, 0.5, 0.5)
+    colour: Triple = (0.5, 0.5, 0.5)
     roughness: float = 0.15
 
 
@@ -59,42 +59,42 @@ class Item:
 
 @dataclass(frozen=True)
 class Lamp:
-    """A rectangle that shines from `at` towards `to`, of half sides `half_mm`, with a radiance."""
+    """A rectangular lamp centred at `position`, facing `target`, with the half sides `half_mm`."""
 
-    at: Colour
-    to: Colour
+    position: Triple
+    target: Triple
     half_mm: tuple[float, float]
-    radiance: Colour
+    radiance: Triple
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A scene: what stands in it, its light, and where the central view is.
+    """A scene: its objects, its light, and the position of the central view.
 
     Attributes
     ----------
     items, lamps
-        What is seen, and what lights it.
+        Objects and lamps.
     sky
-        Radiance of what lies beyond all surfaces.
+        Radiance beyond all surfaces.
     eye_mm
         Height of the central view above the origin of the scene.
     pitch_deg
-        How far it looks down.
+        Angle by which the central view looks down.
     exposure
         Factor from radiance to linear grey, 1 for white.
     """
 
     items: tuple[Item, ...]
     lamps: tuple[Lamp, ...]
-    sky: Colour
+    sky: Triple
     eye_mm: float
     pitch_deg: float
     exposure: float = 1.0
 
     @property
     def view_from_scene(self) -> FloatArray:
-        """Pose (4, 4) of the scene in the frame of the central view."""
+        """Transform (4, 4) from the scene's frame to that of the central view."""
         pitch = np.radians(self.pitch_deg)
         rotation = np.array(
             [[1.0, 0.0, 0.0], [0.0, -np.sin(pitch), -np.cos(pitch)], [0.0, np.cos(pitch), -np.sin(pitch)]]
@@ -105,9 +105,9 @@ class Scene:
 
 
 def depth_views(count: int, size_px: int) -> Views:
-    """`count` x `count` views of `size_px` x `size_px` pixels that reach as far as the whole grid of VIEWS."""
+    """`count` x `count` views of `size_px` x `size_px` pixels, with the extent of the complete grid of VIEWS."""
     if count < 2 or (VIEWS - 1) % (count - 1) or count % 2 == 0:
-        raise InputError(f"{count} views, expected 3, 5 or {VIEWS}: every so-many-th of {VIEWS}, the central one too")
+        raise InputError(f"{count} views, expected 3, 5 or {VIEWS}: an even subset with the central one")
     offsets = (np.arange(count) - count // 2) * (STEP_MM * (VIEWS - 1) / (count - 1))
     return Views(
         positions_mm=np.stack([*np.meshgrid(offsets, offsets), np.zeros((count, count))], axis=-1),
@@ -123,7 +123,7 @@ def depth_views(count: int, size_px: int) -> Views:
 
 
 class RenderedScene:
-    """A scene in Mitsuba. Raises InputError where no backend compiles."""
+    """A scene in Mitsuba. Raises InputError if no backend compiles."""
 
     def __init__(self, scene: Scene):
         self.variant = use_variant(colour=True)
@@ -139,34 +139,34 @@ class RenderedScene:
         self._scene = mi.load_dict({"type": "scene", "sky": sky, **lamps, **shapes})
 
     def picture(self, views: Views, t: int, s: int, *, spp: int) -> NDArray[np.uint8]:
-        """What a view sees (v, u, 3), sRGB of 8 bits. The random numbers are those of its place in the whole grid."""
+        """Render a view (v, u, 3) in 8-bit sRGB; its position in the complete grid determines the random numbers."""
         use_variant(self.variant)
         row, column = (round(offset) for offset in views.positions_mm[t, s, 1::-1] / STEP_MM)
         light = render_lit(
             self._scene,
-            _softened(pinhole(views, t, s, 1.0)),
+            _gaussian_pixels(pinhole(views, t, s, 1.0)),
             is_pinhole=True,
             size=(views.width_px, views.height_px),
             subpixels=1,
             spp=spp,
             seed=100 * (row + VIEWS) + column + VIEWS,
             via_mirrors=False,
-            most_indirect=MOST_INDIRECT / self.scene.exposure,
+            max_indirect=MAX_INDIRECT / self.scene.exposure,
         )
         return srgb(light * np.float32(self.scene.exposure))
 
     def depth_mm(self, views: Views, t: int, s: int) -> NDArray[np.float32]:
-        """Depth (v, u) of the first surface at each pixel centre of a view; infinite where there is none."""
+        """Return the depth (v, u) of the first surface at each pixel centre of a view; infinite without one."""
         use_variant(self.variant)
         import mitsuba as mi
 
         start, direction = pinhole_rays(views, t, s, 1.0)
         rays = mi.Ray3f(*(mi.Point3f(np.float32(vectors.reshape(-1, 3).T)) for vectors in (start, direction)))
-        way = np.array(self._scene.ray_intersect_preliminary(rays).t, dtype=np.float64)
-        return (1.0 + way.reshape(start.shape[:2]) * direction[..., 2]).astype(np.float32)
+        length = np.array(self._scene.ray_intersect_preliminary(rays).t, dtype=np.float64)
+        return (1.0 + length.reshape(start.shape[:2]) * direction[..., 2]).astype(np.float32)
 
     def edges(self, views: Views) -> NDArray[np.bool_]:
-        """Where a pixel (v, u) of the central view shows surfaces whose disparities differ by more than EDGE_PX."""
+        """Return the pixels (v, u) of the central view that show surfaces with disparities EDGE_PX or more apart."""
         fine = depth_views(views.rows, 3 * views.width_px)
         # Disparity per step of the whole grid, in px of `views`.
         depth = self.depth_mm(fine, views.rows // 2, views.cols // 2).astype(np.float64)
@@ -177,25 +177,25 @@ class RenderedScene:
 
 
 def srgb(light: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Linear grey, 0 to 1, as sRGB of 8 bits (IEC 61966-2-1)."""
+    """Encode linear grey, 0 to 1, as 8-bit sRGB (IEC 61966-2-1)."""
     clipped = np.clip(light.astype(np.float64), 0.0, 1.0)
-    curved = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1.0 / 2.4) - 0.055)
-    return np.rint(255.0 * curved).astype(np.uint8)
+    encoded = np.where(clipped <= 0.0031308, 12.92 * clipped, 1.055 * clipped ** (1.0 / 2.4) - 0.055)
+    return np.rint(255.0 * encoded).astype(np.uint8)
 
 
-def _softened(through: RayThrough) -> RayThrough:
-    """Rays distributed about the middle of a pixel as a Gaussian, in place of evenly over its square."""
+def _gaussian_pixels(ray_of_point: RayThrough) -> RayThrough:
+    """Distribute rays about the centre of a pixel as a Gaussian, instead of uniformly over its square."""
     import drjit as dr
 
     spread = float(SOFTNESS_PX * np.sqrt(2.0))
 
-    def spread_out(place: Any) -> Any:
-        corner = dr.floor(place)
-        part = dr.clip(place - corner, 1e-4, 1.0 - 1e-4)
-        return corner + 0.5 + spread * dr.erfinv(2.0 * part - 1.0)
+    def spread_out(coordinate: Any) -> Any:
+        corner = dr.floor(coordinate)
+        fraction = dr.clip(coordinate - corner, 1e-4, 1.0 - 1e-4)
+        return corner + 0.5 + spread * dr.erfinv(2.0 * fraction - 1.0)
 
     def ray_through(x: Any, y: Any, u: Any, v: Any) -> Any:
-        return through(spread_out(x), spread_out(y), u, v)
+        return ray_of_point(spread_out(x), spread_out(y), u, v)
 
     return ray_through
 
@@ -209,7 +209,7 @@ def _shape(item: Item, view_from_scene: FloatArray) -> Any:
         surface.faces,
         _bsdf(finish),
         normals,
-        surface.place_mm / finish.tile_mm,
+        surface.texture_mm / finish.tile_mm,
     )
 
 
@@ -234,13 +234,13 @@ def _bsdf(finish: Finish) -> dict[str, Any]:
 def _lamp(lamp: Lamp, view_from_scene: FloatArray) -> dict[str, Any]:
     import mitsuba as mi
 
-    at, to = transform(view_from_scene, np.array([lamp.at, lamp.to]))
-    way = to - at
-    up = np.eye(3)[np.abs(way).argmin()]
-    look = mi.ScalarTransform4f().look_at(origin=at.tolist(), target=to.tolist(), up=up.tolist())
+    position, target = transform(view_from_scene, np.array([lamp.position, lamp.target]))
+    direction = target - position
+    up = np.eye(3)[np.abs(direction).argmin()]
+    to_world = mi.ScalarTransform4f().look_at(origin=position.tolist(), target=target.tolist(), up=up.tolist())
     return {
         "type": "rectangle",
-        "to_world": look @ mi.ScalarTransform4f().scale([*lamp.half_mm, 1.0]),
+        "to_world": to_world @ mi.ScalarTransform4f().scale([*lamp.half_mm, 1.0]),
         "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}},
         "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(lamp.radiance)}},
     }

@@ -1,4 +1,4 @@
-"""A long room seen at grazing angle: slanted floor, walls and ramp of weak texture, light that falls off."""
+"""A long room at a grazing angle: slanted floor, walls and ramp of weak texture, and light that falls off."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from benchmarks.depth_scenes.patterns import plaster
 from benchmarks.depth_scenes.rendered_scene import Finish, Item, Lamp, Scene
-from benchmarks.depth_scenes.surfaces import ball, block, sheet, turned
+from benchmarks.depth_scenes.surfaces import ball, block, revolved, sheet
 
 _COLUMN = ((0.0, 0.0), (150.0, 0.0), (150.0, 60.0), (110.0, 90.0), (100.0, 700.0), (150.0, 760.0), (0.0, 760.0))
 
 
 def slant(seed: int) -> Scene:
-    """The scene; textures and small shifts by the seed."""
+    """Return the scene; the seed determines textures and small shifts."""
     random = np.random.default_rng(seed)
     seeds = iter(random.integers(0, 2**31, 8).tolist())
     shift = random.uniform(-40.0, 40.0, 4)
@@ -36,7 +36,7 @@ def slant(seed: int) -> Scene:
             plain(0.33, 0.36, 0.4, 0.04, 1100.0),
         ),
         Item("ball", ball(150.0, (-130.0 + shift[1], 3350.0, 150.0)), plain(0.5, 0.46, 0.4, 0.05, 900.0)),
-        Item("column", turned(_COLUMN, (-420.0 + shift[2], 6200.0, 0.0)), plain(0.45, 0.44, 0.42, 0.05, 900.0)),
+        Item("column", revolved(_COLUMN, (-420.0 + shift[2], 6200.0, 0.0)), plain(0.45, 0.44, 0.42, 0.05, 900.0)),
         Item("step", block((420.0, 700.0, 130.0), (420.0 + shift[3], 3350.0, 0.0), 24.0), plain(0.4, 0.36, 0.36, 0.04)),
     )
     lamp = Lamp((250.0, 2300.0, 3100.0), (100.0, 4300.0, 0.0), (350.0, 350.0), (44.0, 40.0, 34.0))

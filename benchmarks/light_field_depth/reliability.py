@@ -1,6 +1,7 @@
-"""Errors of a depth map in px and in sigmas, and how often its stated probabilities hold.
+"""Errors of a depth map in px and in sigmas, and whether its stated probabilities are right.
 
-Errors are in px of the farthest view: the confidence of a depth map is the probability of less than half of one.
+Errors are disparities in the farthest view, px: the confidence of a depth map is the probability that its error is less
+than 0.5 px there.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from mirrorcam.optics.light_field.depth import DepthMap
 
 EDGE_PX = 4
 EDGE_STEP_PX = 0.12
-"""Second difference of the truth, px per view step of the full grid, that is a depth edge."""
-RIGHT_PX = 0.5
+"""Second difference of the truth, px per view step of the full grid, above which there is a depth edge."""
+MAX_ERROR_PX = 0.5
 BLOCK_PX = 32
-"""Side of the squares within which errors are taken to be dependent: their pixels count as fewer than they are."""
+"""Side of the squares within which errors are assumed to be dependent, so that their pixels count as fewer."""
 Mask = NDArray[np.bool_]
 
 
@@ -33,10 +34,10 @@ class MeasuredScene:
     Attributes
     ----------
     disparity_px, truth_px : ndarray of float32
-        (v, u), px per view step of the full grid; NaN where not known.
+        (v, u), px per view step of the full grid; NaN where unknown.
     sigma_px, confidence : ndarray
-        (v, u), of the depth map: standard deviation in px of the farthest view, and probability.
-    reach : float
+        (v, u), of the depth map: standard deviation of the disparity in the farthest view, px, and probability.
+    farthest_steps : float
         Steps of the full grid from the central to the farthest view, along an axis.
     """
 
@@ -44,31 +45,31 @@ class MeasuredScene:
     truth_px: Disparity
     sigma_px: FloatArray
     confidence: NDArray[np.float32]
-    reach: float
+    farthest_steps: float
 
     @cached_property
     def error_px(self) -> FloatArray:
-        """Absolute error (v, u) in px of the farthest view; NaN where there is no depth or no truth, and at the
-        border that the benchmark leaves out."""
+        """Absolute error (v, u) of the disparity in the farthest view, px; NaN without depth or truth, and at the
+        border that the benchmark excludes."""
         error = np.full(self.truth_px.shape, np.nan)
         inner = (slice(BORDER_PX, -BORDER_PX),) * 2
-        error[inner] = (np.abs(self.disparity_px.astype(np.float64) - self.truth_px) * self.reach)[inner]
+        error[inner] = (np.abs(self.disparity_px.astype(np.float64) - self.truth_px) * self.farthest_steps)[inner]
         return error
 
     @cached_property
-    def judged(self) -> Mask:
+    def has_error(self) -> Mask:
         """Mask (v, u) of the pixels with an error."""
         return np.isfinite(self.error_px)
 
     @cached_property
     def flat_sigmas(self) -> FloatArray:
         """Errors (n,) in sigmas, of pixels away from depth edges."""
-        flat = self.judged & ~at_edges(self.truth_px)
+        flat = self.has_error & ~at_edges(self.truth_px)
         return np.asarray(self.error_px[flat] / self.sigma_px[flat])
 
     @cached_property
     def blocks(self) -> NDArray[np.int64]:
-        """Number (v, u) of the square of BLOCK_PX that a pixel is in."""
+        """Number (v, u) of the square of BLOCK_PX that contains a pixel."""
         height, width = self.truth_px.shape
         v, u = np.mgrid[:height, :width] // BLOCK_PX
         return np.asarray(v * (width // BLOCK_PX + 1) + u, dtype=np.int64)
@@ -78,8 +79,8 @@ class MeasuredScene:
 class Class:
     """Pixels whose stated probability lies between two bounds.
 
-    `stated` is the mean of it, `right` the share of them that are right to RIGHT_PX, between `low` and `high` with
-    95 % probability.
+    `stated` is its mean, `right` the fraction of pixels with errors up to MAX_ERROR_PX, with the 95 % interval `low` to
+    `high`.
     """
 
     count: int
@@ -90,46 +91,47 @@ class Class:
 
 
 def at_edges(truth_px: Disparity) -> Mask:
-    """Mask (v, u) of pixels within EDGE_PX of an edge of disparity (v, u), px per view step of the full grid."""
-    bend = np.abs(cv2.Laplacian(np.nan_to_num(truth_px), cv2.CV_32F, ksize=1))
+    """Return the mask (v, u) of pixels within EDGE_PX of an edge of disparity (v, u), px per step of the full grid."""
+    curvature = np.abs(cv2.Laplacian(np.nan_to_num(truth_px), cv2.CV_32F, ksize=1))
     side = 2 * EDGE_PX + 1
-    return np.asarray(cv2.dilate((bend > EDGE_STEP_PX).astype(np.uint8), np.ones((side, side), np.uint8))) > 0
+    return np.asarray(cv2.dilate((curvature > EDGE_STEP_PX).astype(np.uint8), np.ones((side, side), np.uint8))) > 0
 
 
-def sigma_px(found: DepthMap) -> FloatArray:
-    """Standard deviation (v, u) in px of the farthest view's motion."""
-    views = found.views
-    distance = found.depth_mm.astype(np.float64) - views.reference_view_depth_mm
-    reach = views.focal_px * float(np.abs(views.positions_mm[..., :2]).max())
-    return np.asarray(found.sigma_mm / np.square(distance) * reach)
+def sigma_px(depth: DepthMap) -> FloatArray:
+    """Return the standard deviation (v, u) of the disparity in the farthest view, px."""
+    views = depth.views
+    distance = depth.depth_mm.astype(np.float64) - views.reference_view_depth_mm
+    scale = views.focal_px * float(np.abs(views.positions_mm[..., :2]).max())
+    return np.asarray(depth.sigma_mm / np.square(distance) * scale)
 
 
 def reliability(scenes: Sequence[MeasuredScene], bounds: Sequence[float]) -> list[Class]:
-    """How often depth is right, by classes of its stated probability between neighbouring bounds, the last of which
-    belongs to its class; classes of no pixel are left out.
+    """Return how often depth is right, by classes of stated probability between adjacent bounds, the last included.
 
-    The interval is Wilson's of a binomial share, of as many independent pixels as give the share the variance that
-    it has between blocks of BLOCK_PX (Kish 1965, the design effect).
+    Empty classes are omitted. The interval is Wilson's of a binomial fraction, for the number of independent pixels
+    that gives the fraction the variance that it has between blocks of BLOCK_PX (Kish 1965, the design effect).
     """
-    stated = np.concatenate([each.confidence[each.judged] for each in scenes]).astype(np.float64)
-    right = np.concatenate([each.error_px[each.judged] < RIGHT_PX for each in scenes])
-    starts = np.cumsum([0, *(int(each.blocks.max()) + 1 for each in scenes)])
-    block = np.concatenate([each.blocks[each.judged] + start for each, start in zip(scenes, starts, strict=False)])
+    stated = np.concatenate([scene.confidence[scene.has_error] for scene in scenes]).astype(np.float64)
+    right = np.concatenate([scene.error_px[scene.has_error] < MAX_ERROR_PX for scene in scenes])
+    starts = np.cumsum([0, *(int(scene.blocks.max()) + 1 for scene in scenes)])
+    block = np.concatenate(
+        [scene.blocks[scene.has_error] + start for scene, start in zip(scenes, starts, strict=False)]
+    )
     number = np.clip(np.searchsorted(bounds, stated, "right") - 1, 0, len(bounds) - 2)
     classes = []
-    for each in range(len(bounds) - 1):
-        within = number == each
+    for index in range(len(bounds) - 1):
+        within = number == index
         if count := int(within.sum()):
-            share = float(right[within].mean())
-            by_block = np.bincount(block[within], weights=right[within] - share)
-            variance = max(float(np.square(by_block).sum()) / count**2, share * (1.0 - share) / count)
-            independent = share * (1.0 - share) / variance if variance else float(len(np.unique(block[within])))
-            classes.append(Class(count, float(stated[within].mean()), share, *wilson(share, independent)))
+            fraction = float(right[within].mean())
+            by_block = np.bincount(block[within], weights=right[within] - fraction)
+            variance = max(float(np.square(by_block).sum()) / count**2, fraction * (1.0 - fraction) / count)
+            independent = fraction * (1.0 - fraction) / variance if variance else float(len(np.unique(block[within])))
+            classes.append(Class(count, float(stated[within].mean()), fraction, *wilson(fraction, independent)))
     return classes
 
 
-def wilson(share: float, count: float, z: float = 1.96) -> tuple[float, float]:
-    """Ends of the interval of a binomial share of `count` trials, z sigmas wide either way (Wilson 1927)."""
-    middle = (share + z**2 / (2.0 * count)) / (1.0 + z**2 / count)
-    half = z / (1.0 + z**2 / count) * float(np.sqrt(share * (1.0 - share) / count + z**2 / (4.0 * count**2)))
-    return max(middle - half, 0.0), min(middle + half, 1.0)
+def wilson(fraction: float, count: float, z: float = 1.96) -> tuple[float, float]:
+    """Return the interval of a binomial fraction of `count` trials, `z` sigmas to either side (Wilson 1927)."""
+    centre = (fraction + z**2 / (2.0 * count)) / (1.0 + z**2 / count)
+    half = z / (1.0 + z**2 / count) * float(np.sqrt(fraction * (1.0 - fraction) / count + z**2 / (4.0 * count**2)))
+    return max(centre - half, 0.0), min(centre + half, 1.0)

@@ -26,8 +26,8 @@ CLASSES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.98, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
-    """A scene's scores beside those of StereoSGBM, processor times of both, and its errors."""
+class SceneScore:
+    """A scene's scores and StereoSGBM's, the processor times of both, and the scene's errors."""
 
     measured: MeasuredScene
     ours: dict[str, float]
@@ -37,9 +37,9 @@ class Judged:
 
 
 def render_hci(folder: Path, *, size_px: int = 512, step_mm: float = 2.0, spp: int = 16, views: int = 9) -> None:
-    """Photograph the tabletop scene with an even grid of square pinhole views about the central virtual camera, 9x9 as
-    in the benchmark, and write it with its truth."""
-    from mirrorcam.render_scenes.tabletop.tabletop import arrange_tabletop, nearest_mm
+    """Render the tabletop scene with an even grid of square pinhole views about the central virtual camera, 9x9 as in
+    the benchmark, and write it with its ground truth."""
+    from mirrorcam.render_scenes.tabletop.tabletop import arrange_tabletop, clear_depth_mm
     from mirrorcam.render_scenes.tabletop.tabletop_scene import TabletopScene, pinhole_rays
     from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
@@ -58,71 +58,73 @@ def render_hci(folder: Path, *, size_px: int = 512, step_mm: float = 2.0, spp: i
     scene = TabletopScene(layout, arrange_tabletop(layout, default_depths_mm(layout), 1), mirror_reflectance=0.92)
     samples = np.empty((views, views, size_px, size_px, 3), np.uint8)
     for t, s in np.ndindex(views, views):
-        light = scene.view(geometry, t, s, nearest_mm(layout), spp=spp, seed=100 * t + s)
+        light = scene.view(geometry, t, s, clear_depth_mm(layout), spp=spp, seed=100 * t + s)
         samples[t, s] = np.rint(255.0 * np.clip(light * np.float32(0.9), 0.0, 1.0) ** (1 / 2.2))
-    hits = scene.hits(*pinhole_rays(geometry, views // 2, views // 2, nearest_mm(layout)))
+    hits = scene.hits(*pinhole_rays(geometry, views // 2, views // 2, clear_depth_mm(layout)))
     depth = np.where(hits.object_index < 0, np.nan, np.nan_to_num(hits.points) @ geometry.view_from_rig[2])
     light_field = LightField.of(geometry, samples, np.ones(samples.shape[:4], np.float32))
     write_hci(folder, light_field, depth.astype(np.float32))
 
 
 def truth_of(scene: HciScene, path: Path | None, every: int) -> Disparity:
-    """True disparity (v, u) of the central view, px per step of the views that are taken; NaN where not known."""
+    """Return the true disparity (v, u) of the central view, px per step of the views; NaN where unknown."""
     if path is None:
         if scene.disparity_px is None:
-            raise InputError("a scene without a truth: expected gt_disp_lowres.pfm in its folder, or SCENE=TRUTH.pfm")
+            raise InputError(
+                "a scene without ground truth: expected gt_disp_lowres.pfm in its folder, or SCENE=TRUTH.pfm"
+            )
         return scene.disparity_px
-    given = read_pfm(path)
+    disparity = read_pfm(path)
     height, width = scene.light_field.height_px, scene.light_field.width_px
-    down, right = (height - given.shape[0]) // 2, (width - given.shape[1]) // 2
+    down, right = (height - disparity.shape[0]) // 2, (width - disparity.shape[1]) // 2
     truth = np.full((height, width), np.nan, np.float32)
-    truth[down : down + given.shape[0], right : right + given.shape[1]] = given * np.float32(every)
+    truth[down : down + disparity.shape[0], right : right + disparity.shape[1]] = disparity * np.float32(every)
     return truth
 
 
-def judged(scene: HciScene, truth: Disparity, every: int, quality: Quality) -> Judged:
-    """Measure depth, and compare it with the truth and with the best of StereoSGBM."""
+def score_scene(scene: HciScene, truth: Disparity, every: int, quality: Quality) -> SceneScore:
+    """Measure depth, and compare it with the truth and with the best result of StereoSGBM."""
     light_field = scene.light_field
     near, far = scene.depth_range_mm or (None, None)
     estimator = DepthEstimator(light_field, near_mm=near, far_mm=far, quality=quality)
     estimator.estimate(light_field)
     start = time.process_time()
-    found = estimator.estimate(light_field)
+    depth = estimator.estimate(light_field)
     seconds = time.process_time() - start
     start = time.process_time()
     stereo(scene, "right", 5, 1.0, cv2.STEREO_SGBM_MODE_SGBM)
     pair_seconds = time.process_time() - start
-    disparity = found.disparity_px().astype(np.float32)
+    disparity = depth.disparity_px().astype(np.float32)
     best, _ = best_stereo(replace(scene, disparity_px=truth), every)
     measured = MeasuredScene(
         disparity_px=disparity / np.float32(every),
         truth_px=truth / np.float32(every),
-        sigma_px=sigma_px(found),
-        confidence=found.confidence,
-        reach=float(every * (max(light_field.cols, light_field.rows) // 2)),
+        sigma_px=sigma_px(depth),
+        confidence=depth.confidence,
+        farthest_steps=float(every * (max(light_field.cols, light_field.rows) // 2)),
     )
-    return Judged(measured, scores(disparity, truth, every), best, seconds, pair_seconds)
+    return SceneScore(measured, scores(disparity, truth, every), best, seconds, pair_seconds)
 
 
-def judge(given: Sequence[str], every: int, step: int | None, quality: Quality) -> Rows:
-    """Print the scores of scenes, and how often depth of each class of confidence is right."""
+def print_scores(scenes: Sequence[str], every: int, step: int | None, quality: Quality) -> Rows:
+    """Print the scores of scenes, and how often depth is right in each class of confidence."""
     rows = Rows("scene", "views", "BadPix.07 %, MSE x 100", "best SGBM", "|e| / sigma", "> 3 sigma", "times one pair")
     results = []
-    for text in given:
+    for text in scenes:
         folder, _, truth = text.partition("=")
         if not Path(folder).exists():
             print(f"rendering {folder} ...", flush=True)
             render_hci(Path(folder))
         scene = read_hci(Path(folder), every=every)
-        apart = step or every
-        each = judged(scene, truth_of(scene, Path(truth) if truth else None, apart), apart, quality)
-        results.append(each)
-        flat = each.measured.flat_sigmas
-        views = f"{scene.light_field.cols}x{scene.light_field.rows}, step {apart}"
-        both = (f"{score['bad']:.2f}, {score['mse']:.2f}" for score in (each.ours, each.sgbm))
-        spread = f"{np.median(flat):.2f}", f"{np.mean(flat > 3):.1%}", f"{each.seconds / each.pair_seconds:.1f}"
+        view_step = step or every
+        result = score_scene(scene, truth_of(scene, Path(truth) if truth else None, view_step), view_step, quality)
+        results.append(result)
+        flat = result.measured.flat_sigmas
+        views = f"{scene.light_field.cols}x{scene.light_field.rows}, step {view_step}"
+        both = (f"{score['bad']:.2f}, {score['mse']:.2f}" for score in (result.ours, result.sgbm))
+        spread = f"{np.median(flat):.2f}", f"{np.mean(flat > 3):.1%}", f"{result.seconds / result.pair_seconds:.1f}"
         rows.add(Path(folder).name, views, *both, *spread)
-    print("confidence: its mean, and the share of pixels that are right to half a pixel of the farthest view")
-    for group in reliability([each.measured for each in results], CLASSES):
+    print("confidence: its mean, and the fraction of pixels that are right to half a pixel in the farthest view")
+    for group in reliability([result.measured for result in results], CLASSES):
         print(f"  {group.stated:.3f}, right {group.right:.3f} ({group.low:.3f} to {group.high:.3f}), {group.count} px")
     return rows

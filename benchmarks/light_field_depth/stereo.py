@@ -21,7 +21,7 @@ BAD_PX = 0.07
 
 
 def _errors(disparity_px: Disparity | FloatArray, truth_px: Disparity | FloatArray) -> FloatArray:
-    """Errors (n,) of all pixels with a truth, less the border; NaN where there is no estimate."""
+    """Return errors (n,) of all pixels with a truth, except at the border; NaN without an estimate."""
     inner = slice(BORDER_PX, -BORDER_PX)
     error = (np.asarray(disparity_px, dtype=np.float64) - truth_px)[inner, inner]
     return error[np.isfinite(truth_px[inner, inner])]
@@ -30,17 +30,17 @@ def _errors(disparity_px: Disparity | FloatArray, truth_px: Disparity | FloatArr
 def bad_pixels(
     disparity_px: Disparity | FloatArray, truth_px: Disparity | FloatArray, threshold_px: float = BAD_PX
 ) -> float:
-    """BadPix: the part, 0 to 1, of pixels whose disparity (v, u) is wrong by more than a threshold, or unknown."""
+    """Return BadPix: the fraction of pixels with a disparity (v, u) wrong by more than a threshold, or unknown."""
     return float(np.mean(~(np.abs(_errors(disparity_px, truth_px)) <= threshold_px)))
 
 
 def mean_square_error(disparity_px: Disparity | FloatArray, truth_px: Disparity | FloatArray) -> float:
-    """MSE, times 100 as the benchmark states it: of the pixels with an estimate, px^2."""
+    """Return 100 times the MSE, like the benchmark, of the pixels with an estimate, px^2."""
     return float(100.0 * np.nanmean(np.square(_errors(disparity_px, truth_px))))
 
 
-def filled(disparity: Disparity) -> Disparity:
-    """A map whose gaps (NaN) take the farther of the nearest known disparities to the left and right of them."""
+def fill_gaps(disparity: Disparity) -> Disparity:
+    """Fill gaps (NaN) with the farther of the nearest known disparities to their left and right."""
     numbers = np.arange(disparity.shape[1])
     result = disparity.copy()
     for row in result:
@@ -54,7 +54,7 @@ def filled(disparity: Disparity) -> Disparity:
 
 
 def stereo(scene: HciScene, pair: str, block_px: int, smooth: float, mode: int) -> Disparity:
-    """Disparity (v, u) of the central view by OpenCV's StereoSGBM from it and its neighbour on one side."""
+    """Return the disparity (v, u) of the central view by OpenCV's StereoSGBM with its neighbour on one side."""
     light_field = scene.light_field
     t, s = light_field.rows // 2, light_field.cols // 2
     neighbour = {"right": (t, s + 1), "left": (t, s - 1), "bottom": (t + 1, s), "top": (t - 1, s)}[pair]
@@ -79,40 +79,40 @@ def stereo(scene: HciScene, pair: str, block_px: int, smooth: float, mode: int) 
     )
     # What lies beyond the picture's side cannot be matched there: the picture goes on as its edge.
     margin = 16 + max(abs(first), int(np.ceil(high)))
-    wide = [cv2.copyMakeBorder(np.ascontiguousarray(p), 0, 0, margin, margin, cv2.BORDER_REPLICATE) for p in pictures]
-    found = matcher.compute(*wide)[:, margin:-margin].astype(np.float32) / np.float32(16.0)
-    found[found < first] = np.nan
-    found = filled(found)
+    padded = [cv2.copyMakeBorder(np.ascontiguousarray(p), 0, 0, margin, margin, cv2.BORDER_REPLICATE) for p in pictures]
+    disparity = matcher.compute(*padded)[:, margin:-margin].astype(np.float32) / np.float32(16.0)
+    disparity[disparity < first] = np.nan
+    disparity = fill_gaps(disparity)
     if pair in ("top", "left"):
-        found = found[:, ::-1]
-    return found.T if pair in ("top", "bottom") else found
+        disparity = disparity[:, ::-1]
+    return disparity.T if pair in ("top", "bottom") else disparity
 
 
 def best_stereo(scene: HciScene, every: int) -> tuple[dict[str, float], dict[str, str]]:
-    """The least BadPix and the least MSE over all pairs and settings of StereoSGBM, each chosen with the truth.
+    """Return the minimum BadPix and the minimum MSE over all pairs and settings of StereoSGBM, chosen by the truth.
 
-    Settings are tried on all cores: OpenCV matches outside Python's lock.
+    Settings are tested on all cores: OpenCV matches outside Python's lock.
     """
     truth = scene.disparity_px
     assert truth is not None
     best = {"bad": np.inf, "mse": np.inf}
-    how = {"bad": "", "mse": ""}
+    settings_text = {"bad": "", "mse": ""}
     modes = {"sgbm": cv2.STEREO_SGBM_MODE_SGBM, "hh": cv2.STEREO_SGBM_MODE_HH, "3way": cv2.STEREO_SGBM_MODE_SGBM_3WAY}
     settings = list(product(("right", "left", "bottom", "top"), (1, 3, 5, 7, 9), (0.3, 1.0, 3.0), modes))
 
-    def tried(setting: tuple[str, int, float, str]) -> dict[str, float]:
+    def scores_of(setting: tuple[str, int, float, str]) -> dict[str, float]:
         pair, block, smooth, mode = setting
         return scores(stereo(scene, pair, block, smooth, modes[mode]), truth, every)
 
     with ThreadPoolExecutor(cores()) as threads:
-        for (pair, block, smooth, mode), found in zip(settings, threads.map(tried, settings), strict=True):
-            for name, value in found.items():
+        for (pair, block, smooth, mode), result in zip(settings, threads.map(scores_of, settings), strict=True):
+            for name, value in result.items():
                 if value < best[name]:
-                    best[name], how[name] = value, f"{pair}, block {block}, smoothness {smooth}, {mode}"
-    return best, how
+                    best[name], settings_text[name] = value, f"{pair}, block {block}, smoothness {smooth}, {mode}"
+    return best, settings_text
 
 
 def scores(disparity: Disparity, truth: Disparity, every: int) -> dict[str, float]:
-    """BadPix(0.07) in percent and MSE x 100, in px per step of the full grid."""
+    """Return BadPix(0.07) in percent, and MSE x 100, in px per step of the full grid."""
     own, true = disparity / every, truth / every
     return {"bad": 100.0 * bad_pixels(own, true), "mse": mean_square_error(own, true)}

@@ -1,4 +1,4 @@
-"""mrcal in another interpreter: where it is, which lenses it has, and its answers."""
+"""mrcal in a separate interpreter: where it is installed, its lens models, and the solver's answers."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ SOLVER = Path(__file__).with_name("mrcal_solver.py")
 LENSES = {"brown_conrady": "LENSMODEL_OPENCV5", "rational": "LENSMODEL_OPENCV8", "thin_prism": "LENSMODEL_OPENCV12"}
 
 
-def python_with_mrcal(asked: str | None) -> str | None:
-    """An interpreter that has mrcal; None where there is none."""
-    for python in (asked,) if asked else (sys.executable, "/usr/bin/python3"):
+def python_with_mrcal(requested: str | None) -> str | None:
+    """Return an interpreter that has mrcal; None if there is none."""
+    for python in (requested,) if requested else (sys.executable, "/usr/bin/python3"):
         try:
             subprocess.run([python, "-c", "import mrcal"], capture_output=True, check=True)
         except (OSError, subprocess.CalledProcessError):
@@ -24,10 +24,10 @@ def python_with_mrcal(asked: str | None) -> str | None:
     return None
 
 
-def asked(python: str, task: dict[str, Any]) -> dict[str, Any]:
-    """What the solver answers in another interpreter."""
-    with tempfile.TemporaryDirectory() as kept:
-        given, answer = Path(kept) / "task.json", Path(kept) / "answer.json"
-        given.write_text(json.dumps(task))
-        subprocess.run([python, str(SOLVER), str(given), str(answer)], check=True)
+def run_solver(python: str, task: dict[str, Any]) -> dict[str, Any]:
+    """Run the solver in a separate interpreter, and return its answer."""
+    with tempfile.TemporaryDirectory() as folder:
+        request, answer = Path(folder) / "task.json", Path(folder) / "answer.json"
+        request.write_text(json.dumps(task))
+        subprocess.run([python, str(SOLVER), str(request), str(answer)], check=True)
         return dict(json.loads(answer.read_text()))

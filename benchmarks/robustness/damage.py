@@ -16,7 +16,7 @@ ODD_VALUES: tuple[Any, ...] = (
 
 
 def damaged_bytes(raw: bytes, random: np.random.Generator) -> bytes:
-    """The bytes with one kind of damage: cut, a block of zeros or noise, flipped bits, repeated, inserted or lost."""
+    """Damage bytes in one way: truncate, write zeros or noise, flip bits, repeat, insert or remove a block."""
     data, length = bytearray(raw), max(len(raw), 1)
     at = int(random.integers(length))
     size = int(random.integers(1, max(length // 4, 2)))
@@ -28,8 +28,8 @@ def damaged_bytes(raw: bytes, random: np.random.Generator) -> bytes:
     elif kind == "noise":
         data[at : at + size] = random.bytes(len(data[at : at + size]))
     elif kind == "flips":
-        for place in random.integers(len(data) or 1, size=int(random.integers(1, 9))) if data else ():
-            data[place] ^= 1 << int(random.integers(8))
+        for index in random.integers(len(data) or 1, size=int(random.integers(1, 9))) if data else ():
+            data[index] ^= 1 << int(random.integers(8))
     elif kind == "repeat":
         data[at:at] = data[at : at + size]
     elif kind == "insert":
@@ -40,13 +40,13 @@ def damaged_bytes(raw: bytes, random: np.random.Generator) -> bytes:
 
 
 def damaged_value(value: Any, random: np.random.Generator) -> Any:
-    """A deep copy of nested dicts and lists with one to three places changed, removed, added or renamed."""
+    """Return a deep copy of nested dicts and lists with one to three entries changed, removed, added or renamed."""
     value = copy.deepcopy(value)
     for _ in range(int(random.integers(1, 4))):
-        places = list(_places(value))
-        if not places:
+        entries = list(_entries(value))
+        if not entries:
             return ODD_VALUES[int(random.integers(len(ODD_VALUES)))]
-        container, key = places[int(random.integers(len(places)))]
+        container, key = entries[int(random.integers(len(entries)))]
         odd = copy.deepcopy(ODD_VALUES[int(random.integers(len(ODD_VALUES)))])
         kind = random.choice(["replace", "scale", "remove", "add", "rename"], p=[0.45, 0.25, 0.1, 0.1, 0.1])
         if kind == "scale" and _is_scalable(container[key]):
@@ -66,12 +66,12 @@ def _is_scalable(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
 
 
-def _places(value: Any) -> Any:
-    """Every place in nested dicts and lists, as its container and key."""
+def _entries(value: Any) -> Any:
+    """Yield every entry of nested dicts and lists, as its container and key."""
     items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, inner in items:
         yield value, key
-        yield from _places(inner)
+        yield from _entries(inner)
 
 
 _NUMBER = re.compile(r"-?\d[\d.e+-]*")
@@ -87,19 +87,19 @@ _HOSTILE: dict[str, tuple[str, ...]] = {
     ),
     ".json": ("NaN", "-Infinity", '"\\ud800"', "[[[]]]", "{}", "1e999", "null", "[],", '{"a": 1, "a": 2}', "'a'"),
 }
-"""What a text of a language may have in the place of a value, and should not."""
+"""Hostile texts in place of a value, by the suffix of the format."""
 _LONG = (
     *("1", "1:", "[", "{", "[],", "a.", "- ", "? ", "&a ", '"', "'", "#", "\\", "---\n", "[[a]]\n", "0", " "),
     *("\n", "{a: "),
 )
-"""What is repeated many times."""
+"""Texts to repeat many times."""
 
 
 def damaged_text(text: str, suffix: str, random: np.random.Generator) -> str:
-    """A text with one to three places changed: values that a language has and nobody expects, and very long ones."""
+    """Return a text with one to three changes: unexpected values of the format, and very long ones."""
     for _ in range(int(random.integers(1, 4))):
         lines, numbers = text.splitlines(keepends=True) or [""], list(_NUMBER.finditer(text))
-        at = int(random.integers(len(lines)))
+        line = int(random.integers(len(lines)))
         kind = random.choice(["value", "long value", "repeat a line", "insert", "long line"])
         odd = _HOSTILE[suffix][int(random.integers(len(_HOSTILE[suffix])))]
         if kind.startswith("long"):
@@ -108,9 +108,9 @@ def damaged_text(text: str, suffix: str, random: np.random.Generator) -> str:
             number = numbers[int(random.integers(len(numbers)))]
             text = text[: number.start()] + odd + text[number.end() :]
         elif kind == "repeat a line":
-            lines.insert(int(random.integers(len(lines) + 1)), lines[at])
+            lines.insert(int(random.integers(len(lines) + 1)), lines[line])
             text = "".join(lines)
         else:
-            place = int(random.integers(len(text) + 1)) if kind == "insert" else len("".join(lines[:at]))
-            text = text[:place] + odd + text[place:]
+            index = int(random.integers(len(text) + 1)) if kind == "insert" else len("".join(lines[:line]))
+            text = text[:index] + odd + text[index:]
     return text

@@ -1,4 +1,4 @@
-"""MP4 files whose data are in another file, by an alias in their table of references (dref)."""
+"""MP4 files whose data are in a different file, by an alias in their data reference box (dref)."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ _VOLUME = b"volume"
 
 
 def with_external_data(raw: bytes, target: str) -> bytes:
-    """An MP4 with its index at the end, with the references to its own data replaced by one to a file of this name."""
+    """Return an MP4 whose references to its own data are replaced by one to a target file; its index is at the end."""
     return b"".join(_box(name, content, target) for name, content in _boxes(raw))
 
 
 def _boxes(raw: bytes) -> list[tuple[str, bytes]]:
-    found, at = [], 0
-    while at + 8 <= len(raw):
-        size, name = struct.unpack_from(">I4s", raw, at)
-        found.append((name.decode("latin-1"), raw[at + 8 : at + size]))
-        at += size
-    return found
+    boxes, offset = [], 0
+    while offset + 8 <= len(raw):
+        size, name = struct.unpack_from(">I4s", raw, offset)
+        boxes.append((name.decode("latin-1"), raw[offset + 8 : offset + size]))
+        offset += size
+    return boxes
 
 
 def _box(name: str, content: bytes, target: str) -> bytes:
@@ -31,7 +31,7 @@ def _box(name: str, content: bytes, target: str) -> bytes:
 
 
 def _alias(target: str) -> bytes:
-    """An alias record of QuickTime with an absolute path, which begins with the name of a volume."""
+    """Return a QuickTime alias record with an absolute path, which begins with the name of a volume."""
     path = _VOLUME + target.encode()
     path += bytes(len(path) % 2)
     name = target.rpartition("/")[2].encode()[:63]

@@ -1,7 +1,7 @@
-"""Files that Python opens, makes, renames or removes in places where an attempt has nothing to look for.
+"""Files that Python opens, creates, renames or removes where an attempt has no business.
 
-Python's audit events tell. They do not see what libraries in other languages and child processes open: attempts that
-could make those read or write elsewhere put a file there and look at it themselves.
+Python's audit events reveal them, except those of libraries in other languages and of child processes: attempts that
+could make these read or write elsewhere put a file there and check it themselves.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ CHANGES = {
     "os.link": ((0, 2), (1, 3)),
     "os.symlink": ((1, 2),),
 }
-"""Audit events of changes: where among their arguments a path is, and the descriptor of the folder it starts from."""
+"""Audit events of changes: argument index of a path, and that of the descriptor of the folder it is relative to."""
 WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 
-_seen: list[str] | None = None
+_accesses: list[str] | None = None
 
 
 @contextmanager
 def watched_files() -> Iterator[list[str]]:
-    """List what is read or written elsewhere within the block, such as "reads /home/x/secret"."""
-    global _seen
+    """List the files that are read or written elsewhere within the block, such as "reads /home/x/secret"."""
+    global _accesses
     _hook()
-    found: list[str] = []
-    _seen = found
+    accesses: list[str] = []
+    _accesses = accesses
     try:
-        yield found
+        yield accesses
     finally:
-        _seen = None
+        _accesses = None
 
 
 @cache
@@ -51,47 +51,47 @@ def _hook() -> None:
 
 
 def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
-    if _seen is None:
+    if _accesses is None:
         return
     if event == "open":
         path, _, flags = arguments
-        _note(_seen, path, writes=bool((flags or 0) & WRITES))
-    for place, start in CHANGES.get(event, ()):
-        _note(_seen, arguments[place], writes=True, start=-1 if start is None else arguments[start])
+        _note(_accesses, path, writes=bool((flags or 0) & WRITES))
+    for index, start in CHANGES.get(event, ()):
+        _note(_accesses, arguments[index], writes=True, start=-1 if start is None else arguments[start])
 
 
-def _note(found: list[str], path: Any, writes: bool, start: int = -1) -> None:
+def _note(accesses: list[str], path: Any, writes: bool, start: int = -1) -> None:
     is_known = start < 0 or sys.platform == "linux"  # elsewhere, the path of an open folder cannot be found out
     if isinstance(path, str | bytes | os.PathLike) and is_known:
         folder = Path(f"/proc/self/fd/{start}").readlink() if start >= 0 else Path()
         full = Path(os.path.realpath(folder / os.fsdecode(path).replace("\0", "?")))
-        if not _is_temporary(full) and (writes or not any(full.is_relative_to(place) for place in _libraries())):
-            found.append(f"{'writes' if writes else 'reads'} {full}")
+        if not _is_temporary(full) and (writes or not any(full.is_relative_to(folder) for folder in _libraries())):
+            accesses.append(f"{'writes' if writes else 'reads'} {full}")
 
 
 def _is_temporary(path: Path) -> bool:
-    """Whether a path lies in a folder that `tempfile` has made, is what Python or a library keeps, or is no file."""
-    folder = Path(tempfile.gettempdir()).resolve()
+    """Return whether a path is in a folder made by `tempfile`, a cache of Python or a library, or a null device."""
+    temporary = Path(tempfile.gettempdir()).resolve()
     own = (tempfile.gettempprefix(), "mirrorcam-")
-    inside = path.is_relative_to(folder) and str(path.relative_to(folder)).startswith(own)
+    inside = path.is_relative_to(temporary) and str(path.relative_to(temporary)).startswith(own)
     return (
         inside
         or path in (Path(os.devnull), Path("/dev/full"))
-        or ("__pycache__" in path.parts and any(path.is_relative_to(place) for place in _libraries()))
-        or any(path.is_relative_to(place) for place in _settings())
+        or ("__pycache__" in path.parts and any(path.is_relative_to(folder) for folder in _libraries()))
+        or any(path.is_relative_to(folder) for folder in _settings())
     )
 
 
 @cache
 def _settings() -> tuple[Path, ...]:
-    """Folders of settings and caches of libraries."""
+    """Return the folders of settings and caches of libraries."""
     home = Path.home().resolve()
-    return tuple(home / kept / name for kept in (".config", ".cache") for name in ("matplotlib", "ezdxf"))
+    return tuple(home / parent / name for parent in (".config", ".cache") for name in ("matplotlib", "ezdxf"))
 
 
 @cache
 def _libraries() -> tuple[Path, ...]:
-    """Folders of programs and libraries, and of what the system tells about itself."""
+    """Return the folders of programs and libraries, and of system information."""
     installed = {sys.prefix, sys.base_prefix, str(ROOT), *(path for path in sys.path if "site-packages" in path)}
-    system = [Path(place) for place in ("/usr", "/proc", "/sys", "/dev")]
-    return (*(Path(place).resolve() for place in sorted(installed)), *system)
+    system = [Path(folder) for folder in ("/usr", "/proc", "/sys", "/dev")]
+    return (*(Path(folder).resolve() for folder in sorted(installed)), *system)

@@ -1,4 +1,4 @@
-"""Damaged layouts, boards, cameras, manifests and other files in JSON, TOML and YAML: read, and used as commands do."""
+"""Damaged layouts, boards, cameras, manifests and other JSON, TOML and YAML files: read, and used like in commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from benchmarks.robustness.damage import damaged_bytes, damaged_text, damaged_value
-from benchmarks.robustness.guard import Category, refused_well
+from benchmarks.robustness.guard import Category, message_fault
 from mirrorcam.bench.evaluation import read_evaluation
 from mirrorcam.bench.scores.calibration_score import score_calibration
 from mirrorcam.bench.scores.consistency import CovarianceFile
@@ -46,8 +46,8 @@ from mirrorcam.simulation.rendering import check_set
 from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
 
 LAYOUT = Path(__file__).parents[2] / "tests" / "data" / "default_layout.json"
-LONGEST_S = 2.0
-"""Processor time that an attempt may take."""
+MAX_S = 2.0
+"""Maximum processor time of an attempt."""
 DISTANCE_MM = 450.0
 FILES = {"frames/0000.jpg": "0" * 64, "layout.json": "0" * 64}
 COVARIANCE = '{"schema": "mirrorcam.covariance/1", "parameters": ["a", "b"], "covariance": [[1.0, 0.5], [0.5, 2.0]]}'
@@ -60,7 +60,7 @@ POSE = [[1.0, 0.0, 0.0, -120.0], [0.0, 0.0, 1.0, 400.0], [0.0, -1.0, 0.0, 84.0],
 
 @dataclass(frozen=True)
 class Kind:
-    """A file: its name, what it holds when it is good, and what a command does with it."""
+    """A kind of file: its name, the content of a valid one, and its use by a command."""
 
     name: str
     text: Callable[[], str]
@@ -122,8 +122,8 @@ def _scene(path: Path) -> None:
 
 
 def _poses(path: Path) -> None:
-    found = read_model(PosesFile, path)
-    poses, hz = found.poses.tolist(), found.poses_hz
+    file = read_model(PosesFile, path)
+    poses, hz = file.poses.tolist(), file.poses_hz
     planned_frames(SetRequest(layout=_layout(), base_frames=0, poses=poses, poses_hz=hz, rate_hz=1.0))
 
 
@@ -167,32 +167,32 @@ KINDS = {
 
 
 def damaged(text: str, suffix: str, random: np.random.Generator) -> bytes:
-    """A text with damage to its bytes, to places in the text, or to the values of JSON."""
-    way = random.random()
-    if way < 0.25:
+    """Return a text with damage to its bytes, to its text, or to the values of JSON."""
+    choice = random.random()
+    if choice < 0.25:
         return damaged_bytes(text.encode(), random)
-    if suffix == ".json" and way < 0.7:
+    if suffix == ".json" and choice < 0.7:
         return json.dumps(damaged_value(json.loads(text), random)).encode()
     return damaged_text(text, suffix, random).encode()
 
 
 def attempt(seed: int, folder: Path, *, group: str) -> str:
-    """Read a damaged file of a group, and use it where it can be read."""
+    """Read a damaged file of a group, and use it if it is readable."""
     random, kinds = np.random.default_rng(seed), KINDS[group]
     kind = kinds[int(random.integers(len(kinds)))]
     path = folder / kind.name
     raw = damaged(kind.text(), path.suffix, random)
     path.write_bytes(raw)
-    begun = time.process_time()
+    start_s = time.process_time()
     try:
         kind.use(path)
         wrong = ""
     except InputError as error:
-        wrong = refused_well(str(error).replace(str(folder), ""))
-    took = time.process_time() - begun
+        wrong = message_fault(str(error).replace(str(folder), ""))
+    took = time.process_time() - start_s
     if path.read_bytes() != raw or list(folder.iterdir()) != [path]:
-        return f"{kind.name}: wrote beside its input"
-    return wrong or (f"{kind.name}: took {took:.1f} s of processor time" if took > LONGEST_S else "")
+        return f"{kind.name}: wrote files next to its input"
+    return wrong or (f"{kind.name}: took {took:.1f} s of processor time" if took > MAX_S else "")
 
 
 CATEGORIES = tuple(Category(name, 3_000, partial(attempt, group=name)) for name in KINDS)

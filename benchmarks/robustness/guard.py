@@ -1,4 +1,4 @@
-"""Attempts with bad input, each watched: what it raises and opens, how long it takes, how much memory it needs."""
+"""Monitored attempts with bad input: exceptions, opened files, time and memory."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from types import FrameType
 
 from benchmarks.robustness.file_access import watched_files
 
-LONGEST_S = 20.0
+MAX_S = 20.0
 LONG_S = 2.0
-"""Processor time within which nearly all attempts are to end."""
-LARGEST_BYTES = 1 << 30
-LONGEST_MESSAGE = 300
+"""Processor time above which an attempt counts as slow."""
+MAX_MEMORY_BYTES = 1 << 30
+MAX_MESSAGE = 300
 
 Attempt = Callable[[int, Path], str]
-"""Makes the bad input of a seed in an empty folder and uses it: returns what is wrong with the outcome, or nothing."""
+"""Writes the bad input of a seed into an empty folder and uses it; returns what is wrong with the outcome, or ""."""
 
 
 @dataclass(frozen=True)
 class Category:
-    """A kind of bad input: how many attempts the full table makes, and the attempt of a seed.
+    """A kind of bad input: the number of attempts of the full table, and the attempt of a seed.
 
     Attributes
     ----------
     longest_s
-        Time that an attempt may take.
+        Maximum time of an attempt.
     tested
         Number of attempts in the default tests.
     """
@@ -41,15 +41,15 @@ class Category:
     name: str
     count: int
     attempt: Attempt
-    longest_s: float = LONGEST_S
+    max_s: float = MAX_S
     tested: int = 8
 
 
 @dataclass
 class Tally:
-    """Outcome of the attempts of a category: how many were made, what was wrong and which took long, by seed.
+    """Outcome of the attempts of a category: their number, and the wrong and the slow ones, by seed.
 
-    `slow` has the processor time of those that took more than `LONG_S`.
+    `slow` has the processor times of those that took more than `LONG_S`.
     """
 
     category: str
@@ -65,73 +65,73 @@ class Tally:
 
 def tally(category: Category, seeds: Sequence[int], workers: int) -> Tally:
     """Make the attempts of a category with these seeds, in worker processes."""
-    begun, found = time.monotonic(), Tally(category.name)
+    start_s, result = time.monotonic(), Tally(category.name)
     # A new process for each worker: a crash or memory of one attempt is not that of another.
     # It makes one attempt beforehand, in which it loads what all attempts need.
-    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _watched, ((category, seeds[0]),)) as pool:
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"), _timed, ((category, seeds[0]),)) as pool:
         for seed, (wrong, taken_s) in zip(
-            seeds, pool.map(_watched, [(category, seed) for seed in seeds], chunksize=16), strict=True
+            seeds, pool.map(_timed, [(category, seed) for seed in seeds], chunksize=16), strict=True
         ):
-            found.tried += 1
+            result.tried += 1
             if wrong:
-                found.wrong[seed] = wrong
+                result.wrong[seed] = wrong
             if taken_s > LONG_S:
-                found.slow[seed] = taken_s
-    found.seconds = time.monotonic() - begun
-    return found
+                result.slow[seed] = taken_s
+    result.seconds = time.monotonic() - start_s
+    return result
 
 
-class _TookTooLong(BaseException):
+class _Timeout(BaseException):
     """Raised in an attempt that does not end."""
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise _TookTooLong
+    raise _Timeout
 
 
-def _watched(task: tuple[Category, int]) -> tuple[str, float]:
+def _timed(task: tuple[Category, int]) -> tuple[str, float]:
     category, seed = task
-    begun = time.process_time()
-    wrong = watched(category.attempt, seed, category.longest_s)
-    return wrong, time.process_time() - begun
+    start_s = time.process_time()
+    wrong = run_monitored(category.attempt, seed, category.max_s)
+    return wrong, time.process_time() - start_s
 
 
-def watched(attempt: Attempt, seed: int, longest_s: float = LONGEST_S) -> str:
-    """Make one attempt in a folder of its own; returns what is wrong with its outcome, or nothing."""
+def run_monitored(attempt: Attempt, seed: int, max_s: float = MAX_S) -> str:
+    """Make one attempt in a separate folder; return what is wrong with its outcome, or ""."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     signal.signal(signal.SIGALRM, _interrupt)
-    signal.setitimer(signal.ITIMER_REAL, longest_s)
+    signal.setitimer(signal.ITIMER_REAL, max_s)
     try:
         with tempfile.TemporaryDirectory() as folder, watched_files() as elsewhere:
             wrong = attempt(seed, Path(folder))
-    except _TookTooLong:
-        return f"took longer than {longest_s:g} s"
+    except _Timeout:
+        return f"took longer than {max_s:g} s"
     except Exception:
         return "traceback: " + traceback.format_exc().strip().splitlines()[-1]
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-    grown = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
+    growth_bytes = (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before) * 1024
     if not wrong and elsewhere:
         return elsewhere[0]
-    return wrong or (f"took {grown / 2**20:.0f} MB of memory" if grown > LARGEST_BYTES else "")
+    return wrong or (f"took {growth_bytes / 2**20:.0f} MB of memory" if growth_bytes > MAX_MEMORY_BYTES else "")
 
 
-def refused_well(message: str) -> str:
-    """What is wrong with the message of a refusal, or nothing."""
+def message_fault(message: str) -> str:
+    """Return what is wrong with the message of a refusal, or ""."""
     if "\n" in message:
         return f"message of {message.count(chr(10)) + 1} lines: {message[:80]!r}"
-    return f"message of {len(message)} characters" if len(message) > LONGEST_MESSAGE else ""
+    return f"message of {len(message)} characters" if len(message) > MAX_MESSAGE else ""
 
 
-def lines(tallies: Sequence[Tally], shown: int = 5) -> Iterator[str]:
-    """The table of the tallies, and the first wrong outcomes of each."""
-    past = f"past {LONG_S:g} s"
-    yield f"{'category':<28}{'tried':>8}{'right':>8}{'wrong':>8}{past:>10}{'s':>8}"
-    for each in tallies:
-        counts = f"{each.tried:>8}{each.right:>8}{len(each.wrong):>8}{len(each.slow):>10}"
-        yield f"{each.category:<28}{counts}{each.seconds:>8.0f}"
-    for each in tallies:
-        for seed, wrong in list(each.wrong.items())[:shown]:
-            yield f"{each.category}, seed {seed}: {wrong[:200]}"
-        for seed, taken_s in list(each.slow.items())[:shown]:
-            yield f"{each.category}, seed {seed}: {taken_s:.1f} s of processor time"
+def lines(tallies: Sequence[Tally], max_lines: int = 5) -> Iterator[str]:
+    """Yield the lines of the table of tallies, and the first wrong outcomes of each."""
+    slow = f"over {LONG_S:g} s"
+    yield f"{'category':<28}{'tried':>8}{'right':>8}{'wrong':>8}{slow:>10}{'s':>8}"
+    for result in tallies:
+        counts = f"{result.tried:>8}{result.right:>8}{len(result.wrong):>8}{len(result.slow):>10}"
+        yield f"{result.category:<28}{counts}{result.seconds:>8.0f}"
+    for result in tallies:
+        for seed, wrong in list(result.wrong.items())[:max_lines]:
+            yield f"{result.category}, seed {seed}: {wrong[:200]}"
+        for seed, taken_s in list(result.slow.items())[:max_lines]:
+            yield f"{result.category}, seed {seed}: {taken_s:.1f} s of processor time"

@@ -1,4 +1,4 @@
-"""Light fields made to do harm: sizes that nothing holds, names and links that lead out, objects to be unpickled."""
+"""Hostile light fields: impossible sizes, names and links that lead outside, objects to be unpickled."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ import h5py
 import numpy as np
 
 SECRET = b"\xc9\x0d\x4d" * 4096
-"""What lies in files outside the light field: a colour that none of its views has, also as pixels of a picture."""
+"""Content of files outside the light field, raw and as pixels of pictures: a colour that none of its views has."""
 _HUGE = (10**5, 10**5, 10**5, 10**5, 3)
 
 Change = Callable[[Path, Path, np.random.Generator], None]
-"""Changes the files of a good light field at a path; the folder of the second has files that are not to be read."""
+"""Changes the files of a valid light field at the first path; the second is a folder of files that must not be read."""
 
 
 def _npy(shape: tuple[int, ...], content: bytes = b"", kind: str = "|u1") -> bytes:
-    """An .npy file of a header and any content."""
+    """Return an .npy file with a header and any content."""
     header = f"{{'descr': '{kind}', 'fortran_order': False, 'shape': {shape}, }}"
     text = header.ljust(-(-(len(header) + 11) // 64) * 64 - 11).encode() + b"\n"
     return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text)) + text + content
@@ -38,14 +38,14 @@ _BOMB_HEADER = _npy((1, 9, 2500, 5000), kind="<f4")
 
 @cache
 def _deflated(begin: bytes, megabytes: int) -> bytes:
-    """A beginning and zeros under deflate."""
+    """Return compressed (deflate) `begin` and zeros."""
     compress = zlib.compressobj()
     content = compress.compress(begin) + b"".join(compress.compress(bytes(1 << 20)) for _ in range(megabytes))
     return content + compress.flush()
 
 
 class _Executes:
-    """Pickled, an order to make a file."""
+    """An object that creates a file when unpickled."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -58,38 +58,38 @@ def _pickled(secrets: Path) -> bytes:
     return _npy((1,), pickle.dumps([_Executes(secrets / "executed")]), "|O")
 
 
-def _in_zip(path: Path, name: str, content: bytes) -> None:
+def _replace_member(path: Path, name: str, content: bytes) -> None:
     """Replace a member of an .npz file."""
     with zipfile.ZipFile(path) as archive:
-        members = {each: archive.read(each) for each in archive.namelist()}
+        members = {member: archive.read(member) for member in archive.namelist()}
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for each, before in members.items():
-            archive.writestr(each, content if each == name else before)
+        for member, original in members.items():
+            archive.writestr(member, content if member == name else original)
 
 
 def _npz_huge(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    _in_zip(path, "samples.npy", _npy(_HUGE))
+    _replace_member(path, "samples.npy", _npy(_HUGE))
 
 
 def _npz_pickled(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    _in_zip(path, random.choice(["samples.npy", "focal_px.npy", "layout_identity.npy"]), _pickled(secrets))
+    _replace_member(path, random.choice(["samples.npy", "focal_px.npy", "layout_identity.npy"]), _pickled(secrets))
 
 
 @cache
-def _with_bomb(good: bytes) -> bytes:
-    """An .npz file whose weights are 450 MB of zeros."""
+def _with_bomb(valid: bytes) -> bytes:
+    """Return an .npz file whose weights are 450 MB of zeros."""
     content = io.BytesIO()
-    with zipfile.ZipFile(io.BytesIO(good)) as before, zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name in before.namelist():
+    with zipfile.ZipFile(io.BytesIO(valid)) as source, zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in source.namelist():
             with archive.open(name, "w") as member:
                 bomb = (_BOMB_HEADER, *[bytes(1_000_000)] * 450)
-                for piece in bomb if name == "weights.npy" else (before.read(name),):
+                for piece in bomb if name == "weights.npy" else (source.read(name),):
                     member.write(piece)
     return content.getvalue()
 
 
 def _npz_bomb(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """A member that is larger than it may be; half of the times its size is stated as 1000 bytes."""
+    """Make a member too large; in half of the cases, its stated size is 1000 bytes."""
     raw = _with_bomb(path.read_bytes())
     if random.random() < 0.5:
         raw = raw.replace(struct.pack("<I", len(_BOMB_HEADER) + 450_000_000), struct.pack("<I", 1000))
@@ -106,7 +106,7 @@ def _npy_pickled(path: Path, secrets: Path, random: np.random.Generator) -> None
 
 
 def _picture_huge(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """A PNG whose header states 100,000 x 100,000 px, or 9,000 x 9,000 of nothing."""
+    """Write a PNG whose header states 100,000 x 100,000 px, or 9,000 x 9,000 px without data."""
     pictures = [path] if path.is_file() else sorted(path.rglob("*.png"))
     side = int(random.choice([100_000, 9_000]))
     header = b"IHDR" + struct.pack(">IIBBBBB", side, side, 8, 2, 0, 0, 0)
@@ -119,7 +119,7 @@ def _picture_huge(path: Path, secrets: Path, random: np.random.Generator) -> Non
 
 
 def _mat5_huge(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """A variable LF, array of numbers or of cells, of dimensions that nothing holds."""
+    """Write a variable LF, an array of numbers or cells, with impossible dimensions."""
     dimensions = struct.pack("<II8i", 5, 20, 60000, 60000, 60000, 60000, 3, 0, 0, 0)[:32]
     kind = int(random.choice([1, 6, 9]))
     flags, name = struct.pack("<IIII", 6, 8, kind, 0), struct.pack("<HH4s", 1, 2, b"LF\0\0")
@@ -129,25 +129,25 @@ def _mat5_huge(path: Path, secrets: Path, random: np.random.Generator) -> None:
 
 
 def _mat5_bomb(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """A compressed variable of 450 MB of zeros, whatever it states."""
+    """Write a compressed variable of 450 MB of zeros, whatever size it states."""
     content = _deflated(struct.pack("<II", 14, int(random.choice([450_000_000, 1000]))), 600)
     path.write_bytes(path.read_bytes()[:128] + struct.pack("<II", 15, len(content)) + content)
 
 
 def _hdf5_links(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """LF, or the group of H, is a link to another file or within this."""
+    """Make LF, or the group of H, a link to a different file or within this one."""
     with h5py.File(path, "a") as file:
-        place = random.choice(["LF", "RectOptions"])
-        file.move(place, "elsewhere")
+        target = random.choice(["LF", "RectOptions"])
+        file.move(target, "elsewhere")
         kind = random.choice(["external", "soft", "loop"])
         if kind == "external":
-            file[place] = h5py.ExternalLink(str(secrets / "secret.h5"), "LF")
+            file[target] = h5py.ExternalLink(str(secrets / "secret.h5"), "LF")
         else:
-            file[place] = h5py.SoftLink("/elsewhere" if kind == "soft" else f"/{place}")
+            file[target] = h5py.SoftLink("/elsewhere" if kind == "soft" else f"/{target}")
 
 
 def _hdf5_storage(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """LF lies in another file, as raw bytes or by a virtual data set."""
+    """Store LF in a different file, as raw bytes or by a virtual data set."""
     with h5py.File(path, "a") as file:
         shape = file["LF"].shape
         del file["LF"]
@@ -161,7 +161,7 @@ def _hdf5_storage(path: Path, secrets: Path, random: np.random.Generator) -> Non
 
 
 def _hdf5_sizes(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """LF is of numbers that are not there, of a size that nothing holds, or compressed to nothing."""
+    """Make LF an array without data, of impossible size, of text, or a compression bomb."""
     with h5py.File(path, "a") as file:
         lf = file["LF"][()]
         del file["LF"]
@@ -180,12 +180,12 @@ def _hdf5_sizes(path: Path, secrets: Path, random: np.random.Generator) -> None:
 
 
 def _zarr_metadata(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """An array of unknown codecs, types, keys or chunks, or of a shape that nothing holds."""
+    """Give an array unknown codecs, types, keys or chunks, or an impossible shape."""
     file = path / str(random.choice(["samples", "weights", "number", "time_s"])) / "zarr.json"
     if not file.exists():
         file = path / "samples" / "zarr.json"
-    said = json.loads(file.read_text(encoding="utf-8"))
-    huge = [10**9] * len(said["shape"])
+    metadata = json.loads(file.read_text(encoding="utf-8"))
+    huge = [10**9] * len(metadata["shape"])
     changes: list[dict[str, Any]] = [
         {"codecs": [{"name": "bytes"}, {"name": "numcodecs.pickle", "configuration": {}}]},
         {"codecs": [{"name": "bytes"}, {"name": "gzip", "configuration": {"level": 1}}]},
@@ -193,33 +193,33 @@ def _zarr_metadata(path: Path, secrets: Path, random: np.random.Generator) -> No
         {"codecs": [{"name": "sharding_indexed", "configuration": {"chunk_shape": [1]}}]},
         {"shape": huge},
         {"shape": huge, "chunk_grid": {"name": "regular", "configuration": {"chunk_shape": huge}}},
-        {"shape": [100_000, *said["shape"][1:]]},
-        {"shape": [3 * length for length in said["shape"]]},
+        {"shape": [100_000, *metadata["shape"][1:]]},
+        {"shape": [3 * length for length in metadata["shape"]]},
         {"data_type": "string"},
-        {"data_type": "float32" if said["data_type"] != "float32" else "uint8"},
+        {"data_type": "float32" if metadata["data_type"] != "float32" else "uint8"},
         {"data_type": {"name": "numpy.object", "configuration": {}}},
         {"chunk_key_encoding": {"name": "v2", "configuration": {"separator": "../"}}},
         {"fill_value": 7},
         {"zarr_format": 2},
         {"storage_transformers": [{"name": "other"}]},
     ]
-    file.write_text(json.dumps(said | changes[int(random.integers(len(changes)))]), encoding="utf-8")
+    file.write_text(json.dumps(metadata | changes[int(random.integers(len(changes)))]), encoding="utf-8")
 
 
 def _zarr_files(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """Arrays and chunks that are missing, lead out, or state another size than they should have."""
+    """Remove an array, link chunks to outside files, or make a chunk state or hold a wrong size."""
     chunks = sorted(file for file in path.rglob("*") if file.is_file() and "c" in file.relative_to(path).parts)
     chunk, kind = chunks[int(random.integers(len(chunks)))], random.choice(["array", "link", "size", "zstd", "group"])
     if kind == "array":
         (path / str(random.choice(["samples", "weights"])) / "zarr.json").unlink()
     elif kind == "link":
-        metadata = path / "samples" / "zarr.json"
-        said = json.loads(metadata.read_text(encoding="utf-8")) | {"codecs": [{"name": "bytes"}]}
-        metadata.write_text(json.dumps(said), encoding="utf-8")
-        for each in chunks:
-            if "samples" in each.parts:
-                each.unlink()
-                each.symlink_to(secrets / "secret.bin")
+        file = path / "samples" / "zarr.json"
+        metadata = json.loads(file.read_text(encoding="utf-8")) | {"codecs": [{"name": "bytes"}]}
+        file.write_text(json.dumps(metadata), encoding="utf-8")
+        for sample_chunk in chunks:
+            if "samples" in sample_chunk.parts:
+                sample_chunk.unlink()
+                sample_chunk.symlink_to(secrets / "secret.bin")
     elif kind == "size":
         raw = bytearray(chunk.read_bytes())
         raw[4:8] = struct.pack("<I", 0x7FFFFFFF)
@@ -233,7 +233,7 @@ def _zarr_files(path: Path, secrets: Path, random: np.random.Generator) -> None:
 
 
 def _mcap_chunk(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """A chunk that holds far more than it states, in one frame of Zstandard or several, or more than memory does."""
+    """Write a chunk that holds far more than it states, in one or more frames of Zstandard, or states too much."""
     from numcodecs import Zstd
 
     raw, kind = path.read_bytes(), random.choice(["frame", "frames", "lz4", "huge"])
@@ -248,7 +248,7 @@ def _mcap_chunk(path: Path, secrets: Path, random: np.random.Generator) -> None:
 
 
 def _names_lead_out(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """Names of pictures in a model or data set are of files outside its folder."""
+    """Let names of pictures in a model or data set lead to files outside its folder."""
     prefix = "../" * int(random.integers(1, 5)) + "secrets" if random.random() < 0.7 else str(secrets)
     for file in (path / "transforms.json", path / "sparse" / "images.txt"):
         if file.exists():
@@ -260,7 +260,7 @@ def _names_lead_out(path: Path, secrets: Path, random: np.random.Generator) -> N
 
 
 def _many_views(path: Path, secrets: Path, random: np.random.Generator) -> None:
-    """The parameters state more views, or larger ones, than there are."""
+    """State more views, or larger ones, than exist."""
     file = path / "parameters.cfg"
     key = str(random.choice(["num_cams_x", "num_cams_y", "image_resolution_x_px", "image_resolution_y_px"]))
     number = str(random.choice(["1000000", "1e308", "900", "100000", "3.5"]))
@@ -284,11 +284,11 @@ HOSTILE: dict[str, tuple[Change, ...]] = {
     "eslf": (_picture_huge,),
     "tiles": (_picture_huge,),
 }
-"""What can be done to a light field of each format; bags need the extra robot."""
+"""Changes to a light field of each format; bags need the extra robot."""
 
 
 def plant(secrets: Path) -> None:
-    """Write files that no light field may read: raw, as HDF5, and as the pictures that names could lead to."""
+    """Write files that no light field may read: raw, as HDF5, and as the pictures to which names could lead."""
     from mirrorcam.core.images.pictures import encoded_image
 
     (secrets / "secret.bin").write_bytes(SECRET)

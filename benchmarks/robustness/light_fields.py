@@ -12,7 +12,7 @@ import h5py
 import numpy as np
 
 from benchmarks.robustness.damage import damaged_bytes, damaged_value
-from benchmarks.robustness.guard import Category, refused_well
+from benchmarks.robustness.guard import Category, message_fault
 from benchmarks.robustness.hostile_light_fields import HOSTILE, SECRET, plant
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import Frame
@@ -32,9 +32,9 @@ _ASSUMED = Assumed(rows=3, cols=3, step_mm=10.0, focal_px=20.0, reference_depth_
 
 
 def light_field() -> LightField:
-    """A light field of noise, with pixels without sample."""
-    places = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=-1) * 10.0
-    views, random = parallel_views(places, (24, 18), 20.0, 400.0), np.random.default_rng(1)
+    """Return a light field of noise, with some pixels without a sample."""
+    positions_mm = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=-1) * 10.0
+    views, random = parallel_views(positions_mm, (24, 18), 20.0, 400.0), np.random.default_rng(1)
     weights = random.integers(0, 2, (3, 3, 18, 24)).astype(np.float32)
     weights[:, :, :, 12:] = 1.0
     samples = random.integers(0, 200, (3, 3, 18, 24, 3), dtype=np.uint8)
@@ -52,8 +52,8 @@ def write(path: Path, subject: str) -> None:
         with path.open("r+b") as raw:
             raw.write(b"MATLAB 7.3 MAT-file".ljust(128))
     elif subject in ("zarr", "partial"):
-        whole = path.with_name(path.name.removesuffix(".partial"))
-        recording = Recording(whole, about(light_field(), {"file": "noise"}), ZarrSink())
+        complete = path.with_name(path.name.removesuffix(".partial"))
+        recording = Recording(complete, about(light_field(), {"file": "noise"}), ZarrSink())
         for number in range(FRAMES):
             recording.add(Frame(number, 0.1 * number, np.empty((0, 0, 3), np.uint8)), light_field())
         if subject == "zarr":
@@ -63,24 +63,24 @@ def write(path: Path, subject: str) -> None:
         write_light_field(path, light_field(), subject)
 
 
-def _ending(subject: str) -> str:
+def _suffix(subject: str) -> str:
     return {"hdf5": ".mat", "partial": ".zarr.partial"}.get(subject) or formats()[subject].ending
 
 
 @cache
-def good(subject: str) -> Mapping[str, bytes]:
-    """The files of the light field as `write` writes it, by their paths."""
+def valid_files(subject: str) -> Mapping[str, bytes]:
+    """Return the files of the light field, by path."""
     with tempfile.TemporaryDirectory() as folder:
-        write(Path(folder) / f"a{_ending(subject)}", subject)
+        write(Path(folder) / f"a{_suffix(subject)}", subject)
         files = sorted(file for file in Path(folder).rglob("*") if file.is_file())
         return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
 
 
 def attempt(seed: int, folder: Path) -> str:
-    """Read a damaged or hostile light field of the format whose turn it is."""
+    """Read a damaged or hostile light field, of formats in turn."""
     random, subject = np.random.default_rng(seed), SUBJECTS[seed % len(SUBJECTS)]
-    path, secrets = folder / "in" / f"a{_ending(subject)}", folder / "secrets"
-    for name, content in good(subject).items():
+    path, secrets = folder / "in" / f"a{_suffix(subject)}", folder / "secrets"
+    for name, content in valid_files(subject).items():
         (folder / "in" / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / "in" / name).write_bytes(content)
     secrets.mkdir()
@@ -91,19 +91,19 @@ def attempt(seed: int, folder: Path) -> str:
         frames = list(open_light_fields(path, assumed=assumed).frames)
     except InputError as error:
         where = str(path.parent / path.stem.removesuffix(".zarr")) in str(error)
-        return refused_well(str(error).replace(str(folder), "")) or ("" if where else f"names no file: {error}")
+        return message_fault(str(error).replace(str(folder), "")) or ("" if where else f"names no file: {error}")
     finally:
         executed = (secrets / "executed").exists()
-    return "unpickled" if executed else _wrong_with(frames, file)
+    return "unpickled" if executed else _fault(frames, file)
 
 
 def _damage(path: Path, subject: str, secrets: Path, random: np.random.Generator) -> str:
-    """Damage the light field; returns the suffix of the file whose bytes were damaged, or nothing."""
+    """Damage the light field; return the suffix of the file whose bytes were damaged, or ""."""
     if random.random() < 0.35:
         changes = HOSTILE[subject]
         changes[int(random.integers(len(changes)))](path, secrets, random)
         return ""
-    names = sorted(good(subject))
+    names = sorted(valid_files(subject))
     texts = [name for name in names if name.endswith(".json")]
     if texts and random.random() < 0.4:
         file = path.parent / texts[int(random.integers(len(texts)))]
@@ -115,21 +115,21 @@ def _damage(path: Path, subject: str, secrets: Path, random: np.random.Generator
     return file.suffix
 
 
-def _wrong_with(frames: list[LightField], damaged: str) -> str:
-    """What is wrong with light fields that were read, or nothing."""
-    for each in frames:
-        if SECRET[:48] in each.samples.tobytes() or SECRET[:48] in each.weights.tobytes():
-            return "holds what lies outside"
-        if not np.isfinite(each.matrices).all() or not each.weights.any():
-            return "views that are none"
-        if damaged in CHECKED and not _is_same(each):
+def _fault(frames: list[LightField], damaged: str) -> str:
+    """Return what is wrong with light fields that were read, or ""."""
+    for frame in frames:
+        if SECRET[:48] in frame.samples.tobytes() or SECRET[:48] in frame.weights.tobytes():
+            return "contains data from outside"
+        if not np.isfinite(frame.matrices).all() or not frame.weights.any():
+            return "invalid views"
+        if damaged in CHECKED and not _is_same(frame):
             return f"damage to {damaged} not noticed"
     return ""
 
 
-def _is_same(found: LightField) -> bool:
+def _is_same(frame: LightField) -> bool:
     expected = light_field()
-    return np.array_equal(found.samples, expected.samples) and np.array_equal(found.valid, expected.valid)
+    return np.array_equal(frame.samples, expected.samples) and np.array_equal(frame.valid, expected.valid)
 
 
 CATEGORY = Category("light fields", 1_000, attempt)

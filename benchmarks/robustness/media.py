@@ -1,7 +1,7 @@
 """Damaged pictures and videos: refused in one line, or read as frames of the stated size.
 
-Tests compare what is read of a damaged file with what was taken (tests/core/images/test_pictures.py,
-tests/core/video/test_video.py); here a decoder may neither crash nor hang, nor take memory without bound.
+Tests compare the frames of a damaged file with the original ones (tests/core/images/test_pictures.py,
+tests/core/video/test_video.py); here, a decoder must not crash, hang, or take unlimited memory.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from benchmarks.robustness.damage import damaged_bytes
-from benchmarks.robustness.guard import Category, refused_well
+from benchmarks.robustness.guard import Category, message_fault
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import picture_size, read_image
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.video import Video
 
 COUNT, WIDTH, HEIGHT, RATE = 30, 320, 240, 25
-MOST_FRAMES = 50 * COUNT
+MAX_FRAMES = 50 * COUNT
 JPEGS: dict[str, tuple[int, ...]] = {
     "baseline": (),
     "progressive": (cv2.IMWRITE_JPEG_PROGRESSIVE, 1),
@@ -44,8 +44,8 @@ VIDEOS = {
 
 
 @cache
-def filmed() -> tuple[NDArray[np.uint8], ...]:
-    """Pictures (h, w, 3) of a drifting scene with noise."""
+def scene_pictures() -> tuple[NDArray[np.uint8], ...]:
+    """Return pictures (h, w, 3) of a drifting scene with noise."""
     random = np.random.default_rng(0)
     field = cv2.resize(random.uniform(30, 220, (40, 60, 3)), (2 * WIDTH, 2 * HEIGHT), interpolation=cv2.INTER_CUBIC)
     views = (field[3 * n : 3 * n + HEIGHT, 5 * n : 5 * n + WIDTH] for n in range(COUNT))
@@ -54,25 +54,25 @@ def filmed() -> tuple[NDArray[np.uint8], ...]:
 
 @cache
 def pictures() -> dict[str, bytes]:
-    """Good files of one picture, by name."""
-    picture, stream = filmed()[0], BytesIO()
-    found = {f"{kind}.jpg": cv2.imencode(".jpg", picture, [*options])[1].tobytes() for kind, options in JPEGS.items()}
+    """Return valid files of one picture, by name."""
+    picture, stream = scene_pictures()[0], BytesIO()
+    files = {f"{kind}.jpg": cv2.imencode(".jpg", picture, [*options])[1].tobytes() for kind, options in JPEGS.items()}
     alpha = np.concatenate([picture, np.full((HEIGHT, WIDTH, 1), 200, np.uint8)], axis=-1)
     images: dict[str, NDArray[Any]] = {"grey": picture[..., 1], "16 bits": picture.astype(np.uint16) * 257}
     for kind, image in (images | {"colour": picture, "opacity": alpha}).items():
-        found[f"{kind}.png"] = cv2.imencode(".png", image)[1].tobytes()
+        files[f"{kind}.png"] = cv2.imencode(".png", image)[1].tobytes()
     Image.fromarray(picture).quantize(64).save(stream, "PNG")
-    return found | {"palette.png": stream.getvalue()}
+    return files | {"palette.png": stream.getvalue()}
 
 
-def written(path: Path, codec: str, options: dict[str, str]) -> None:
+def write_video(path: Path, codec: str, options: dict[str, str]) -> None:
     """Write the pictures as a video."""
     with av.open(str(path), "w", options=options) as container:
         settings = {"preset": "veryfast", "crf": "18", "g": "10", "bf": "2"} if codec == "libx264" else {"qmin": "2"}
         stream: Any = container.add_stream(codec, rate=RATE, options=settings)
         stream.width, stream.height = WIDTH, HEIGHT
         stream.pix_fmt = "yuv420p" if codec == "libx264" else "yuvj420p"
-        for number, picture in enumerate(filmed()):
+        for number, picture in enumerate(scene_pictures()):
             frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
             frame.pts, frame.time_base = number, Fraction(1, RATE)
             container.mux(stream.encode(frame))
@@ -81,9 +81,9 @@ def written(path: Path, codec: str, options: dict[str, str]) -> None:
 
 @cache
 def video(name: str) -> bytes:
-    """A good video of a name of `VIDEOS`."""
+    """Return a valid video, by its name in `VIDEOS`."""
     with tempfile.TemporaryDirectory() as folder:
-        written(Path(folder) / name, *VIDEOS[name])
+        write_video(Path(folder) / name, *VIDEOS[name])
         return (Path(folder) / name).read_bytes()
 
 
@@ -95,10 +95,10 @@ def damaged_picture(seed: int, folder: Path) -> str:
     path.write_bytes(damaged_bytes(pictures()[name], random))
     try:
         size = picture_size(path)
-        found = read_image(path, grey=bool(seed % 2))
+        picture = read_image(path, grey=bool(seed % 2))
     except InputError as error:
         return _refused(path, error)
-    return "" if found.shape[1::-1] == size else f"{name}: {found.shape=}, {size=}"
+    return "" if picture.shape[1::-1] == size else f"{name}: {picture.shape=}, {size=}"
 
 
 def damaged_video(seed: int, folder: Path) -> str:
@@ -108,12 +108,12 @@ def damaged_video(seed: int, folder: Path) -> str:
     path = folder / name
     raw = bytearray(damaged_bytes(video(name), random))
     if raw and random.random() < 0.3:  # sizes, counts and times are at the beginning
-        at = int(random.integers(min(len(raw), 1200)))
-        raw[at : at + 4] = b"\xff" * 4
+        offset = int(random.integers(min(len(raw), 1200)))
+        raw[offset : offset + 4] = b"\xff" * 4
     path.write_bytes(raw)
     try:
         for number, item in enumerate(Video(path).frames()):
-            if number >= MOST_FRAMES:
+            if number >= MAX_FRAMES:
                 return f"{name}: gives more than {number} frames"
             if isinstance(item, Frame) and item.pixels.shape != (HEIGHT, WIDTH, 3):
                 return f"{name}: frame {item.number} has shape {item.pixels.shape}"
@@ -123,7 +123,7 @@ def damaged_video(seed: int, folder: Path) -> str:
 
 
 def _refused(path: Path, error: InputError) -> str:
-    wrong = refused_well(str(error).replace(str(path.parent), ""))
+    wrong = message_fault(str(error).replace(str(path.parent), ""))
     return wrong or ("" if str(error).startswith(str(path)) else f"names no file: {str(error)[:80]}")
 
 

@@ -1,6 +1,6 @@
-"""Manifests, records and journals of others that list odd files.
+"""Foreign manifests, records and journals that list odd file names.
 
-A secret lies beside the folder that is read: nothing may read it or write beside it.
+A secret file is next to the folder that is read: nothing may read it or write outside the folder.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.robustness.damage import damaged_bytes, damaged_value
-from benchmarks.robustness.guard import Category, refused_well
+from benchmarks.robustness.guard import Category, message_fault
 from mirrorcam.core.disk.fingerprint import digest
 from mirrorcam.core.disk.output_folder import output_folder, results_folder
 from mirrorcam.core.disk.results import Results
@@ -37,7 +37,7 @@ ODD_NAMES = (
 
 
 def attempt(seed: int, folder: Path) -> str:
-    """Use a manifest with odd names, and look at what that read, wrote and said."""
+    """Use a manifest with odd names, and check what that read, wrote and reported."""
     random = np.random.default_rng(seed)
     place = folder / "place"
     (place / "deep").mkdir(parents=True)
@@ -50,7 +50,7 @@ def attempt(seed: int, folder: Path) -> str:
         try:
             wrong = use(place, random)
         except InputError as error:
-            wrong = refused_well(str(error).replace(str(folder), ""))
+            wrong = message_fault(str(error).replace(str(folder), ""))
     if opened & {str((folder / SECRET).resolve()), os.path.realpath("/etc/passwd")}:
         return f"{use.__name__} read a file outside of the folder"
     if (folder / SECRET).read_text() != SECRET_TEXT or {path.name for path in folder.iterdir()} != {"place", SECRET}:
@@ -60,12 +60,12 @@ def attempt(seed: int, folder: Path) -> str:
     return wrong and f"{use.__name__}: {wrong}"
 
 
-_seen: list[set[str]] = []
+_opened_paths: list[set[str]] = []
 
 
 def _note(event: str, arguments: tuple[Any, ...]) -> None:
-    if event == "open" and _seen and isinstance(arguments[0], str | bytes):
-        _seen[-1].add(os.path.realpath(os.fsdecode(arguments[0])))
+    if event == "open" and _opened_paths and isinstance(arguments[0], str | bytes):
+        _opened_paths[-1].add(os.path.realpath(os.fsdecode(arguments[0])))
 
 
 @cache
@@ -75,13 +75,13 @@ def _watch() -> None:
 
 @contextmanager
 def _opened() -> Iterator[set[str]]:
-    """The files that are opened in the block."""
+    """Collect the files opened in the block."""
     _watch()
-    _seen.append(set())
+    _opened_paths.append(set())
     try:
-        yield _seen[-1]
+        yield _opened_paths[-1]
     finally:
-        _seen.pop()
+        _opened_paths.pop()
 
 
 def _odd(random: np.random.Generator, folder: Path) -> str:
@@ -89,10 +89,10 @@ def _odd(random: np.random.Generator, folder: Path) -> str:
 
 
 def _files(folder: Path, random: np.random.Generator) -> dict[str, str]:
-    """One to three odd names, with the true checksum of the secret or of the user's own file."""
-    whole = digest(SECRET_TEXT.encode()), digest(MINE.encode())
+    """Return one to three odd names, with the true checksum of the secret or of the user's own file."""
+    checksums = digest(SECRET_TEXT.encode()), digest(MINE.encode())
     names = [_odd(random, folder) for _ in range(int(random.integers(1, 4)))]
-    return {name: str(random.choice(whole)) for name in names}
+    return {name: str(random.choice(checksums)) for name in names}
 
 
 def _put(path: Path, value: Any, random: np.random.Generator) -> None:
@@ -115,7 +115,7 @@ def dataset(folder: Path, random: np.random.Generator) -> str:
 
 
 def resumed(folder: Path, random: np.random.Generator) -> str:
-    """Go on with a rendered set or scene."""
+    """Resume a rendered set or scene."""
     manifest = dataset_of_two_frames() if random.random() < 0.5 else scene_of_two_depths()
     listed = manifest.replaced(files=_files(folder, random))
     _put(folder / manifest.FILE, listed.model_dump(mode="json", by_alias=True), random)
@@ -126,7 +126,7 @@ def resumed(folder: Path, random: np.random.Generator) -> str:
 
 
 def stage(folder: Path, random: np.random.Generator) -> str:
-    """Look whether a stage of a run is done."""
+    """Check whether a stage of a run is done."""
     step = Stage("design", lambda place, progress: None)
     (folder / "design").mkdir()
     files = {name: sha256.encode() for name, sha256 in _files(folder, random).items()}
@@ -136,7 +136,7 @@ def stage(folder: Path, random: np.random.Generator) -> str:
 
 
 def record(folder: Path, random: np.random.Generator) -> str:
-    """Write into a folder whose record lists files of others."""
+    """Write into a folder whose record lists foreign files."""
     files = {name: value for name, value in _files(folder, random).items() if name != MINE}
     line = {"schema": "mirrorcam.written/2", "command": "cad", "files": {name: [files[name]] for name in files}}
     _put(folder / ".mirrorcam" / "written.jsonl", line, random)
@@ -148,7 +148,7 @@ def record(folder: Path, random: np.random.Generator) -> str:
 
 
 def journal(folder: Path, random: np.random.Generator) -> str:
-    """Go on with a recording, or look at one that is finished."""
+    """Resume a recording, or open a finished one."""
     frames: list[Any] = [{"number": number, "time_s": 0.1 * number} for number in range(3)]
     odd = {"number": _odd(random, folder), "time_s": 0.0}
     frames.insert(int(random.integers(4)), odd if random.random() < 0.5 else damaged_value(frames[0], random))

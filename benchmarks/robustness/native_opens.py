@@ -1,6 +1,6 @@
-"""Which of some files are opened by anything on this machine: also by libraries in other languages, as FFmpeg.
+"""Detection of opened files, also by libraries in other languages such as FFmpeg.
 
-Linux tells (inotify); `AUDITED` is False on other systems, where nothing is seen.
+It uses inotify of Linux; `AUDITED` is False on other systems, where nothing is detected.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _EVENT = struct.Struct("iIII")
 
 @contextmanager
 def watched_opens(paths: Sequence[Path]) -> Iterator[list[Path]]:
-    """List those of some files that are opened within the block; the list is filled when the block ends."""
+    """List those of the given files that are opened within the block; the list is filled when the block ends."""
     opened: list[Path] = []
     if not AUDITED:
         yield opened
@@ -43,11 +43,11 @@ def watched_opens(paths: Sequence[Path]) -> Iterator[list[Path]]:
 
 
 def _watches(queue: int) -> Iterator[int]:
-    """The watches of the events that wait in a queue."""
+    """Yield the watches of the pending events in a queue."""
     with suppress(BlockingIOError):
         while events := os.read(queue, 1 << 16):
-            at = 0
-            while at < len(events):
-                watch, _, _, length = _EVENT.unpack_from(events, at)
+            offset = 0
+            while offset < len(events):
+                watch, _, _, length = _EVENT.unpack_from(events, offset)
                 yield watch
-                at += _EVENT.size + length
+                offset += _EVENT.size + length

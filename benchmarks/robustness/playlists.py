@@ -1,8 +1,8 @@
-"""Files that name other files, and names that are addresses: of a video that was named, nothing else is opened.
+"""Files that refer to other files, and names that are addresses: reading a video must not open anything else.
 
 Each attempt writes a playlist or another list of files under the name of a video, or a file whose name looks like an
-address or a pattern, sometimes damaged, and reads it as commands do. The files that it could lead to are good videos,
-so that nothing but the reader keeps FFmpeg from them, and a server of this machine listens for requests.
+address or a pattern, sometimes damaged, and reads it like commands do. The files to which it could lead are valid
+videos, so that only the reader keeps FFmpeg from them, and a local server listens for requests.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numpy as np
 from benchmarks.robustness import media
 from benchmarks.robustness.damage import damaged_bytes
 from benchmarks.robustness.external_data import with_external_data
-from benchmarks.robustness.guard import Category, refused_well
+from benchmarks.robustness.guard import Category, message_fault
 from benchmarks.robustness.native_opens import AUDITED, watched_opens
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.video import camera_addresses
@@ -32,11 +32,11 @@ from mirrorcam.studio.live.streams import open_source
 
 CAMERA = Camera(width_px=media.WIDTH, height_px=media.HEIGHT, fx_px=300.0, fy_px=300.0, cx_px=159.5, cy_px=119.5)
 ANSWER_S = 0.2
-"""Time for which a stream is waited for."""
-GIVEN_UP_S = 1.0
-"""Time after which a camera that was opened is left."""
+"""Time to wait for a stream."""
+GIVE_UP_S = 1.0
+"""Time after which an opened camera is stopped."""
 TARGETS = ("other.mkv", "frame_01.png", "other.sub", "other.M00")
-"""Names of videos that lie beside the file that is read, and in the folder above it."""
+"""Names of videos in the folder of the file that is read, and in the folder above."""
 PREFIXES = (
     *("", "./", "../", "{folder}/", "{above}/", "file:", "file:../", "file:{above}/", "file://{above}/"),
     *("concat:", "concat:../", "concatf:", "subfile,,start,0,end,0,,:", "subfile,,start,0,end,0,,:../", "crypto:"),
@@ -50,7 +50,7 @@ ADDRESSES = (
     *("lavfi:testsrc", "%02d.png", "frame_%02d.png", "*.png", "frame_*.png", "frame_%2d.png", "@other.mkv"),
     *("tee:a|b", "other.mkv|b"),
 )
-ENDINGS = (
+SUFFIXES = (
     *("mp4", "mov", "mkv", "webm", "avi", "ts", "mpg", "m4v", "wmv", "flv", "ogv", "mxf", "h264", "mjpeg", "dat"),
     *("MP4", "m3u8", "m3u", "mpd", "sdp", "ffconcat", "concat", "txt", "idx", "mlv", "xml", "nut", "y4m", "gif"),
     *("rm", ""),
@@ -124,29 +124,29 @@ LISTS: tuple[Callable[[str], str], ...] = (
 
 @cache
 def video() -> bytes:
-    """A short good video."""
+    """Return a short valid video."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "a.mp4"
-        media.written(path, "mjpeg", {})
+        media.write_video(path, "mjpeg", {})
         return path.read_bytes()
 
 
 @contextmanager
 def listening() -> Iterator[tuple[int, list[str]]]:
-    """A port of this machine, and a list that says at the end of the block whether anything connected to it."""
-    asked: list[str] = []
+    """Yield a local port, and a list that states at the end of the block whether anything connected to it."""
+    connections: list[str] = []
     with socket.create_server(("127.0.0.1", 0)) as server:
         server.setblocking(False)
-        yield int(server.getsockname()[1]), asked
+        yield int(server.getsockname()[1]), connections
         try:
             server.accept()[0].close()
-            asked.append("connects to a server that the file names")
+            connections.append("connects to a server named in the file")
         except BlockingIOError:
             pass
 
 
 def _content(path: Path, target: str, random: np.random.Generator) -> bytes:
-    """A list of files, or an MP4 whose data are in another file, half of them damaged."""
+    """Return a list of files, or an MP4 whose data are in a different file; half of them are damaged."""
     if random.random() < 0.15:
         raw = with_external_data(video(), target)
     else:
@@ -155,66 +155,67 @@ def _content(path: Path, target: str, random: np.random.Generator) -> bytes:
 
 
 def _named(folder: Path, port: int, random: np.random.Generator) -> tuple[str, bytes]:
-    """The name of a file, which may look like an address, and its content."""
+    """Return the name of a file, which may look like an address, and its content."""
     values = {"folder": folder, "above": folder.parent, "port": port}
     targets = [prefix.format(**values) + name for prefix in PREFIXES for name in TARGETS[:1]] + list(ADDRESSES)
     target = str(targets[int(random.integers(len(targets)))])
     if random.random() < 0.3:
-        names = [each for each in targets if "/" not in each and each not in ("", *TARGETS)]
+        names = [name for name in targets if "/" not in name and name not in ("", *TARGETS)]
         return names[int(random.integers(len(names)))], random.bytes(100)
     stem = str(random.choice(["a", "other", "frame_01", "2026-11-26T10:30:05", "concat:a"]))
-    ending = ENDINGS[int(random.integers(len(ENDINGS)))]
-    return f"{stem}.{ending}" if ending else stem, _content(folder, target, random)
+    suffix = SUFFIXES[int(random.integers(len(SUFFIXES)))]
+    return f"{stem}.{suffix}" if suffix else stem, _content(folder, target, random)
 
 
 def _frames(name: str) -> None:
-    """Read a video as `decode` and `calibrate` do."""
+    """Read a video like `decode` and `calibrate`."""
     for _ in Video(Path(name), lambda line: None).frames():
         pass
 
 
 def _live(name: str) -> None:
-    """Open a source as `live` does."""
+    """Open a source like `live`."""
     open_source(name, CAMERA).source.stop()
 
 
 def _device(name: str) -> None:
-    """Open a camera as `decode --live` does; one that gives nothing, such as a stream that nobody sends, is left."""
+    """Open a camera like `decode --live`; stop one without frames, such as a stream that nobody sends."""
     source = camera_addresses.camera(name, media.WIDTH, media.HEIGHT)
-    given_up = Timer(GIVEN_UP_S, source.stop)
-    given_up.start()
+    give_up = Timer(GIVE_UP_S, source.stop)
+    give_up.start()
     try:
         for _ in islice(source.frames(), 3):
             pass
     finally:
-        given_up.cancel()
+        give_up.cancel()
 
 
 def attempt(seed: int, folder: Path) -> str:
-    """Read a file that leads elsewhere, and see whether anything else was opened."""
+    """Read a file that leads elsewhere, and check whether anything else was opened."""
     random = np.random.default_rng(seed)
     place = folder / "place"
     place.mkdir()
-    for where in (place, folder):
+    for parent in (place, folder):
         for target in TARGETS:
-            (where / target).write_bytes(video())
+            (parent / target).write_bytes(video())
     use = (_frames, _live, _device)[int(random.integers(3))]
-    with listening() as (port, asked), chdir(place), patch.object(camera_addresses, "OPENING_S", ANSWER_S):
+    with listening() as (port, connections), chdir(place), patch.object(camera_addresses, "OPENING_S", ANSWER_S):
         name, content = _named(place, port, random)
         (place / name).write_bytes(content)
-        others = [path for where in (place, folder) for path in (where / each for each in TARGETS) if path.name != name]
+        others = [parent / target for parent in (place, folder) for target in TARGETS if target != name]
         with watched_opens(others) as opened:
             wrong = _refusal(use, name)
+    label = f"{use.__name__} of {name!r}"
     if opened:
-        return f"{use.__name__} of {name!r} opens {opened[0].relative_to(folder)}"
-    return f"{use.__name__} of {name!r} {asked[0]}" if asked else wrong and f"{use.__name__} of {name!r}: {wrong}"
+        return f"{label} opens {opened[0].relative_to(folder)}"
+    return f"{label} {connections[0]}" if connections else wrong and f"{label}: {wrong}"
 
 
 def _refusal(use: Callable[[str], None], name: str) -> str:
     try:
         use(name)
     except InputError as error:
-        return refused_well(str(error))
+        return message_fault(str(error))
     return ""
 
 

@@ -379,7 +379,7 @@ def resolved_layout(layout: Layout, drift: Drift, source: str) -> Layout:
         verdict={},
         uncertainty=_uncertainty(layout, drift),
         provenance=layout.provenance
-        | {"resolved_from": layout.identity, "resolved_mirrors": moved_names, "resolved_by": source},
+        | {"resolved_from": layout.identity, "resolved_mirrors": moved, "resolved_by": source},
     )
 
 

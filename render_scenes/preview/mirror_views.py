@@ -1,6 +1,6 @@
-"""Mirrors as arrays: the share of a pixel's light via each mirror, and its ray in the scene.
+"""Mirrors as arrays: the fraction of a pixel's total that each mirror reflects, and its ray in the scene.
 
-The scalar counterpart of `fast.pixel_footprints`. At a corner of a mirror, the pupil shares of its two edges are
+The scalar counterpart of `fast.pixel_footprints`. At a corner of a mirror, the pupil fractions of its two edges are
 multiplied.
 """
 
@@ -16,10 +16,10 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.render_scenes.preview.triangle_tree import along, at, cross, dot, mapped_vector, times
+from mirrorcam.render_scenes.preview.triangle_tree import add_scaled, cross, dot, load3, map_vector, scale
 
-LEAST_SHARE = 1.0 / 512.0
-"""Smallest pupil share at which a mirror is considered."""
+MIN_PUPIL_FRACTION = 1.0 / 512.0
+"""Minimum fraction of the pupil at which a mirror is considered."""
 
 
 # Columns of the table of mirrors.
@@ -29,7 +29,7 @@ EDGE = 6
 """Number of columns per edge."""
 
 BLUR_MARGIN = 1.25
-"""Margin of a window around an outline, relative to the blur of the outline's nearest corner."""
+"""Margin of a window around an outline, relative to the blur at the corner with the least z."""
 
 
 class MirrorViews(NamedTuple):
@@ -39,18 +39,18 @@ class MirrorViews(NamedTuple):
     ----------
     table
         (m, 30 + 6 e), one mirror per row: its number in the layout; its window of pixels (first row, last + 1, first
-        column, last + 1); its normal in rig; distance of its front from the pupil, mm; thickness of the glass before
-        the coating, mm (0 for a first surface); refractive index; reflectance of the coating; in view axes, the
-        virtual centre of the front, mm, its normal, and the map (3, 4) of ray directions from the camera; for each
-        edge of the front, the cross product of its ends (positive towards the inside) and the vector along it. The
-        last edge is repeated if other mirrors have more.
-    radius_mm, nearness_per_mm, fx_px
+        column, last + 1); its normal in the rig frame; distance of its front from the pupil, mm; thickness of the
+        glass in front of the coating, mm (0 for a first surface); refractive index; reflectance of the coating; in view
+        axes, the virtual centre of the front, mm, its normal, and the map (3, 4) of ray directions from the camera; for
+        each edge of the front, the cross product of its ends (its triple product with a point inside is positive) and
+        the vector along it. The last edge is repeated if other mirrors have more.
+    radius_mm, inverse_focus_per_mm, fx_px
         Radius of the pupil, reciprocal of the focus distance, and the focal length.
     """
 
     table: FloatArray
     radius_mm: float
-    nearness_per_mm: float
+    inverse_focus_per_mm: float
     fx_px: float
 
 
@@ -82,7 +82,7 @@ def mirror_views(layout: Layout, pupil: Pupil, reflectance: float) -> MirrorView
 
 
 def _front(mirror: Mirror) -> FloatArray:
-    """Return the corners (n, 3) of the front of a mirror, in rig, mm."""
+    """Return the corners (n, 3) of the front of a mirror in the rig frame, mm."""
     return np.asarray(mirror.outline_in_rig_mm + mirror.front_mm * mirror.normal_in_rig)
 
 
@@ -90,10 +90,10 @@ def _edges(mirror: Mirror, count: int) -> FloatArray:
     """Return the edges (count, 6) of the front of a mirror, see `MirrorViews.table`."""
     corners = _front(mirror)
     ends = np.roll(corners, -1, axis=0)
-    sides = np.cross(corners, ends)
-    sign = np.sign(sides @ corners.mean(axis=0))[:, None]
+    cross_products = np.cross(corners, ends)
+    sign = np.sign(cross_products @ corners.mean(axis=0))[:, None]
     padded = np.minimum(np.arange(count), len(corners) - 1)
-    return np.concatenate([sides * sign, (ends - corners) * sign], axis=1)[padded]
+    return np.concatenate([cross_products * sign, (ends - corners) * sign], axis=1)[padded]
 
 
 def _window(camera: Camera, mirror: Mirror, pupil: Pupil) -> tuple[int, int, int, int]:
@@ -114,42 +114,45 @@ def _window(camera: Camera, mirror: Mirror, pupil: Pupil) -> tuple[int, int, int
 
 
 @inlined
-def pupil_share(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
-    """Return a mirror's pupil share in the pixel of a ray (x, y, 1); for a pinhole, about its share of the pixel.
+def pupil_fraction(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
+    """Return the fraction of the pupil that a mirror fills in the pixel of a ray (x, y, 1).
 
-    An edge cuts a disc whose variance is the sum of the variances of the pupil and the pixel.
+    An edge divides a disc with the variances of the pupil and the pixel added; for a pinhole, this
+    is about the fraction of the pixel.
     """
     table = mirrors.table
-    ray, normal = (x, y, 1.0), at(table, number, NORMAL)
-    towards = dot(ray, normal)
-    if towards >= 0.0:
+    ray, normal = (x, y, 1.0), load3(table, number, NORMAL)
+    along_normal = dot(ray, normal)
+    if along_normal >= 0.0:
         return 0.0
     thickness, shift = table[number, THICKNESS], 0.0
-    outwards = along(ray, -towards, normal)
+    tangential = add_scaled(ray, -along_normal, normal)
     if thickness > 0.0:
-        length = max(np.sqrt(dot(outwards, outwards)), 1e-12)
-        shift = -2.0 * thickness * towards * _inner_tangent(-length / towards, table[number, REFRACTIVE_INDEX])
-        outwards = times(outwards, shift / length)
-    share = 1.0
+        length = max(np.sqrt(dot(tangential, tangential)), 1e-12)
+        shift = (
+            -2.0 * thickness * along_normal * _inner_tangent(-length / along_normal, table[number, REFRACTIVE_INDEX])
+        )
+        tangential = scale(tangential, shift / length)
+    fraction = 1.0
     for edge in range(EDGES, table.shape[1], EDGE):
-        side, along_edge = at(table, number, edge), at(table, number, edge + 3)
+        side, along_edge = load3(table, number, edge), load3(table, number, edge + 3)
         if edge > EDGES and table[number, edge] == table[number, edge - EDGE]:
             break
         constant = dot(ray, side)
         if thickness > 0.0:
-            # Light leaves the front further out than it enters; both points must be inside the edge.
-            constant = min(constant, constant + dot(outwards, cross(along_edge, normal)))
-        slope_x = y * along_edge[2] - along_edge[1] - mirrors.nearness_per_mm * side[0]
-        slope_y = along_edge[0] - x * along_edge[2] - mirrors.nearness_per_mm * side[1]
-        squared = mirrors.radius_mm * mirrors.radius_mm * (slope_x * slope_x + slope_y * slope_y)
+            # Light leaves the front farther out than it enters; both points must be inside the edge.
+            constant = min(constant, constant + dot(tangential, cross(along_edge, normal)))
+        gradient_x = y * along_edge[2] - along_edge[1] - mirrors.inverse_focus_per_mm * side[0]
+        gradient_y = along_edge[0] - x * along_edge[2] - mirrors.inverse_focus_per_mm * side[1]
+        squared_radius = mirrors.radius_mm * mirrors.radius_mm * (gradient_x * gradient_x + gradient_y * gradient_y)
         # A square of width w has the variance of a disc with the squared radius w^2 / 3.
-        squared += (side[0] * side[0] + side[1] * side[1]) / (3.0 * mirrors.fx_px * mirrors.fx_px)
-        if constant * abs(constant) <= -squared:
+        squared_radius += (side[0] * side[0] + side[1] * side[1]) / (3.0 * mirrors.fx_px * mirrors.fx_px)
+        if constant * abs(constant) <= -squared_radius:
             return 0.0
-        if constant * constant < squared:
-            inside = constant / np.sqrt(squared)
-            share *= 1.0 - (np.arccos(inside) - inside * np.sqrt(1.0 - inside * inside)) / np.pi
-    return share
+        if constant * constant < squared_radius:
+            clearance = constant / np.sqrt(squared_radius)
+            fraction *= 1.0 - (np.arccos(clearance) - clearance * np.sqrt(1.0 - clearance * clearance)) / np.pi
+    return fraction
 
 
 @inlined
@@ -174,33 +177,33 @@ def reflectance_and_shift(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
     )
     if thickness == 0.0:
         return reflectance, 0.0
-    towards = -dot((x, y, 1.0), at(table, number, NORMAL))
+    towards = -dot((x, y, 1.0), load3(table, number, NORMAL))
     cosine = towards / np.sqrt(x * x + y * y + 1.0)
     inner = np.sqrt(1.0 - (1.0 - cosine * cosine) / (index * index))
     s_wave = (cosine - index * inner) / (cosine + index * inner)
     p_wave = (inner - index * cosine) / (inner + index * cosine)
     front = 0.5 * (s_wave * s_wave + p_wave * p_wave)
-    light = front + (1.0 - front) * (1.0 - front) * reflectance / (1.0 - front * reflectance)
+    total = front + (1.0 - front) * (1.0 - front) * reflectance / (1.0 - front * reflectance)
     # By Snell's law, tan' / tan = cos / (n cos').
-    return light, 2.0 * thickness * cosine / (index * inner)
+    return total, 2.0 * thickness * cosine / (index * inner)
 
 
 @inlined
 def scene_ray(mirrors: Any, number: Any, x: Any, y: Any, shift_mm: Any) -> Any:
     """Return the ray in the scene, in view axes, that a mirror reflects to the camera ray (x, y, 1).
 
-    Returns its start, its direction, and the length at which it leaves the mirror. Lengths are multiples of the
-    direction, and therefore distances along the axis of the camera, mm.
+    Returns its start, its direction, and `t` where it leaves the mirror. t is a multiple of the
+    direction, and therefore the distance along the axis of the camera, mm.
     """
     table = mirrors.table
-    normal = at(table, number, NORMAL_IN_VIEW)
-    start = along(at(table, number, CENTRE_IN_VIEW), -shift_mm, normal)
-    direction = mapped_vector(table, number, VIEW_FROM_CAMERA, (x, y, 1.0))
-    least = -(table[number, DISTANCE] + dot(start, normal)) / dot(direction, normal)
-    return start, direction, least
+    normal = load3(table, number, NORMAL_IN_VIEW)
+    start = add_scaled(load3(table, number, CENTRE_IN_VIEW), -shift_mm, normal)
+    direction = map_vector(table, number, VIEW_FROM_CAMERA, (x, y, 1.0))
+    t_min = -(table[number, DISTANCE] + dot(start, normal)) / dot(direction, normal)
+    return start, direction, t_min
 
 
 @inlined
 def scene_ray_step(mirrors: Any, number: Any, x: Any, y: Any) -> Any:
     """Return the change (3,) of the direction of `scene_ray` for a change (x, y) of the camera ray."""
-    return mapped_vector(mirrors.table, number, VIEW_FROM_CAMERA, (x, y, 0.0))
+    return map_vector(mirrors.table, number, VIEW_FROM_CAMERA, (x, y, 0.0))

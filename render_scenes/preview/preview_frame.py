@@ -2,7 +2,7 @@
 
 Rays are traced via flat mirrors to the objects of `mirrorcam scene` or to a board, with the geometry of the reference
 renderer. Shading is approximate: indirect light is estimated roughly, glossy objects and glass reflect once and do not
-show the mirrors, and glass plates have no ghosts. Each pixel is blurred by the apparent distance of its object.
+show the mirrors, and glass plates have no ghosts. A pixel's blur depends on the apparent distance of its object.
 """
 
 from __future__ import annotations
@@ -25,25 +25,25 @@ from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.decoder import default_reference_depth_mm
 from mirrorcam.render_scenes.fields_of_view import common_bounds
-from mirrorcam.render_scenes.lens import LEAST_BLUR_PX, defocused, undistorted_pixels
+from mirrorcam.render_scenes.lens import MIN_BLUR_PX, defocused, undistorted_pixels
 from mirrorcam.render_scenes.preview.mirror_views import (
     INDEX,
-    LEAST_SHARE,
+    MIN_PUPIL_FRACTION,
     WINDOW,
     MirrorViews,
     mirror_views,
-    pupil_share,
+    pupil_fraction,
     reflectance_and_shift,
     scene_ray,
     scene_ray_step,
 )
 from mirrorcam.render_scenes.preview.ray_colour import ray_colour
 from mirrorcam.render_scenes.preview.traced_scene import KIND, TRIANGLES, TracedScene, traced_board, traced_tabletop
-from mirrorcam.render_scenes.preview.triangle_tree import NOTHING, along, times
+from mirrorcam.render_scenes.preview.triangle_tree import NOTHING, add_scaled, scale
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel
 from mirrorcam.render_scenes.tabletop.objects import TextureName
-from mirrorcam.render_scenes.tabletop.tabletop import LEAST_ROOM, Tabletop, arrange_tabletop, nearest_mm
+from mirrorcam.render_scenes.tabletop.tabletop import MIN_CLEARANCE, Tabletop, arrange_tabletop, clear_depth_mm
 from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
 Subject = Literal["tabletop", "board"]
@@ -57,74 +57,76 @@ TEXTURE_PX: dict[TextureName, tuple[int, int]] = {
     "globe": (240, 120),
 }
 """Columns and rows of textures: about the resolution of nine views in a picture of 1000 px."""
-BOARD_TURNED_DEG = (-12.0, 18.0)
+BOARD_ROTATION_DEG = (-12.0, 18.0)
 """Rotations of the board about x and y."""
 
 
 def arranged_tabletop(layout: Layout, seed: int, sized_for: Layout | None = None) -> Tabletop:
-    """The tabletop scene of a layout, with textures of the same size for every layout.
+    """Return the tabletop scene of a layout, with textures of the same size for every layout.
 
-    With `sized_for`, the scene of that layout, shifted to the middle of the field of `layout`.
+    With `sized_for`, this is the scene of that layout, shifted to the centre of the field of `layout`.
 
-    A texture is drawn at random for its size: a fixed size keeps it the same while the design, or the size of its
-    picture, changes. The depths are those that the layout was designed for, unless the mirrors leave no room there.
+    A random texture depends on its size: a fixed size keeps it the same while the design, or the size of its picture,
+    changes. The depths are those that the layout was designed for, unless the mirrors leave no room there.
     """
-    filled = layout if sized_for is None else sized_for
-    least = nearest_mm(filled) / (1.0 - LEAST_ROOM) + 1.0
-    depths = tuple(sorted({max(depth, least) for depth in default_depths_mm(filled)}))
-    found = arrange_tabletop(filled, depths, seed)
-    middle = depths[len(depths) // 2]
-    shift = np.append(_middle_mm(layout, middle) - _middle_mm(filled, middle), 0.0)
+    source = layout if sized_for is None else sized_for
+    min_depth_mm = clear_depth_mm(source) / (1.0 - MIN_CLEARANCE) + 1.0
+    depths = tuple(sorted({max(depth, min_depth_mm) for depth in default_depths_mm(source)}))
+    arranged = arrange_tabletop(source, depths, seed)
+    middle_depth = depths[len(depths) // 2]
+    shift = np.append(_centre_mm(layout, middle_depth) - _centre_mm(source, middle_depth), 0.0)
     objects = tuple(
         item.replaced(
             view_from_object=rigid(np.eye(3), shift) @ item.view_from_object,
             texture_px=None if item.texture is None else TEXTURE_PX[item.texture],
         )
-        for item in found.objects
+        for item in arranged.objects
     )
-    return Tabletop(objects, found.lit_in_view + shift, found.reach_mm)
+    return Tabletop(objects, arranged.lamp_target_in_view_mm + shift, arranged.scale_mm)
 
 
 def view_from_board(layout: Layout, target: Target) -> FloatArray:
     """Return the pose (4, 4) of a slightly tilted board in view axes, mm, in the common field at the middle depth."""
-    depth = max(default_reference_depth_mm(layout), nearest_mm(layout) + 0.5 * float(np.linalg.norm(target.size_mm)))
-    turn = Rotation.from_euler("XY", BOARD_TURNED_DEG, degrees=True).as_matrix()
-    middle = np.append(_middle_mm(layout, depth), depth)
-    return rigid(turn, middle - turn @ np.array([*target.size_mm, 0.0]) / 2.0)
+    depth = max(
+        default_reference_depth_mm(layout), clear_depth_mm(layout) + 0.5 * float(np.linalg.norm(target.size_mm))
+    )
+    rotation = Rotation.from_euler("XY", BOARD_ROTATION_DEG, degrees=True).as_matrix()
+    centre = np.append(_centre_mm(layout, depth), depth)
+    return rigid(rotation, centre - rotation @ np.array([*target.size_mm, 0.0]) / 2.0)
 
 
-def _middle_mm(layout: Layout, depth_mm: float) -> FloatArray:
-    """Return the middle (2,) of the common field at a depth, in view x and y."""
+def _centre_mm(layout: Layout, depth_mm: float) -> FloatArray:
+    """Return the centre (2,) of the common field at a depth, in view x and y."""
     return np.asarray(common_bounds(layout, depth_mm).mean(axis=0))
 
 
-MOST_BLUR_PX = 20.0
-"""Largest sigma of the blur."""
+MAX_BLUR_PX = 20.0
+"""Maximum standard deviation of the blur."""
 
 
 def out_of_focus(radiance: NDArray[np.float32], along_axis_mm: FloatArray, camera: Camera) -> NDArray[np.float32]:
-    """Blur a picture (h, w, 3) by the circle of confusion of a camera, for pixels at distances (h, w).
+    """Blur a picture (h, w, 3) with a camera's circle of confusion, for objects at distances (h, w) along the axis.
 
-    A disc with diameter d = f A |1 / focus - 1 / distance| has the variance d^2 / 16. Each pixel gathers the light of
+    A disc with diameter d = f A |1 / focus - 1 / distance| has the variance d^2 / 16. Each pixel gathers light from
     its own disc, so that near objects do not spread over far ones at an edge.
     """
     if camera.aperture_mm == 0.0:
         return radiance
-    nearness = 1.0 / along_axis_mm - 1.0 / camera.focus_mm
-    variance = np.square(camera.fx_px * camera.aperture_mm / 4.0 * nearness).clip(max=MOST_BLUR_PX**2)
-    if variance.max() < LEAST_BLUR_PX**2:
+    defocus = 1.0 / along_axis_mm - 1.0 / camera.focus_mm
+    variance = np.square(camera.fx_px * camera.aperture_mm / 4.0 * defocus).clip(max=MAX_BLUR_PX**2)
+    if variance.max() < MIN_BLUR_PX**2:
         return radiance
     variance_px2 = variance.astype(np.float32)
     return np.stack([defocused(np.ascontiguousarray(radiance[..., c]), variance_px2, 1) for c in range(3)], axis=-1)
 
 
 PARTS = 8
-"""Number of part numbers per object."""
+"""Multiplier of an object's number when it is combined with a part number."""
 
 
 @dataclass(frozen=True, eq=False)
 class SensorLight:
-    """Light on the pixels of a sensor, and each pixel's object via the mirror with the largest pupil share.
+    """Light on the pixels of a sensor, and each pixel's object via the mirror that fills most of the pupil.
 
     Attributes
     ----------
@@ -132,7 +134,7 @@ class SensorLight:
         (h, w, 3), float32.
     mirror
         (h, w): number of the mirror, or -1.
-    thing
+    object_number
         (h, w): number of the object, or -1.
     depth_mm
         (h, w): depth of the object along view z; infinite without one.
@@ -142,25 +144,25 @@ class SensorLight:
 
     radiance: NDArray[np.float32]
     mirror: NDArray[np.int32]
-    thing: NDArray[np.int32]
+    object_number: NDArray[np.int32]
     depth_mm: FloatArray
     along_axis_mm: FloatArray
 
 
 def sensor_light(camera: Camera, mirrors: MirrorViews, scene: TracedScene) -> SensorLight:
-    """Trace one ray per pixel and visible mirror, and four where adjacent pixels show different objects."""
+    """Trace one ray per pixel and visible mirror, and four in it where an adjacent pixel shows a different object."""
     normalized = rays_of_pixels(camera.model_dump_json())
     shape = normalized.shape[:2]
     radiance = np.zeros((*shape, 3), dtype=np.float32)
-    mirror, thing = np.full(shape, NOTHING, np.int32), np.full(shape, NOTHING, np.int32)
+    mirror, object_number = np.full(shape, NOTHING, np.int32), np.full(shape, NOTHING, np.int32)
     depth, along_axis = np.full(shape, np.inf), np.full(shape, np.inf)
-    _trace(normalized, mirrors, scene, radiance, mirror, thing, depth, along_axis)
-    return SensorLight(radiance, mirror, thing // PARTS, depth, along_axis)
+    _trace(normalized, mirrors, scene, radiance, mirror, object_number, depth, along_axis)
+    return SensorLight(radiance, mirror, object_number // PARTS, depth, along_axis)
 
 
 @lru_cache(maxsize=4)
 def rays_of_pixels(camera: str) -> FloatArray:
-    """Return normalized coordinates (h, w, 2) of the pixels of a camera, given as JSON; NaN without a ray."""
+    """Return normalized coordinates (h, w, 2) of the pixels of a camera, given as JSON; NaN where there is no ray."""
     lens = Camera.model_validate_json(camera)
     columns, rows = np.arange(lens.width_px, dtype=np.float64), np.arange(lens.height_px, dtype=np.float64)
     if lens.is_undistorted:
@@ -170,13 +172,20 @@ def rays_of_pixels(camera: str) -> FloatArray:
 
 @compiled
 def _trace(
-    normalized: Any, mirrors: Any, scene: Any, radiance: Any, mirror: Any, thing: Any, depth: Any, along_axis: Any
+    normalized: Any,
+    mirrors: Any,
+    scene: Any,
+    radiance: Any,
+    mirror: Any,
+    object_number: Any,
+    depth: Any,
+    along_axis: Any,
 ) -> None:
-    """Fill the arrays of `SensorLight`; `thing` includes the part of the object."""
+    """Fill the arrays of `SensorLight`; `object_number` is `PARTS` times the object's number, plus its part."""
     height, width = mirror.shape
     free = np.ones((height, width))
     best = np.zeros((height, width))
-    shown = np.empty((height, width), np.int32)
+    object_parts = np.empty((height, width), np.int32)
     colour = np.empty((height, width, 3), np.float32)
     weight = np.empty((height, width))
     for number in range(len(mirrors.table)):
@@ -185,32 +194,32 @@ def _trace(
         for v in range(top, bottom):
             for u in range(left, right):
                 x, y = normalized[v, u, 0], normalized[v, u, 1]
-                shown[v, u] = NOTHING
+                object_parts[v, u] = NOTHING
                 # NaN, for a pixel without a ray, also fails this comparison.
-                share = min(pupil_share(mirrors, number, x, y), free[v, u])
-                if not share > LEAST_SHARE:
+                fraction = min(pupil_fraction(mirrors, number, x, y), free[v, u])
+                if not fraction > MIN_PUPIL_FRACTION:
                     weight[v, u] = 0.0
                     continue
-                free[v, u] -= share
-                light, shift_mm = reflectance_and_shift(mirrors, number, x, y)
-                weight[v, u] = share * light
-                start, direction, least = scene_ray(mirrors, number, x, y, shift_mm)
+                free[v, u] -= fraction
+                reflectance, shift_mm = reflectance_and_shift(mirrors, number, x, y)
+                weight[v, u] = fraction * reflectance
+                start, direction, t_min = scene_ray(mirrors, number, x, y, shift_mm)
                 right_step, down_step = _steps(normalized, mirrors, number, v, u)
-                seen, item, part, length = ray_colour(scene, start, direction, least, right_step, down_step)
+                ray_rgb, item, part, t = ray_colour(scene, start, direction, t_min, right_step, down_step)
                 part = part % PARTS if item != NOTHING and int(scene.objects[item, KIND]) != TRIANGLES else 0
-                shown[v, u] = item * PARTS + part
-                colour[v, u, 0], colour[v, u, 1], colour[v, u, 2] = seen
-                if share > best[v, u]:
-                    best[v, u] = share
+                object_parts[v, u] = item * PARTS + part
+                colour[v, u, 0], colour[v, u, 1], colour[v, u, 2] = ray_rgb
+                if fraction > best[v, u]:
+                    best[v, u] = fraction
                     mirror[v, u] = int(mirrors.table[number, INDEX])
-                    thing[v, u] = shown[v, u]
-                    depth[v, u] = start[2] + length * direction[2] if item != NOTHING else np.inf
-                    along_axis[v, u] = length
+                    object_number[v, u] = object_parts[v, u]
+                    depth[v, u] = start[2] + t * direction[2] if item != NOTHING else np.inf
+                    along_axis[v, u] = t
         for v in range(top, bottom):
             for u in range(left, right):
                 if weight[v, u] == 0.0:
                     continue
-                if _at_edge(shown, weight, v, u, top, bottom, left, right):
+                if _at_edge(object_parts, weight, v, u, top, bottom, left, right):
                     _smooth(normalized, mirrors, scene, number, v, u, colour)
                 for channel in range(3):
                     radiance[v, u, channel] += weight[v, u] * colour[v, u, channel]
@@ -237,12 +246,12 @@ def _steps(normalized: Any, mirrors: Any, number: Any, v: Any, u: Any) -> Any:
 
 
 @inlined
-def _at_edge(shown: Any, weight: Any, v: Any, u: Any, top: Any, bottom: Any, left: Any, right: Any) -> Any:
+def _at_edge(object_parts: Any, weight: Any, v: Any, u: Any, top: Any, bottom: Any, left: Any, right: Any) -> Any:
     """Return whether an adjacent pixel shows another part or object via the same mirror."""
-    index = shown[v, u]
-    for down, across in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-        b, a = v + down, u + across
-        if top <= b < bottom and left <= a < right and weight[b, a] > 0.0 and shown[b, a] != index:
+    index = object_parts[v, u]
+    for dv, du in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+        b, a = v + dv, u + du
+        if top <= b < bottom and left <= a < right and weight[b, a] > 0.0 and object_parts[b, a] != index:
             return True
     return False
 
@@ -252,15 +261,15 @@ def _smooth(normalized: Any, mirrors: Any, scene: Any, number: Any, v: Any, u: A
     """Replace the colour at the centre of a pixel by the mean of four points in the pixel."""
     x, y = normalized[v, u, 0], normalized[v, u, 1]
     _, shift_mm = reflectance_and_shift(mirrors, number, x, y)
-    start, direction, least = scene_ray(mirrors, number, x, y, shift_mm)
+    start, direction, t_min = scene_ray(mirrors, number, x, y, shift_mm)
     right, down = _steps(normalized, mirrors, number, v, u)
     total = (float(colour[v, u, 0]), float(colour[v, u, 1]), float(colour[v, u, 2]))
-    half_right, half_down = times(right, 0.5), times(down, 0.5)
-    for across, below in ((0.0, -0.35), (0.3, 0.175), (-0.3, 0.175)):
-        towards = along(along(direction, across, right), below, down)
-        seen, _, _, _ = ray_colour(scene, start, towards, least, half_right, half_down)
-        total = along(total, 1.0, seen)
-    colour[v, u, 0], colour[v, u, 1], colour[v, u, 2] = times(total, 0.25)
+    half_right, half_down = scale(right, 0.5), scale(down, 0.5)
+    for x_offset, y_offset in ((0.0, -0.35), (0.3, 0.175), (-0.3, 0.175)):
+        towards = add_scaled(add_scaled(direction, x_offset, right), y_offset, down)
+        ray_rgb, _, _, _ = ray_colour(scene, start, towards, t_min, half_right, half_down)
+        total = add_scaled(total, 1.0, ray_rgb)
+    colour[v, u, 0], colour[v, u, 1], colour[v, u, 2] = scale(total, 0.25)
 
 
 WIDTH_PX = Bounds(64, 4096)
@@ -310,7 +319,7 @@ def preview_frame(
     Parameters
     ----------
     layout
-        Any layout, verified or not.
+        The layout; it need not be verified.
     subject
         `tabletop`: the objects of `mirrorcam scene`, at the depths that the layout was designed for; `board`: a
         calibration board at the middle depth.
@@ -318,7 +327,7 @@ def preview_frame(
         Width of the picture; at most the camera's.
     arranged_for
         The layout whose field of view the tabletop fills; by default `layout`. Layouts with the same `arranged_for`
-        show the same objects in the middle of their fields.
+        show the same objects at the centres of their fields.
     target
         The board; by default `default_board()`.
     sensor
@@ -338,22 +347,22 @@ def preview_frame(
         raise InputError(f"width of {width_px} px, expected {WIDTH_PX}")
     factor = min(width_px / layout.camera.width_px, 1.0)
     camera = layout.camera.binned(factor)
-    small = layout.replaced(camera=camera)
+    binned = layout.replaced(camera=camera)
     if subject == "tabletop":
-        scene = traced_tabletop(arranged_tabletop(small, seed, arranged_for))
+        scene = traced_tabletop(arranged_tabletop(binned, seed, arranged_for))
     else:
         board = default_board() if target is None else target
-        scene = traced_board(board, view_from_board(small, board), RenderSettings())
-    light = sensor_light(camera, mirror_views(small, camera.pupil, REFLECTANCE), scene)
+        scene = traced_board(board, view_from_board(binned, board), RenderSettings())
+    light = sensor_light(camera, mirror_views(binned, camera.pupil, REFLECTANCE), scene)
     radiance = out_of_focus(light.radiance, light.along_axis_mm, camera)
-    noise = np.random.default_rng(np.random.SeedSequence((seed, 1)))
+    random = np.random.default_rng(np.random.SeedSequence((seed, 1)))
     model = binned_sensor(sensor, factor)
-    picture = np.atleast_3d(photograph(radiance, 1, camera, model, noise))
-    return PreviewFrame(small, np.broadcast_to(picture, (*picture.shape[:2], 3)), model, light)
+    picture = np.atleast_3d(photograph(radiance, 1, camera, model, random))
+    return PreviewFrame(binned, np.broadcast_to(picture, (*picture.shape[:2], 3)), model, light)
 
 
 def binned_sensor(sensor: SensorModel, factor: float) -> SensorModel:
-    """Return the lens and the sensor with pixels binned to `factor` of their number along an axis.
+    """Return the lens and the sensor with the number of pixels along each axis multiplied by `factor`.
 
     The mean of n pixels has the full well of n pixels, and 1 / sqrt(n) of their read noise and PRNU.
     """

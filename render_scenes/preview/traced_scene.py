@@ -1,4 +1,4 @@
-"""A scene and its textures as arrays for ray tracing, in view axes, mm.
+"""A scene and its textures as arrays for ray tracing. Coordinates are in view axes, in mm.
 
 Textures are stored at several scales (a mipmap), for means over the footprints of pixels.
 """
@@ -34,7 +34,7 @@ from mirrorcam.render_scenes.tabletop.objects import (
 )
 from mirrorcam.render_scenes.tabletop.tabletop import Tabletop
 
-MOST_TAPS = 8
+MAX_TAPS = 8
 """Maximum number of samples along the longer axis of a footprint; a longer footprint uses a coarser scale."""
 
 TEXEL_WIDTH = 0.75
@@ -86,8 +86,8 @@ def texture_atlas(pictures: Sequence[NDArray[np.float32]]) -> TextureAtlas:
 
 
 @inlined
-def mean_colour(texels: Any, scales: Any, textures: Any, texture: Any, at: Any, right: Any, down: Any) -> Any:
-    """Return the mean colour of a texture over the parallelogram with sides `right` and `down` (2,), centred at `at`.
+def mean_colour(texels: Any, scales: Any, textures: Any, texture: Any, uv: Any, right: Any, down: Any) -> Any:
+    """Return the mean colour of a texture over the parallelogram centred at `uv`, with sides `right` and `down` (2,).
 
     All are texture coordinates: fractions of width and height, from the top left corner.
     """
@@ -98,7 +98,7 @@ def mean_colour(texels: Any, scales: Any, textures: Any, texture: Any, at: Any, 
         ax, ay, bx, by = bx, by, ax, ay
     longer = max(np.sqrt(ax * ax + ay * ay), 1e-9)
     shorter = abs(ax * by - ay * bx) / longer
-    taps = int(min(np.ceil(longer / max(shorter, 1.0)), float(MOST_TAPS)))
+    taps = int(min(np.ceil(longer / max(shorter, 1.0)), float(MAX_TAPS)))
     scale = np.log2(max(TEXEL_WIDTH * max(shorter, longer / taps), 1.0))
     if taps > 1:
         # Several samples already smooth the step between scales: one scale is enough.
@@ -109,35 +109,35 @@ def mean_colour(texels: Any, scales: Any, textures: Any, texture: Any, at: Any, 
     red, green, blue = 0.0, 0.0, 0.0
     for tap in range(taps):
         offset = (tap + 0.5) / taps - 0.5
-        u, v = at[0] + offset * ax / columns, at[1] + offset * ay / rows
-        c = _between(texels, scales, first + fine, u, v)
+        u, v = uv[0] + offset * ax / columns, uv[1] + offset * ay / rows
+        c = _interpolate(texels, scales, first + fine, u, v)
         red, green, blue = (
             red + (1.0 - fraction) * c[0],
             green + (1.0 - fraction) * c[1],
             blue + (1.0 - fraction) * c[2],
         )
         if fraction > 0.0:
-            c = _between(texels, scales, first + coarse, u, v)
+            c = _interpolate(texels, scales, first + coarse, u, v)
             red, green, blue = red + fraction * c[0], green + fraction * c[1], blue + fraction * c[2]
     return (red / taps, green / taps, blue / taps)
 
 
 @inlined
-def _between(texels: Any, scales: Any, scale: Any, u: Any, v: Any) -> Any:
+def _interpolate(texels: Any, scales: Any, scale: Any, u: Any, v: Any) -> Any:
     """Interpolate the colour of a scale bilinearly at a point; the border is replicated."""
     begin, columns, rows = scales[scale, 0], scales[scale, 1], scales[scale, 2]
     x = min(max(u * columns - 0.5, 0.0), columns - 1.0)
     y = min(max(v * rows - 0.5, 0.0), rows - 1.0)
-    column, line = int(x), int(y)
-    x, y = x - column, y - line
-    upper = begin + line * columns + column
-    lower = upper + columns if line + 1 < rows else upper
+    column, row = int(x), int(y)
+    x, y = x - column, y - row
+    above = begin + row * columns + column
+    below = above + columns if row + 1 < rows else above
     step = 1 if column + 1 < columns else 0
     a, b, c, d = (1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y
     return (
-        a * texels[upper, 0] + b * texels[upper + step, 0] + c * texels[lower, 0] + d * texels[lower + step, 0],
-        a * texels[upper, 1] + b * texels[upper + step, 1] + c * texels[lower, 1] + d * texels[lower + step, 1],
-        a * texels[upper, 2] + b * texels[upper + step, 2] + c * texels[lower, 2] + d * texels[lower + step, 2],
+        a * texels[above, 0] + b * texels[above + step, 0] + c * texels[below, 0] + d * texels[below + step, 0],
+        a * texels[above, 1] + b * texels[above + step, 1] + c * texels[below, 1] + d * texels[below + step, 1],
+        a * texels[above, 2] + b * texels[above + step, 2] + c * texels[below, 2] + d * texels[below + step, 2],
     )
 
 
@@ -146,23 +146,23 @@ KINDS = {"rectangle": RECTANGLE, "sphere": SPHERE, "cylinder": CYLINDER, "box": 
 MATTE, GLOSSY, GLASS, PRINTED = range(4)
 MATERIALS = {"matte": MATTE, "glossy": GLOSSY, "glass": GLASS}
 PLAIN = -1
-"""Texture number of an object without one."""
+"""Texture number of an object without a texture."""
 LAMP_ORDER = (0, 15, 6, 9, 3, 12, 5, 10, 1, 14, 7, 8, 2, 13, 4, 11)
 """Order in which the 4 x 4 points of the lamp are tested for shadows: two corners and two inner points first."""
-OPEN = 0.6
+SKY_FRACTION = 0.6
 """Fraction of the sky visible from an object of the scene."""
-LIT = 0.35
-"""Fraction of an object's surface lit by the lamp, times the cosine."""
-TWIGS_OPAQUE = 0.35
+LIT_FRACTION = 0.35
+"""Mean of the lamp's cosine over an object's surface, with 0 in its shade."""
+LEAF_OPACITY = 0.35
 
 
 # Columns of the table of objects. Compiled loops pass few tables and no slices: numba counts the references of each.
-KIND, MATERIAL, SHADES, TEXTURE, COLOUR, BOUND, UNIT = 0, 1, 2, 3, 4, 7, 11
+KIND, MATERIAL, SHADES, TEXTURE, COLOUR, BOUNDING_SPHERE, TO_UNIT = 0, 1, 2, 3, 4, 7, 11
 # Rows of the tables of the lamp and of the surroundings.
-MIDDLE, FACING, FIRST_SIDE, SECOND_SIDE, RADIANCE, POINTS = 0, 1, 2, 3, 4, 5
-SKY_LIGHT, FLOOR_LIGHT, WALL_LIGHT, PLACES = range(4)
+LAMP_CENTRE, FACING, FIRST_SIDE, SECOND_SIDE, RADIANCE, POINTS = 0, 1, 2, 3, 4, 5
+SKY_LIGHT, FLOOR_LIGHT, WALL_LIGHT, POSITIONS = range(4)
 # Columns of the table of balls.
-RADIUS, OWNER, OPAQUE, GLOW = 3, 4, 5, 6
+RADIUS, OWNER, OPACITY, GLOW = 3, 4, 5, 6
 
 
 class TracedScene(NamedTuple):
@@ -184,7 +184,7 @@ class TracedScene(NamedTuple):
     lamp
         (21, 3): centre of the square lamp, its unit normal on the emitting side, half of its two sides, RGB radiance,
         and points spread over it.
-    around
+    surroundings
         (4, 3): RGB radiance of the sky, of the floor and of the wall; y of the floor and z of the wall (infinite if
         absent), and 0.
     balls
@@ -199,24 +199,26 @@ class TracedScene(NamedTuple):
     scales: NDArray[np.int64]
     textures: NDArray[np.int64]
     lamp: FloatArray
-    around: FloatArray
+    surroundings: FloatArray
     balls: FloatArray
 
 
 def traced_tabletop(tabletop: Tabletop) -> TracedScene:
-    """Return the arrays of a tabletop scene; raise InputError for meshes from files, or more than one of leaves."""
+    """Return the arrays of a tabletop scene; raise InputError for meshes from files and for several plants."""
     objects = tabletop.objects
     for item in objects:
         if item.kind not in KINDS:
             raise InputError(f"{item.name}: a {item.kind}, expected one of {', '.join(KINDS)}")
-    twigs = [item for item in objects if item.kind == "leaves"]
-    if len(twigs) > 1:
-        raise InputError(f"{len(twigs)} objects are leaves, expected at most one")
+    foliage = [item for item in objects if item.kind == "leaves"]
+    if len(foliage) > 1:
+        raise InputError(f"{len(foliage)} objects are leaves, expected at most one")
     textured = [item for item in objects if item.texture is not None]
     atlas = _atlas(tuple((item.kind, item.texture, texture_size_px(item), item.seed) for item in textured))
     numbers = {id(item): number for number, item in enumerate(textured)}
     lamp = _lamp(tabletop)
-    colours = np.array([_mean(atlas, numbers[id(item)]) if id(item) in numbers else item.colour for item in objects])
+    colours = np.array(
+        [_mean_colour(atlas, numbers[id(item)]) if id(item) in numbers else item.colour for item in objects]
+    )
     rows = [
         [
             KINDS[item.kind],
@@ -230,20 +232,20 @@ def traced_tabletop(tabletop: Tabletop) -> TracedScene:
         ]
         for item, colour in zip(objects, colours, strict=True)
     ]
-    tree = _twigs(twigs[0].seed) if twigs else NO_TRIANGLES
-    around, balls = _surroundings(tabletop, colours, lamp)
-    return _scene(np.array(rows, dtype=np.float64), tree, atlas, (lamp, around, balls))
+    tree = _foliage_tree(foliage[0].seed) if foliage else NO_TRIANGLES
+    surroundings, balls = _surroundings(tabletop, colours, lamp)
+    return _scene(np.array(rows, dtype=np.float64), tree, atlas, (lamp, surroundings, balls))
 
 
 def traced_board(target: Target, view_from_board: FloatArray, settings: RenderSettings) -> TracedScene:
     """Return the arrays of a uniformly lit board at a rigid pose (4, 4), mm, against black."""
     width, height = np.array(target.size_mm) + 2.0 * margin_mm(target)
-    middle = view_from_board @ np.array([*target.size_mm, 0.0, 2.0]) / 2.0
-    unit = inverse(rigid(view_from_board[:3, :3], middle[:3]))[:3] / np.array([width / 2.0, height / 2.0, 1.0])[:, None]
+    centre = view_from_board @ np.array([*target.size_mm, 0.0, 2.0]) / 2.0
+    unit = inverse(rigid(view_from_board[:3, :3], centre[:3]))[:3] / np.array([width / 2.0, height / 2.0, 1.0])[:, None]
     atlas = _print_atlas(target.model_dump_json(), settings.paper, settings.ink, type(target))
-    row = [RECTANGLE, PRINTED, 0.0, 0.0, 0.0, 0.0, 0.0, *middle[:3], np.hypot(width, height) / 2.0, *unit.ravel()]
-    lamp, around = np.zeros((POINTS, 3)), np.array([(0.0,) * 3] * 3 + [(np.inf, np.inf, 0.0)])
-    return _scene(np.array([row]), NO_TRIANGLES, atlas, (lamp, around, np.zeros((0, 9))))
+    row = [RECTANGLE, PRINTED, 0.0, 0.0, 0.0, 0.0, 0.0, *centre[:3], np.hypot(width, height) / 2.0, *unit.ravel()]
+    lamp, surroundings = np.zeros((POINTS, 3)), np.array([(0.0,) * 3] * 3 + [(np.inf, np.inf, 0.0)])
+    return _scene(np.array([row]), NO_TRIANGLES, atlas, (lamp, surroundings, np.zeros((0, 9))))
 
 
 @lru_cache(maxsize=4)
@@ -277,38 +279,38 @@ def _radius_mm(item: SceneObject) -> float:
     """Return the radius of a sphere about an object's origin that contains the object."""
     width, depth, height = item.size_mm
     if item.kind == "leaves":
-        reach = np.linalg.norm(leaves(1.0, item.seed).points, axis=1).max()
-        return float(width * reach)
+        radius = np.linalg.norm(leaves(1.0, item.seed).points, axis=1).max()
+        return float(width * radius)
     sides = {"sphere": (width,), "cylinder": (width, height), "rectangle": (width, depth)}
     return float(np.linalg.norm(sides.get(item.kind, (width, depth, height)))) / 2.0
 
 
 @lru_cache(maxsize=8)
-def _twigs(seed: int) -> TriangleTree:
+def _foliage_tree(seed: int) -> TriangleTree:
     return triangle_tree(leaves(1.0, seed))
 
 
 @lru_cache(maxsize=4)
 def _atlas(textures: tuple[tuple[Kind, TextureName, tuple[int, int], int], ...]) -> TextureAtlas:
-    return texture_atlas([surface_texture(*each) for each in textures])
+    return texture_atlas([surface_texture(*texture) for texture in textures])
 
 
-def _mean(atlas: TextureAtlas, texture: int) -> FloatArray:
+def _mean_colour(atlas: TextureAtlas, texture: int) -> FloatArray:
     """Return the mean colour (3,) of a texture: its coarsest scale."""
     first, count = atlas.textures[texture]
     return np.asarray(atlas.texels[atlas.scales[first + count - 1, 0]], dtype=np.float64)
 
 
 def _lamp(tabletop: Tabletop) -> FloatArray:
-    centre, normal, across = lamp_square(tabletop.lit_in_view, tabletop.reach_mm)
+    centre, normal, sides = lamp_square(tabletop.lamp_target_in_view_mm, tabletop.scale_mm)
     columns, rows = np.divmod(np.array(LAMP_ORDER), 4)
     spread = (np.column_stack([columns, rows]) - 1.5) / 2.0
-    return np.concatenate([[centre, normal], across, [LAMP], centre + spread @ across])
+    return np.concatenate([[centre, normal], sides, [LAMP], centre + spread @ sides])
 
 
 def lamp_light(lamp: FloatArray, point: FloatArray, normal: FloatArray) -> FloatArray:
-    """Return the lamp's unshadowed irradiance (3,) at a point (3,) with a unit normal (3,), as from its centre."""
-    to_lamp = lamp[MIDDLE] - point
+    """Return the lamp's unshadowed irradiance (3,) at a point (3,) with a unit normal (3,), as if from its centre."""
+    to_lamp = lamp[LAMP_CENTRE] - point
     squared = float(to_lamp @ to_lamp)
     area = 4.0 * float(np.linalg.norm(np.cross(lamp[FIRST_SIDE], lamp[SECOND_SIDE])))
     facing = max(float(normal @ to_lamp), 0.0) * max(-float(lamp[FACING] @ to_lamp), 0.0) / squared
@@ -316,33 +318,34 @@ def lamp_light(lamp: FloatArray, point: FloatArray, normal: FloatArray) -> Float
 
 
 def _surroundings(tabletop: Tabletop, colours: FloatArray, lamp: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the tables `around` and `balls` of a `TracedScene`; its floor is the desk."""
-    around = np.array([SKY, (0.0,) * 3, (0.0,) * 3, (np.inf, np.inf, 0.0)])
-    sky = np.pi * OPEN * around[SKY_LIGHT]
-    sides = {"desk": (FLOOR_LIGHT, 1, (0.0, -1.0, 0.0)), "wall": (WALL_LIGHT, 2, (0.0, 0.0, -1.0))}
+    """Return the tables `surroundings` and `balls` of a `TracedScene`; its floor is the desk."""
+    surroundings = np.array([SKY, (0.0,) * 3, (0.0,) * 3, (np.inf, np.inf, 0.0)])
+    sky = np.pi * SKY_FRACTION * surroundings[SKY_LIGHT]
+    planes = {"desk": (FLOOR_LIGHT, 1, (0.0, -1.0, 0.0)), "wall": (WALL_LIGHT, 2, (0.0, 0.0, -1.0))}
     balls = []
     for number, item in enumerate(tabletop.objects):
-        if item.name in sides:
-            row, axis, normal = sides[item.name]
-            light = lamp_light(lamp, tabletop.lit_in_view, np.array(normal)) + sky
-            around[row], around[PLACES, axis - 1] = colours[number] * light / np.pi, item.view_from_object[axis, 3]
-        light = LIT * lamp_light(lamp, tabletop.lit_in_view, -lamp[FACING]) + sky
-        opaque = TWIGS_OPAQUE if item.kind == "leaves" else 1.0
+        if item.name in planes:
+            row, axis, normal = planes[item.name]
+            light = lamp_light(lamp, tabletop.lamp_target_in_view_mm, np.array(normal)) + sky
+            surroundings[row] = colours[number] * light / np.pi
+            surroundings[POSITIONS, axis - 1] = item.view_from_object[axis, 3]
+        light = LIT_FRACTION * lamp_light(lamp, tabletop.lamp_target_in_view_mm, -lamp[FACING]) + sky
+        opaque = LEAF_OPACITY if item.kind == "leaves" else 1.0
         balls += [[*ball, number, opaque, *(colours[number] * light / np.pi)] for ball in _balls(item)]
-    return around, np.array(balls).reshape(-1, 9)
+    return surroundings, np.array(balls).reshape(-1, 9)
 
 
 def _balls(item: SceneObject) -> list[list[float]]:
     """Return spheres (centre and radius) that occlude the sky approximately as an object does."""
     width, depth, height = item.size_mm
-    middle, upwards = item.view_from_object[:3, 3], item.view_from_object[:3, 2]
+    centre, upwards = item.view_from_object[:3, 3], item.view_from_object[:3, 2]
     if item.kind in ("sphere", "leaves"):
-        return [[*middle, width / 2.0]]
+        return [[*centre, width / 2.0]]
     if item.kind in ("cylinder", "box"):
         radius = (width if item.kind == "cylinder" else float(np.sqrt(width * depth))) / 2.0
         count = max(round(height / (2.0 * radius)), 1)
         heights = (np.arange(count) + 0.5) / count - 0.5
         # Together, they have the area of the object from the side.
         radius *= float(np.sqrt(height / (2.0 * radius * count) * 4.0 / np.pi))
-        return [[*(middle + part * height * upwards), radius] for part in heights]
+        return [[*(centre + fraction * height * upwards), radius] for fraction in heights]
     return []

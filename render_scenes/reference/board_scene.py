@@ -1,4 +1,4 @@
-"""A calibration board in front of a camera, with or without mirrors, as a Mitsuba scene. World = rig frame, mm.
+"""A calibration board in front of a camera, with or without mirrors, as a Mitsuba scene in the rig frame, mm.
 
 The board emits light, so that no light source adds noise. Mirrors have the outlines of the layout; the rest is black.
 The parts of a device, if given, occlude the scene and scatter the light of the board and of the surroundings, whose
@@ -28,14 +28,14 @@ from mirrorcam.render_scenes.variant import use_variant
 
 
 class BoardScene:
-    """A movable board, seen by a camera via mirrors or, without any, directly.
+    """A movable board, seen by a camera via mirrors or, without mirrors, directly.
 
     Moving the board needs no compilation.
 
     Parameters
     ----------
     camera
-        The camera, at the origin of the frame rig.
+        The camera, at the origin of the rig frame.
     mirrors
         The mirrors; empty for the bare camera.
     target
@@ -43,7 +43,7 @@ class BoardScene:
     settings
         Samples, light and reflectance.
     finishes
-        Surface finishes of the mirrors; without them, uniform, smooth and flat.
+        Surface finishes of the mirrors; by default, they are uniform, smooth and flat.
     bodies
         Bodies of a device around the mirrors.
     variant
@@ -84,7 +84,7 @@ class BoardScene:
         self._parameters = mi.traverse(self.scene)
 
     def place_board(self, rig_from_board: FloatArray) -> None:
-        """Move the board to a rigid pose (4, 4), rig_from_board in mm."""
+        """Move the board to a rigid pose (4, 4), mm."""
         import mitsuba as mi
 
         self._parameters["board.to_world"] = mi.Transform4f(

@@ -1,4 +1,4 @@
-"""The base camera as a Mitsuba sensor: a thin lens, with the distortion of chief rays inverted for each ray.
+"""The base camera as a Mitsuba sensor: a thin lens; the distortion is inverted for the chief ray of each ray.
 
 A Brown-Conrady lens is inverted by its formula, any other by a table of all pixels.
 
@@ -25,8 +25,7 @@ NEWTON_STEPS = 4  # residual below 1e-4 px at the corners of a C920 with k1 = .0
 def normalized_from_mitsuba(x: Any, y: Any, intrinsics: list[Any]) -> tuple[Any, Any]:
     """Undistort Dr.Jit pixel coordinates (Mitsuba's convention) to x/z, y/z by unrolled Newton steps.
 
-    `intrinsics` are the nine intrinsics of a Brown-Conrady `Camera`; the model is OpenCV's, with the
-    symmetric Jacobian of the radial and tangential terms.
+    `intrinsics` are the nine intrinsics of a Brown-Conrady `Camera`, in OpenCV's model; its Jacobian is symmetric.
     """
     fx, fy, cx, cy, k1, k2, p1, p2, k3 = intrinsics
     u, v = (x - 0.5 - cx) / fx, (y - 0.5 - cy) / fy
@@ -55,9 +54,9 @@ def _plugin(variant: str) -> str:
     class LensSensor(mi.Sensor):
         """Plugin "lens_camera": a camera at the origin of the rig; `intrinsics` are nine comma-separated numbers.
 
-        With a `table` (h + 1, w + 1, 2) from `_table`, they define only its pinhole.
+        With a `table` (h + 1, w + 1, 2) from `_distortion_table`, they define only its pinhole.
 
-        The rays of a sensor point start in a pupil of `aperture_mm` and meet on the chief ray in the plane
+        The rays of a sensor point start in a pupil of `aperture_mm` and meet on the chief ray, in the plane
         z = `focus_mm`. Surfaces nearer than the plane z = `near_mm` are ignored.
         """
 
@@ -77,13 +76,15 @@ def _plugin(variant: str) -> str:
             self.near_mm = mi.Float(props.get("near_mm", 0.0))
             aperture_mm, focus_mm = (float(str(props[name])) for name in ("aperture_mm", "focus_mm"))
             walk_mm = float(str(props["walk_mm"]))
-            self.waves_px, self.per_px = (mi.Float(float(str(props[name]))) for name in ("waves_px", "waves_per_px"))
-            self.is_pinhole, self.is_still = aperture_mm == 0.0, walk_mm == 0.0
+            self.waves_px, self.waves_per_px = (
+                mi.Float(float(str(props[name]))) for name in ("waves_px", "waves_per_px")
+            )
+            self.is_pinhole, self.is_fixed_pupil = aperture_mm == 0.0, walk_mm == 0.0
             self.is_wavy = float(str(props["waves_px"])) > 0.0
-            self.radius_mm, self.nearness = mi.Float(aperture_mm / 2.0), mi.Float(1.0 / focus_mm)
+            self.radius_mm, self.inverse_focus = mi.Float(aperture_mm / 2.0), mi.Float(1.0 / focus_mm)
             self.walk_mm = mi.Float(walk_mm)
-            dr.make_opaque(self.intrinsics, self.near_mm, self.radius_mm, self.nearness, self.walk_mm)
-            dr.make_opaque(self.waves_px, self.per_px)
+            dr.make_opaque(self.intrinsics, self.near_mm, self.radius_mm, self.inverse_focus, self.walk_mm)
+            dr.make_opaque(self.waves_px, self.waves_per_px)
 
         def chief_ray(self, x: Any, y: Any) -> tuple[Any, Any]:
             """Return x/z and y/z of the ray through the centre of the pupil."""
@@ -94,25 +95,27 @@ def _plugin(variant: str) -> str:
             return (x - 0.5 - cx) / fx + offset[0], (y - 0.5 - cy) / fy + offset[1]
 
         def ray_through(self, x: Any, y: Any, u: Any = 0.5, v: Any = 0.5) -> Any:
-            """Return the ray from the pupil point u, v (0 to 1) through the sensor point x, y (Mitsuba's pixels)."""
+            """Return the ray from the pupil point (u, v), 0 to 1, to the sensor point (x, y) in Mitsuba's pixels."""
             if self.is_wavy:
-                sine_x, cosine_x = dr.sincos(self.per_px * (x - 0.5))
-                sine_y, cosine_y = dr.sincos(self.per_px * (y - 0.5))
+                sine_x, cosine_x = dr.sincos(self.waves_per_px * (x - 0.5))
+                sine_y, cosine_y = dr.sincos(self.waves_per_px * (y - 0.5))
                 x = x - self.waves_px * sine_x * cosine_y
                 y = y - self.waves_px * cosine_x * sine_y
             chief_x, chief_y = self.chief_ray(x, y)
             if self.is_pinhole:
                 start_x = start_y = mi.Float(0.0)
             else:
-                on_disc = self.radius_mm * mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u, v))
-                start_x, start_y = on_disc.x, on_disc.y
-            if not self.is_still:
+                pupil_point = self.radius_mm * mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u, v))
+                start_x, start_y = pupil_point.x, pupil_point.y
+            if not self.is_fixed_pupil:
                 pupil_z = self.walk_mm * (chief_x * chief_x + chief_y * chief_y)
-                shift = pupil_z / (1.0 - pupil_z * self.nearness)
+                shift = pupil_z / (1.0 - pupil_z * self.inverse_focus)
                 start_x, start_y = start_x - shift * chief_x, start_y - shift * chief_y
-            along: Any = mi.Vector3f(chief_x - start_x * self.nearness, chief_y - start_y * self.nearness, 1.0)
-            start = mi.Point3f(start_x, start_y, 0.0) + self.near_mm * along
-            return mi.RayDifferential3f(mi.Ray3f(start, dr.normalize(along)))
+            direction: Any = mi.Vector3f(
+                chief_x - start_x * self.inverse_focus, chief_y - start_y * self.inverse_focus, 1.0
+            )
+            start = mi.Point3f(start_x, start_y, 0.0) + self.near_mm * direction
+            return mi.RayDifferential3f(mi.Ray3f(start, dr.normalize(direction)))
 
         def sample_ray_differential(
             self, time: Any, wavelength_sample: Any, position_sample: Any, aperture_sample: Any, active: Any = True
@@ -151,7 +154,7 @@ def sensor(
     Parameters
     ----------
     camera
-        The camera, at the origin of the frame rig.
+        The camera, at the origin of the rig frame.
     pupil
         Pupil of the lens; by default a pinhole.
     crop
@@ -177,7 +180,7 @@ def sensor(
         {
             "type": _plugin(mi.variant()),
             # As text, because a property stores single floats in full precision, but no list of floats.
-            "intrinsics": ",".join(repr(float(number)) for number in _nine(camera)),
+            "intrinsics": ",".join(repr(float(number)) for number in _intrinsics(camera)),
             "near_mm": near_mm,
             "aperture_mm": lens.aperture_mm,
             "focus_mm": lens.focus_mm,
@@ -186,21 +189,21 @@ def sensor(
             "waves_per_px": 2.0 * math.pi * PERIODS / camera.width_px,
             "film": film,
             "sampler": {"type": "independent"},
-            **({} if is_formula else {"table": mi.TensorXf(_table(camera))}),
+            **({} if is_formula else {"table": mi.TensorXf(_distortion_table(camera))}),
         }
     )
 
 
-def _nine(camera: Camera) -> list[float]:
-    """Return focal lengths, principal point, and the distortion of a Brown-Conrady lens or zeros."""
+def _intrinsics(camera: Camera) -> list[float]:
+    """Return focal lengths, principal point and five distortion coefficients, 0 unless the lens is Brown-Conrady."""
     lens = camera.distortion if camera.lens_model == PLAIN_LENS else np.zeros(5)
     return [*camera.intrinsics[:4].tolist(), *lens.tolist()]
 
 
-def _table(camera: Camera) -> NDArray[np.float32]:
-    """Return the differences (h + 1, w + 1, 2) of all pixels' undistorted corners from the pinhole's.
+def _distortion_table(camera: Camera) -> NDArray[np.float32]:
+    """Return the differences (h + 1, w + 1, 2) of undistorted pixel corners from those of the pinhole.
 
-    Linear interpolation between them is correct to 1e-4 px.
+    Linear interpolation between them is accurate to 1e-4 px.
     """
     model = camera.model if isinstance(camera, WavyCamera) else camera
     u, v = (np.arange(length + 1.0) - 0.5 for length in (camera.width_px, camera.height_px))

@@ -1,6 +1,6 @@
-"""Bodies of a device (printed parts, camera, screws) in a scene. Frame rig as designed, mm.
+"""Bodies of a device (printed parts, camera, screws) in a scene, and ray casts of the ground truth against them.
 
-Rays of the truth are cast against them by Mitsuba.
+Files are in the frame of the holder, which is the rig frame of the design, in mm.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 
 ASSEMBLY = "assembly.glb"
-ROOT = "device"
+ROOT_NODE = "device"
 UNMOUNTED = ("fit_coupon", "dust_cover")  # among the printed parts, but not in the assembled device
-SAME_MM = 0.05  # tolerance between mirror corners in a file and in a layout
+MATCH_TOLERANCE_MM = 0.05  # between mirror corners in a file and in a layout
 # Dark, diffuse plastic if a file has no colour.
 PLASTIC_RGB = (0.03, 0.03, 0.03)
 _COMPONENTS = {5121: np.uint8, 5123: np.uint16, 5125: np.uint32, 5126: np.float32}
@@ -37,9 +37,9 @@ _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 @dataclass(frozen=True, eq=False)
 class DeviceBody:
-    """One body: points (n, 3) in rig, mm, triangles (m, 3), normals (n, 3) or none, and linear RGB.
+    """A body: points (n, 3), mm, triangles (m, 3), normals (n, 3) or none, and linear RGB.
 
-    `kind` is as in `mirrorcam cad`: part, mirror, camera, screw, insert, nut or pin.
+    `kind` is one of `mirrorcam cad`'s: part, mirror, camera, screw, insert, nut or pin.
     """
 
     name: str
@@ -53,7 +53,7 @@ class DeviceBody:
 class DeviceParts(Value):
     """The parts around the mirrors of a device: a folder of files, their common checksum, and the pose of the camera.
 
-    `holder_from_rig` is rigid, from the frame of the camera to the frame of the parts, mm.
+    `holder_from_rig` is the rigid transform from the camera's frame, rig as built, to the parts' frame, mm.
     """
 
     folder: str
@@ -62,9 +62,9 @@ class DeviceParts(Value):
 
 
 def parts_of(folder: Path, nominal: Layout, built: Layout) -> DeviceParts:
-    """Find the parts in a folder for a layout as built.
+    """Find the parts in a folder for the built version of a layout.
 
-    Raises InputError if the folder has no parts, or parts of another layout.
+    Raises InputError if the folder has no parts, or parts of a different layout.
     """
     if (folder / ASSEMBLY).is_file():
         check_mirrors(folder, nominal)
@@ -76,22 +76,26 @@ def parts_of(folder: Path, nominal: Layout, built: Layout) -> DeviceParts:
 
 
 def check_mirrors(folder: Path, nominal: Layout) -> None:
-    """Raise InputError if an assembly contains mirrors of another layout."""
-    solids = [body for body in read_assembly(folder / ASSEMBLY) if body.kind == "mirror"]
-    if not solids:
+    """Raise InputError if an assembly contains mirrors of a different layout."""
+    mirrors = [body for body in read_assembly(folder / ASSEMBLY) if body.kind == "mirror"]
+    if not mirrors:
         return
-    corners = cKDTree(np.concatenate([body.points for body in solids]))
-    off_mm = max(float(corners.query(mirror.outline_in_rig_mm)[0].max()) for mirror in nominal.mirrors)
-    if len(solids) != len(nominal.mirrors) or off_mm > SAME_MM:
-        raise InputError(f"{folder}: parts of another layout, expected those that `mirrorcam cad` wrote for this one")
+    corners = cKDTree(np.concatenate([body.points for body in mirrors]))
+    error_mm = max(float(corners.query(mirror.outline_in_rig_mm)[0].max()) for mirror in nominal.mirrors)
+    if len(mirrors) != len(nominal.mirrors) or error_mm > MATCH_TOLERANCE_MM:
+        raise InputError(
+            f"{folder}: parts of a different layout, expected those that `mirrorcam cad` wrote for this one"
+        )
 
 
-def bodies_around(parts: DeviceParts) -> tuple[DeviceBody, ...]:
-    """Read the bodies of a device into the frame of its camera, rig; raise InputError if files have changed."""
+def read_device(parts: DeviceParts) -> tuple[DeviceBody, ...]:
+    """Read the bodies of a device, in the frame of its camera; raise InputError if files have changed."""
     folder = Path(parts.folder)
     if checksum(folder) != parts.checksum:
         raise InputError(f"{folder}: parts have changed since the set was started, expected the same files")
-    return tuple(body if body.kind == "camera" else moved(body, parts.holder_from_rig) for body in read_bodies(folder))
+    return tuple(
+        body if body.kind == "camera" else in_camera_frame(body, parts.holder_from_rig) for body in read_bodies(folder)
+    )
 
 
 def checksum(folder: Path) -> str:
@@ -106,21 +110,21 @@ def parts_files(folder: Path) -> tuple[Path, ...]:
     """
     if (folder / ASSEMBLY).is_file():
         return (folder / ASSEMBLY,)
-    found = tuple(path for path in sorted(folder.glob("*.stl")) if path.stem not in UNMOUNTED)
-    if not found:
+    files = tuple(path for path in sorted(folder.glob("*.stl")) if path.stem not in UNMOUNTED)
+    if not files:
         raise InputError(f"{folder}: no {ASSEMBLY} and no .stl files, expected a folder that `mirrorcam cad` wrote")
-    return found
+    return files
 
 
 def read_bodies(folder: Path) -> tuple[DeviceBody, ...]:
-    """Read all bodies but the mirrors from the assembly of `mirrorcam cad`, or from STL files in rig, mm."""
+    """Read all bodies but the mirrors from the assembly of `mirrorcam cad` or from STL files, in the holder's frame."""
     files = parts_files(folder)
     if files[0].name == ASSEMBLY:
         return tuple(body for body in read_assembly(files[0]) if body.kind != "mirror")
     bodies = []
     for path in files:
-        found = read_mesh(path)
-        bodies.append(DeviceBody(path.stem, "part", found.points, found.faces.astype(np.int64), None, PLASTIC_RGB))
+        surface = read_mesh(path)
+        bodies.append(DeviceBody(path.stem, "part", surface.points, surface.faces.astype(np.int64), None, PLASTIC_RGB))
     return tuple(bodies)
 
 
@@ -130,15 +134,15 @@ def read_assembly(path: Path) -> tuple[DeviceBody, ...]:
     try:
         length = int.from_bytes(raw[12:16], "little")
         if raw[:4] != b"glTF" or raw[16:20] != b"JSON":
-            raise ValueError("no binary glTF")
+            raise ValueError("not a binary glTF")
         tree, data = json_value(raw[20 : 20 + length]), memoryview(raw)[28 + length :]
-        root = next(node for node in tree["nodes"] if node["name"] == ROOT)
+        root = next(node for node in tree["nodes"] if node["name"] == ROOT_NODE)
         return tuple(_body(tree, data, tree["nodes"][child]) for child in root["children"])
     except InputError as error:
         raise InputError(f"{path}: not an assembly of `mirrorcam cad`: {error}") from None
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, StopIteration) as error:
-        what = f"{type(error).__name__} {error}".strip()
-        raise InputError(f"{path}: not an assembly of `mirrorcam cad`: {what}") from None
+        reason = f"{type(error).__name__} {error}".strip()
+        raise InputError(f"{path}: not an assembly of `mirrorcam cad`: {reason}") from None
 
 
 def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> DeviceBody:
@@ -155,7 +159,7 @@ def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> Devic
     red, green, blue = material["baseColorFactor"][:3]
     points, faces = read(primitive["attributes"]["POSITION"]), read(primitive["indices"]).reshape(-1, 3)
     if not np.isfinite(points).all() or faces.max() >= len(points):
-        raise ValueError(f"{node['name']} is no mesh")
+        raise ValueError(f"{node['name']} is not a mesh")
     normals = read(primitive["attributes"]["NORMAL"]).astype(np.float64)
     return DeviceBody(
         node["name"],
@@ -167,30 +171,32 @@ def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> Devic
     )
 
 
-def moved(body: DeviceBody, holder_from_rig: FloatArray) -> DeviceBody:
-    """Transform a body from the frame of the holder to the frame of the camera, by a rigid (4, 4)."""
-    turn, origin = holder_from_rig[:3, :3], holder_from_rig[:3, 3]
-    normals = None if body.normals is None else body.normals @ turn
-    return replace(body, points=(body.points - origin) @ turn, normals=normals)
+def in_camera_frame(body: DeviceBody, holder_from_rig: FloatArray) -> DeviceBody:
+    """Transform a body from the frame of the holder to the frame of the camera."""
+    rotation, origin = holder_from_rig[:3, :3], holder_from_rig[:3, 3]
+    normals = None if body.normals is None else body.normals @ rotation
+    return replace(body, points=(body.points - origin) @ rotation, normals=normals)
 
 
 def holder_from_rig(nominal: Layout, built: Layout) -> FloatArray:
-    """Estimate the rigid (4, 4) from the camera frame of a device as built to the frame of its holder, rig as designed.
+    """Estimate the rigid transform (4, 4) from the camera frame of a device as built to the frame of its holder, mm.
 
-    Mirrors are perturbed along their normals (and rotated about their middles), so that components perpendicular to the
-    normals determine the position of the pupil by least squares.
+    As mirrors are perturbed along their normals (and rotated about their centroids), the components of centroids
+    perpendicular to the normals determine the position of the pupil, by least squares.
     """
-    turn = nominal.view_from_rig.T @ built.view_from_rig
+    rotation = nominal.view_from_rig.T @ built.view_from_rig
     rows, values = [], []
-    for mirror, found in zip(nominal.mirrors, built.mirrors, strict=True):
-        across = np.eye(3) - np.outer(mirror.normal_in_rig, mirror.normal_in_rig)
-        rows.append(across)
-        values.append(across @ (mirror.outline_in_rig_mm.mean(axis=0) - turn @ found.outline_in_rig_mm.mean(axis=0)))
-    return rigid(turn, np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0])
+    for mirror, built_mirror in zip(nominal.mirrors, built.mirrors, strict=True):
+        projector = np.eye(3) - np.outer(mirror.normal_in_rig, mirror.normal_in_rig)
+        rows.append(projector)
+        values.append(
+            projector @ (mirror.outline_in_rig_mm.mean(axis=0) - rotation @ built_mirror.outline_in_rig_mm.mean(axis=0))
+        )
+    return rigid(rotation, np.linalg.lstsq(np.concatenate(rows), np.concatenate(values), rcond=None)[0])
 
 
 def near_mm(bodies: Sequence[DeviceBody]) -> float:
-    """Return the depth z, mm, at which the camera's own body ends; 0 without a body. The pupil lies inside it."""
+    """Return the z, mm, at which the camera's own body, which contains the pupil, ends; 0 without a body."""
     return max((float(body.points[:, 2].max()) + CLEARANCE_MM for body in bodies if body.kind == "camera"), default=0.0)
 
 
@@ -220,28 +226,28 @@ class BodyObstacles:
         self._scene = mi.load_dict({"type": "scene", **body_shapes(bodies)})
         self._near_mm = near_mm(bodies)
 
-    def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
-        """Return the length (...), mm, of rays from points (..., 3) along unit vectors (..., 3) up to a body."""
+    def distance_to_body_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
+        """Return the distance (...), mm, from points (..., 3) along unit vectors (..., 3) to the nearest body."""
         import drjit as dr
         import mitsuba as mi
 
         shape = np.shape(direction)[:-1]
-        known = (np.isfinite(start) & np.isfinite(direction)).all(axis=-1).ravel()
-        flat = [
-            np.broadcast_to(values, (*shape, 3)).reshape(-1, 3)[known].astype(np.float32)
+        valid = (np.isfinite(start) & np.isfinite(direction)).all(axis=-1).ravel()
+        inputs = [
+            np.broadcast_to(values, (*shape, 3)).reshape(-1, 3)[valid].astype(np.float32)
             for values in (start, direction)
         ]
         if dr.is_jit_v(mi.Float):
-            rays = mi.Ray3f(*(mi.Point3f(values.T) for values in flat))
-            found = np.array(self._scene.ray_intersect_preliminary(rays).t, dtype=np.float64)
+            rays = mi.Ray3f(*(mi.Point3f(values.T) for values in inputs))
+            distances = np.array(self._scene.ray_intersect_preliminary(rays).t, dtype=np.float64)
         else:
-            pairs = zip(*(values.tolist() for values in flat), strict=True)
-            found = np.array([self._scene.ray_intersect_preliminary(mi.Ray3f(*pair)).t for pair in pairs])
-        free = np.full(known.shape, np.nan)
-        free[known] = found
-        return free.reshape(shape)
+            pairs = zip(*(values.tolist() for values in inputs), strict=True)
+            distances = np.array([self._scene.ray_intersect_preliminary(mi.Ray3f(*pair)).t for pair in pairs])
+        result = np.full(valid.shape, np.nan)
+        result[valid] = distances
+        return result.reshape(shape)
 
-    def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
-        """Return the length (...), mm, of unit rays (..., 3) from the pupil; the camera's own body is ignored."""
-        before = (self._near_mm / rays[..., 2])[..., None] * rays
-        return np.asarray(np.linalg.norm(before, axis=-1) + self.free_mm(before, rays))
+    def distance_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
+        """Return the distance (...), mm, from the pupil along unit rays (..., 3) to the nearest body but the camera."""
+        start = (self._near_mm / rays[..., 2])[..., None] * rays
+        return np.asarray(np.linalg.norm(start, axis=-1) + self.distance_to_body_mm(start, rays))

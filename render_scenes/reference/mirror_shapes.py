@@ -1,4 +1,4 @@
-"""First- and second-surface mirrors as Mitsuba shapes. World = rig frame, mm."""
+"""First- and second-surface mirrors as Mitsuba shapes in the rig frame, mm."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, radius_mm
 
-# Cells of a bent mirror: per ripple wavelength, and per radius. Interpolated normals are good to 1e-3 of a slope.
+# Number of cells of a bent mirror per ripple wavelength and per radius: slopes are accurate to a factor of 1e-3.
 CELLS_PER_WAVE, CELLS_PER_RADIUS = 40, 12
 
 
 def mirror_shapes(mirror: Mirror, finish: MirrorFinish, *, edges: bool = False) -> dict[str, Any]:
-    """Return the faces of a mirror, with the outline of its layout.
+    """Return the faces of a mirror, with its outline in the layout.
 
     A first-surface mirror is a reflecting face with a black back; `edges` adds the black edges of its substrate. A
     second-surface mirror is a plate: a dielectric front (Fresnel), a coating with the same outline and a black back,
@@ -25,7 +25,7 @@ def mirror_shapes(mirror: Mirror, finish: MirrorFinish, *, edges: bool = False) 
     Returns
     -------
     dict
-        Shapes of the current variant by the names of the faces.
+        Shapes for the current variant, by face name.
     """
     if not mirror.is_second_surface:
         coating = {"coating": _face(mirror, finish, 0.0, _coating(finish))}
@@ -39,10 +39,10 @@ def mirror_shapes(mirror: Mirror, finish: MirrorFinish, *, edges: bool = False) 
 
 
 def _coating(finish: MirrorFinish) -> dict[str, Any]:
-    even = len(set(finish.reflectance)) == 1
+    is_neutral = len(set(finish.reflectance)) == 1
     reflectance = (
         {"type": "uniform", "value": finish.reflectance[0]}
-        if even
+        if is_neutral
         else {"type": "rgb", "value": list(finish.reflectance)}
     )
     bsdf = {"type": "conductor", "material": "none", "specular_reflectance": reflectance}
@@ -63,18 +63,18 @@ def _anticlockwise(mirror: Mirror) -> bool:
     return bool((outline[:, 0] * edges[:, 1] - outline[:, 1] * edges[:, 0]).sum() > 0)
 
 
-def _face(mirror: Mirror, finish: MirrorFinish, lift_mm: float, bsdf: dict[str, Any]) -> Any:
-    """Return the outline, offset towards the pupil, with the exact normal at every corner.
+def _face(mirror: Mirror, finish: MirrorFinish, offset_mm: float, bsdf: dict[str, Any]) -> Any:
+    """Return the surface, offset towards the pupil, with the exact normal at every vertex.
 
     Normals computed from the triangles would suffer from the rounding of their corners.
     """
     if finish.flat:
-        corners = mirror.outline_in_rig_mm + lift_mm * mirror.normal_in_rig
+        corners = mirror.outline_in_rig_mm + offset_mm * mirror.normal_in_rig
         return mesh("face", corners, _fan(mirror), bsdf, np.tile(mirror.normal_in_rig, (len(corners), 1)))
     points, faces = _cells(mirror, finish)
     height, slopes = finish.shape(radius_mm(mirror), points)
     frame = mirror.rig_from_plane
-    corners = points @ frame[:3, :2].T + (height + lift_mm)[:, None] * mirror.normal_in_rig + frame[:3, 3]
+    corners = points @ frame[:3, :2].T + (height + offset_mm)[:, None] * mirror.normal_in_rig + frame[:3, 3]
     normals = mirror.normal_in_rig - slopes @ frame[:3, :2].T
     return mesh("face", corners, faces, bsdf, normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
@@ -90,18 +90,18 @@ def _cells(mirror: Mirror, finish: MirrorFinish) -> tuple[FloatArray, NDArray[np
     # Row r of a triangle, counted from the centre, has r + 1 points.
     rows = np.repeat(np.arange(count + 1), np.arange(1, count + 2))
     columns = np.arange(len(rows)) - rows * (rows + 1) // 2
-    parts = np.stack([rows - columns, columns], axis=1) / count
-    inner = rows < count
-    here = np.flatnonzero(inner)
-    below = here + rows[inner] + 1
-    up = np.column_stack([here, below, below + 1])
-    has_next = inner & (columns < rows)
-    here = np.flatnonzero(has_next)
-    below = here + rows[has_next] + 1
-    small = np.concatenate([up, np.column_stack([here, below + 1, here + 1])])
+    barycentric = np.stack([rows - columns, columns], axis=1) / count
+    has_below = rows < count
+    first = np.flatnonzero(has_below)
+    below = first + rows[has_below] + 1
+    upright = np.column_stack([first, below, below + 1])
+    has_next = has_below & (columns < rows)
+    first = np.flatnonzero(has_next)
+    below = first + rows[has_next] + 1
+    triangles = np.concatenate([upright, np.column_stack([first, below + 1, first + 1])])
     corners = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
-    points = (parts @ corners).reshape(-1, 2)
-    faces = (small + np.arange(len(outline))[:, None, None] * len(rows)).reshape(-1, 3)
+    points = (barycentric @ corners).reshape(-1, 2)
+    faces = (triangles + np.arange(len(outline))[:, None, None] * len(rows)).reshape(-1, 3)
     return points, faces
 
 
@@ -110,9 +110,9 @@ def _edges(mirror: Mirror, height_mm: float) -> Any:
     outline = mirror.outline_in_rig_mm
     count = len(outline)
     corners = np.concatenate([outline, outline + height_mm * mirror.normal_in_rig])
-    here = np.arange(count)
-    after = (here + 1) % count
-    faces = np.concatenate([np.stack([here, after, after + count]), np.stack([here, after + count, here + count])], 1)
+    start = np.arange(count)
+    end = (start + 1) % count
+    faces = np.concatenate([np.stack([start, end, end + count]), np.stack([start, end + count, start + count])], 1)
     black = {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}}
     return mesh("edges", corners, faces.T, black)
 
@@ -125,9 +125,9 @@ def mesh(
     normals_in_rig: FloatArray | None = None,
     texture_uv: FloatArray | None = None,
 ) -> Any:
-    """Return triangles (m, 3) of vertices (n, 3) with normals (n, 3), or flat, as a shape of the current variant.
+    """Return triangles (m, 3) of vertices (n, 3) as a shape for the current variant.
 
-    `texture_uv` (n, 2) are the texture coordinates of the vertices, 0 to 1.
+    Without normals (n, 3), triangles are shaded flat. `texture_uv` (n, 2) are the vertices' texture coordinates.
     """
     import mitsuba as mi
 

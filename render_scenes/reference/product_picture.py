@@ -1,7 +1,7 @@
 """Product picture of a device from the front, with the lens visible in every mirror, and from the side.
 
-The device stands on a seamless paper background between two soft boxes. World = rig frame, mm; the views look
-horizontally, and define up and forward.
+The device stands on a seamless paper background between two soft boxes, in the rig frame, mm; the layout's view
+axes are level and define up and forward.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from mirrorcam.render_scenes.variant import use_variant
 
 SIZE_PX = (1920, 1080)  # of both views side by side
 GAP_PX = 8
-MARGIN = 1.08  # sides of the picture over the extent of the device
+MARGIN = 1.08  # size of the picture relative to the extent of the device
 PAPER_MM = 4000.0
 BEND_MM = 350.0
-LARGEST_LENS_MM = 10.0  # radius, where the front of a camera is a single plane
+MAX_LENS_RADIUS_MM = 10.0  # used where the front of a camera is a single plane
 # Radius over the lens ring's, and linear RGB: rings that look like a lens.
 LENS = ((1.0, (0.55, 0.56, 0.58)), (0.86, (0.006, 0.006, 0.007)), (0.46, (0.01, 0.03, 0.09)), (0.24, (0.0, 0.0, 0.0)))
 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A pinhole camera at `eye_in_rig_mm` (3,) that looks at a point, with a scale of `mm_per_px` there.
+    """A pinhole camera at `eye_in_rig_mm` (3,) that looks at `target_in_rig_mm` (3,), where a pixel is `mm_per_px`.
 
     `up_in_rig` (3,) is up in its pictures.
     """
 
     eye_in_rig_mm: FloatArray
-    middle_in_rig_mm: FloatArray
+    target_in_rig_mm: FloatArray
     up_in_rig: FloatArray
     mm_per_px: float
     size_px: tuple[int, int]
@@ -50,19 +50,19 @@ class Viewpoint:
     @property
     def axes(self) -> FloatArray:
         """Right, down and forward as rows (3, 3)."""
-        forward = self.middle_in_rig_mm - self.eye_in_rig_mm
+        forward = self.target_in_rig_mm - self.eye_in_rig_mm
         forward = forward / np.linalg.norm(forward)
         right = np.cross(forward, self.up_in_rig)
         right /= np.linalg.norm(right)
         return np.array([right, np.cross(forward, right), forward])
 
     def ray_through(self, x: Any, y: Any) -> Any:
-        """Return the ray (Dr.Jit) of a point of the picture, in pixels from its top left corner."""
+        """Return the ray (Dr.Jit) through a point of the picture, in pixels from its top left corner."""
         import drjit as dr
         import mitsuba as mi
 
         width, height = self.size_px
-        distance_px = float(np.linalg.norm(self.middle_in_rig_mm - self.eye_in_rig_mm)) / self.mm_per_px
+        distance_px = float(np.linalg.norm(self.target_in_rig_mm - self.eye_in_rig_mm)) / self.mm_per_px
         right, down, forward = (mi.Vector3f(*axis.tolist()) for axis in self.axes)
         direction = (x - 0.5 * width) * right + (y - 0.5 * height) * down + distance_px * forward
         return mi.Ray3f(mi.Point3f(*self.eye_in_rig_mm.tolist()), dr.normalize(direction))
@@ -75,26 +75,26 @@ def level_from_rig(layout: Layout) -> FloatArray:
 
 
 def viewpoints(layout: Layout, bodies: Sequence[DeviceBody]) -> tuple[Viewpoint, Viewpoint]:
-    """Return viewpoints in the middle of the common field of all mirrors, and to the front, the side and above.
+    """Return viewpoints at the centre of all mirrors' common field, and obliquely to the front, the side and above.
 
-    A point that the camera sees in every mirror also sees the lens in every mirror.
+    From a point that the camera sees in every mirror, its lens is visible in every mirror.
     """
     points = np.concatenate([body.points for body in bodies])
     level = level_from_rig(layout)
     low, high = (points @ level.T).min(axis=0), (points @ level.T).max(axis=0)
-    middle = (low + high) / 2.0 @ level
+    centre = (low + high) / 2.0 @ level
     depth_mm = 500.0 if layout.spec is None else max(layout.spec.depths_mm)
     eye = np.array([*common_bounds(layout, depth_mm).mean(axis=0), depth_mm]) @ layout.view_from_rig
     width, height = (SIZE_PX[0] - GAP_PX) // 2, SIZE_PX[1]
-    oblique = middle + 4.0 * (high - low).max() * np.array([0.64, 0.70, 0.27]) @ level
+    oblique = centre + 4.0 * (high - low).max() * np.array([0.64, 0.70, 0.27]) @ level
     views = []
-    for at in (eye, oblique):
-        view = Viewpoint(np.asarray(at), middle, level[2], 1.0, (width, height))
+    for position in (eye, oblique):
+        view = Viewpoint(np.asarray(position), centre, level[2], 1.0, (width, height))
         # Wide enough for the farthest point from the centre, seen from the eye.
-        seen = (points - at) @ view.axes.T
-        distance_mm = np.linalg.norm(middle - at)
-        flat = np.abs(seen[:, :2] / seen[:, 2:] * distance_mm).max(axis=0)
-        views.append(replace(view, mm_per_px=float(MARGIN * 2.0 * (flat / (width, height)).max())))
+        points_in_view = (points - position) @ view.axes.T
+        distance_mm = np.linalg.norm(centre - position)
+        extent_mm = np.abs(points_in_view[:, :2] / points_in_view[:, 2:] * distance_mm).max(axis=0)
+        views.append(replace(view, mm_per_px=float(MARGIN * 2.0 * (extent_mm / (width, height)).max())))
     return views[0], views[1]
 
 
@@ -120,7 +120,7 @@ def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.
     Raises
     ------
     InputError
-        If the folder contains no assembly, or the assembly of another layout.
+        If the folder contains no assembly, or the assembly of a different layout.
     """
     if not (folder / ASSEMBLY).is_file():
         raise InputError(f"{folder}: no {ASSEMBLY}, expected a folder that `mirrorcam cad` wrote")
@@ -134,13 +134,13 @@ def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.
     pictures = []
     for view in viewpoints(layout, bodies):
         width, height = (round(length * scale) for length in view.size_px)
-        small = replace(view, mm_per_px=view.mm_per_px / scale, size_px=(width, height))
-        light = render(scene, small, paths, crop=(0, 0, width, height), subpixels=1, spp=spp, seed=0)
-        pictures += [_encoded(light), np.full((height, round(GAP_PX * scale), 3), 255, dtype=np.uint8)]
+        scaled = replace(view, mm_per_px=view.mm_per_px / scale, size_px=(width, height))
+        light = render(scene, scaled, paths, crop=(0, 0, width, height), subpixels=1, spp=spp, seed=0)
+        pictures += [_srgb(light), np.full((height, round(GAP_PX * scale), 3), 255, dtype=np.uint8)]
     return np.concatenate(pictures[:-1], axis=1)
 
 
-def _encoded(light: NDArray[np.float32]) -> NDArray[np.uint8]:
+def _srgb(light: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Encode radiance as sRGB; highlights above 0.6 are compressed towards 1."""
     knee = 0.6
     over = np.maximum(light - knee, 0.0) / (1.0 - knee)
@@ -174,14 +174,14 @@ def _lens(camera: DeviceBody) -> dict[str, Any]:
     points = camera.points
     front = points[:, 2].max()
     top = points[points[:, 2] > front - 0.01]
-    radius = min(float(np.hypot(top[:, 0], top[:, 1]).max()), LARGEST_LENS_MM)
-    around = np.linspace(0.0, 2.0 * np.pi, 97)[:-1]
-    circle = np.column_stack([np.cos(around), np.sin(around), np.zeros(96)])
-    here = np.arange(96)
-    disc = np.column_stack([np.full(96, 96), here, np.roll(here, -1)])
+    radius = min(float(np.hypot(top[:, 0], top[:, 1]).max()), MAX_LENS_RADIUS_MM)
+    angles = np.linspace(0.0, 2.0 * np.pi, 97)[:-1]
+    circle = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(96)])
+    indices = np.arange(96)
+    disc = np.column_stack([np.full(96, 96), indices, np.roll(indices, -1)])
     shapes = {}
-    for number, (part, rgb) in enumerate(LENS):
-        rim = circle * radius * part + [0.0, 0.0, front + 0.05 * (number + 1)]
+    for number, (relative_radius, rgb) in enumerate(LENS):
+        rim = circle * radius * relative_radius + [0.0, 0.0, front + 0.05 * (number + 1)]
         corners = np.concatenate([rim, [rim.mean(axis=0)]])
         colour = {"type": "rgb", "value": list(rgb)}
         glass = {"type": "roughplastic", "diffuse_reflectance": colour, "alpha": 0.05}
@@ -190,47 +190,49 @@ def _lens(camera: DeviceBody) -> dict[str, Any]:
 
 
 def _studio(bodies: Sequence[DeviceBody], level: FloatArray) -> dict[str, Any]:
-    """Return paper under and behind the device, two soft boxes and ambient light; `level` (3, 3) levels the rig."""
+    """Return paper under and behind the device, two soft boxes and ambient light."""
     import mitsuba as mi
 
     points = np.concatenate([body.points for body in bodies]) @ level.T
     low, high = points.min(axis=0), points.max(axis=0)
-    middle, size = (low + high) / 2.0, float((high - low).max())
+    centre, size = (low + high) / 2.0, float((high - low).max())
     back = low[1] - 1.2 * size
     angles = np.linspace(0.0, np.pi / 2.0, 33)
     # From in front of the device along the floor, around a bend, and up.
     profile = np.array(
-        [(middle[1] + PAPER_MM, 0.0)]
+        [(centre[1] + PAPER_MM, 0.0)]
         + [(back - BEND_MM * np.sin(angle), BEND_MM * (1.0 - np.cos(angle))) for angle in angles]
         + [(back - BEND_MM, PAPER_MM)]
     )
     normals = np.array([(0.0, 1.0), *((np.sin(angle), np.cos(angle)) for angle in angles), (1.0, 0.0)])
-    sides = (middle[0] + PAPER_MM, middle[0] - PAPER_MM)
+    sides = (centre[0] + PAPER_MM, centre[0] - PAPER_MM)
     corners = np.array([[x, y, z + low[2]] for x in sides for y, z in profile])
     count = len(profile)
-    here = np.arange(count - 1)
+    indices = np.arange(count - 1)
     faces = np.concatenate(
         [
-            np.column_stack([here, here + 1, here + count + 1]),
-            np.column_stack([here, here + count + 1, here + count]),
+            np.column_stack([indices, indices + 1, indices + count + 1]),
+            np.column_stack([indices, indices + count + 1, indices + count]),
         ]
     )
-    upright = np.array([[0.0, y, z] for _ in sides for y, z in normals])
+    paper_normals = np.array([[0.0, y, z] for _ in sides for y, z in normals])
     matte = {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.78, 0.79, 0.80]}}
 
-    def box(towards: tuple[float, float, float], wide: float, radiance: tuple[float, float, float]) -> dict[str, Any]:
-        origin, target = (middle + size * np.array(towards)) @ level, middle @ level
+    def soft_box(
+        offset: tuple[float, float, float], size_ratio: float, radiance: tuple[float, float, float]
+    ) -> dict[str, Any]:
+        origin, target = (centre + size * np.array(offset)) @ level, centre @ level
         frame = mi.ScalarTransform4f().look_at(origin=origin.tolist(), target=target.tolist(), up=level[2].tolist())
         return {
             "type": "rectangle",
-            "to_world": frame @ mi.ScalarTransform4f().scale([wide * size, wide * size, 1.0]),
+            "to_world": frame @ mi.ScalarTransform4f().scale([size_ratio * size, size_ratio * size, 1.0]),
             "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
             "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(radiance)}},
         }
 
     return {
-        "paper": mesh("paper", corners @ level, faces, {"type": "twosided", "bsdf": matte}, upright @ level),
-        "key": box((2.4, 2.0, 3.0), 0.9, (12.5, 12.2, 11.7)),
-        "fill": box((-3.4, 2.4, 1.0), 1.2, (2.2, 2.3, 2.5)),
+        "paper": mesh("paper", corners @ level, faces, {"type": "twosided", "bsdf": matte}, paper_normals @ level),
+        "key": soft_box((2.4, 2.0, 3.0), 0.9, (12.5, 12.2, 11.7)),
+        "fill": soft_box((-3.4, 2.4, 1.0), 1.2, (2.2, 2.3, 2.5)),
         "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.30, 0.31, 0.33]}},
     }

@@ -1,7 +1,4 @@
-"""Manifest of a rendered set, `dataset.json`, without ground truth, and the true layout of the set.
-
-Needs no renderer.
-"""
+"""Manifest of a rendered set, `dataset.json`, without ground truth, and the set's true layout. Needs no renderer."""
 
 from __future__ import annotations
 
@@ -23,8 +20,8 @@ from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.settings import RenderSettings
 
 MANIFEST = "dataset.json"
-KNOWN = ("layout.json", "board.toml")
-"""Files that a user of a real camera has besides the pictures."""
+USER_FILES = ("layout.json", "board.toml")
+"""Files that the user of a real camera also has, besides the pictures."""
 TRUTH = (
     *("truth/layout.json", "truth/poses.json", "truth/seed.json", "truth/corners.npz"),
     *("truth/readout.json", "truth/finish.json"),
@@ -32,8 +29,8 @@ TRUTH = (
 """Files of the ground truth except its maps; the last two only if the shutter or the mirrors are not ideal."""
 
 
-class Reach(Value):
-    """Range of depths of the boards visible in a mirror, and their largest tilt to its view; 0 without boards."""
+class DepthRange(Value):
+    """Range of depths of the boards visible in a mirror, and their maximum tilt to its view; 0 without boards."""
 
     nearest_mm: int = Field(ge=-DEPTH_MM.max, le=DEPTH_MM.max)
     farthest_mm: int = Field(ge=-DEPTH_MM.max, le=DEPTH_MM.max)
@@ -41,14 +38,14 @@ class Reach(Value):
 
 
 class Dataset(FolderManifest):
-    """Manifest of a rendered set: the knowledge of a user of a real camera, and a checksum of each file written so far.
+    """Manifest of a rendered set: what the user of a real camera knows, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, including the seed.
     """
 
     FILE = MANIFEST
     NOUN = "set"
-    FILES = (*KNOWN, "video.avi", "video.mp4")
+    FILES = (*USER_FILES, "video.avi", "video.mp4")
     FOLDERS = ("frames", "base", "truth")
     DERIVED = frozenset({"coverage", "reaches", "base_coverage"})
 
@@ -67,7 +64,7 @@ class Dataset(FolderManifest):
     coverage: tuple[float, ...] = Field(
         description="fraction of each sub-image in which the planned frames show corners"
     )
-    reaches: tuple[Reach, ...] = Field(
+    reaches: tuple[DepthRange, ...] = Field(
         description="range of depths and tilts at which each mirror shows the planned boards"
     )
     base_coverage: float = Field(description="fraction of the full sensor in which the base frames show corners")
@@ -95,7 +92,7 @@ class Dataset(FolderManifest):
         pictures = (*self.frame_names, *self.base_names)
         maps = (self.map_of(name) for name in pictures)
         optional = (*pictures, *maps, self.video_name, self.pupil_name)
-        return (*KNOWN, *TRUTH, *(name for name in optional if name is not None))
+        return (*USER_FILES, *TRUTH, *(name for name in optional if name is not None))
 
     @property
     def pupil_name(self) -> str | None:
@@ -123,16 +120,16 @@ FINISH = "truth/finish.json"
 
 
 class _Finishes(Value):
-    """The content of `truth/finish.json`."""
+    """Content of `truth/finish.json`."""
 
     mirrors: tuple[MirrorFinish, ...]
 
 
 def true_layout(folder: Path) -> Layout:
-    """Return the true layout of a set, with the rendered bend of each mirror.
+    """Return the true layout of a set, with the bend of each mirror as rendered.
 
-    A layout has no ripples; their mean over a mirror is zero. Raises InputError for files that are invalid or do not
-    match.
+    A layout cannot describe ripples; their mean over a mirror is zero. Raises InputError for files that are invalid or
+    do not match.
     """
     layout = Layout.load(folder / TRUE_LAYOUT)
     if not (folder / FINISH).is_file():

@@ -21,7 +21,7 @@ from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.lens import true_camera
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
-from mirrorcam.render_scenes.reference.device_bodies import BodyObstacles, DeviceParts, bodies_around
+from mirrorcam.render_scenes.reference.device_bodies import BodyObstacles, DeviceParts, read_device
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.sets.video import as_key_frame
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -35,11 +35,11 @@ from mirrorcam.render_scenes.truth.pixel_maps import (
 from mirrorcam.render_scenes.variant import use_variant
 
 # Rows that the reference renders with one pose under a rolling shutter: 0.2 ms of a webcam's readout.
-STRIP_PX = 8
+STRIP_ROWS = 8
 
 
 class CaptureSetup(Value):
-    """Setup shared by a set's frames: device as built, or its bare camera; board; settings."""
+    """Setup shared by a set's frames: the device as built, or its bare camera; the board; the settings."""
 
     built: Layout
     mirrors: bool
@@ -55,7 +55,7 @@ class CaptureSetup(Value):
 
 
 class FrameTask(Value):
-    """One frame: poses of the board, rig_from_board (1 or 3, 4, 4) in mm, and the key of its random numbers.
+    """One frame: poses (1 or 3, 4, 4) of the board in the rig frame, mm, and the key of its random numbers.
 
     With a rolling shutter, the three poses are at the readout of the first, middle and last row.
     """
@@ -74,7 +74,7 @@ class _SetRenderer:
         settings = setup.settings
         built = setup.built.replaced(camera=true_camera(setup.built.camera, settings.sensor))
         mirrors = built.mirrors if setup.mirrors else ()
-        bodies = () if setup.parts is None else bodies_around(setup.parts)
+        bodies = () if setup.parts is None else read_device(setup.parts)
         self.scene: FastScene | BoardScene
         if settings.renderer == "fast":
             self.scene = FastScene(
@@ -116,8 +116,8 @@ class _SetRenderer:
             return self.scene.render(spp=spp, subpixels=subpixels, seed=seed)
         camera = self.scene.camera
         strips = []
-        rows = np.arange(0, camera.height_px, STRIP_PX)
-        heights = np.minimum(STRIP_PX, camera.height_px - rows)
+        rows = np.arange(0, camera.height_px, STRIP_ROWS)
+        heights = np.minimum(STRIP_ROWS, camera.height_px - rows)
         strip_poses = poses_at(poses, (rows + (heights - 1) / 2.0) / (camera.height_px - 1))
         for row, height, pose in zip(rows.tolist(), heights.tolist(), strip_poses, strict=True):
             self.scene.place_board(pose)
@@ -133,7 +133,7 @@ def _set_renderer(setup_json: str) -> _SetRenderer:
 
 
 def render_frame(task_json: str) -> dict[str, bytes]:
-    """Return the files of one frame by their names in the set; the bytes depend on the task alone."""
+    """Return the files of one frame by their names in the set; their bytes depend only on the task."""
     task = FrameTask.model_validate_json(task_json)
     setup, settings = task.setup, task.setup.settings
     renderer = _set_renderer(setup.model_dump_json())
@@ -159,7 +159,7 @@ def _maps(rays: PixelRays, target: Target, poses: FloatArray) -> dict[str, Float
     """Return the maps of a board with poses (1 or 3, 4, 4), each row at its readout time."""
     if len(poses) == 1:
         return board_maps(rays, target, poses[0])
-    fields = (rays.mirror, rays.start, rays.direction, rays.path_before_mm, rays.free_mm)
+    fields = (rays.mirror, rays.start, rays.direction, rays.path_before_mm, rays.distance_to_body_mm)
     count = len(rays.mirror)
     row_poses = poses_at(poses, np.arange(count) / (count - 1))
     rows = [
@@ -180,12 +180,12 @@ def render_frame_on_one_core(task_json: str) -> dict[str, bytes]:
 
 
 def render_frame_in_turn(task_json: str) -> dict[str, bytes]:
-    """Call `render_frame` from one of several threads; a scene has one pose at a time, so the calls run in sequence."""
-    return _turn().submit(render_frame, task_json).result()
+    """Call `render_frame` from one of several threads, in sequence: a scene has one pose at a time."""
+    return _one_thread().submit(render_frame, task_json).result()
 
 
 @cache
-def _turn() -> ThreadPoolExecutor:
+def _one_thread() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=1)
 
 

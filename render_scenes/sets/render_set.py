@@ -1,4 +1,4 @@
-"""A synthetic calibration set: the pictures that a user would take, with the truth in a separate folder.
+"""A synthetic calibration set: the pictures that a user would take, with the ground truth in a separate folder.
 
 The request determines the bytes of a set, whichever process renders the frames. Every file is written atomically, so
 that an interrupted set can be continued.
@@ -22,13 +22,13 @@ from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.render_scenes.lens import true_camera
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
-from mirrorcam.render_scenes.reference.device_bodies import BodyObstacles, DeviceParts, bodies_around, parts_of
+from mirrorcam.render_scenes.reference.device_bodies import BodyObstacles, DeviceParts, parts_of, read_device
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
-from mirrorcam.render_scenes.sets.poses import PosePlan, plan_base_frames, reaches
+from mirrorcam.render_scenes.sets.poses import PosePlan, depth_ranges, plan_base_frames
 from mirrorcam.render_scenes.sets.set_request import SetRequest, Stream, planned_frames
 from mirrorcam.render_scenes.sets.video import check_video, write_video
-from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.corners import CornerProjector
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes
 from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer, pupil_maps
 from mirrorcam.render_scenes.variant import use_variant
@@ -36,7 +36,7 @@ from mirrorcam.render_scenes.variant import use_variant
 
 def write_truth(
     out: Path,
-    oracle: Oracle,
+    projector: CornerProjector,
     finishes: tuple[MirrorFinish, ...],
     readouts: FloatArray,
     base_plan: PosePlan,
@@ -45,9 +45,9 @@ def write_truth(
     """Write the ground truth of a set, for validation only."""
     middle_poses = readouts[:, readouts.shape[1] // 2]
     truth = out / "truth"
-    frames_px, frames_visible = oracle.all_via_mirrors(list(readouts))
-    base_px, base_visible = oracle.all_direct(list(base_plan.poses))
-    oracle.layout.save(truth / "layout.json")
+    frames_px, frames_visible = projector.all_via_mirrors(list(readouts))
+    base_px, base_visible = projector.all_direct(list(base_plan.poses))
+    projector.layout.save(truth / "layout.json")
     write_json(truth / "poses.json", {"frames": middle_poses.tolist(), "base": base_plan.poses.tolist()})
     if readouts.shape[1] == 3:
         write_json(truth / "readout.json", {"poses": readouts.tolist()})
@@ -64,21 +64,21 @@ def write_truth(
 
 
 def write_pupil_maps(path: Path, tracer: PupilTracer) -> None:
-    """Write the maps of the pupil's unvignetted part via each mirror, which all frames share."""
+    """Write the maps of the pupil's unvignetted part via each mirror, the same for all frames."""
     pupil = tracer.pupil
     header = {"layout": tracer.layout.identity, "units": "mm"}
     header |= {"aperture_mm": repr(pupil.aperture_mm), "focus_mm": repr(pupil.focus_mm)}
     write_bytes(path, exr_bytes(pupil_maps(tracer), header))
 
 
-Run = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
+RenderTasks = Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes]]]]
 
 
 def render_set(
     request: SetRequest,
     out: AnyPath,
     *,
-    run: Run | None = None,
+    run: RenderTasks | None = None,
     variant: str | None = None,
     progress: Progress = no_progress,
 ) -> Dataset:
@@ -91,7 +91,7 @@ def render_set(
     out
         Folder for the set: `frames/`, `base/`, `layout.json` (nominal), `board.toml`, `dataset.json`, and `truth/`.
         Pictures that an interrupted run with the same request has finished are kept.
-    run
+    render_tasks
         Renders the tasks and yields the index and files of each picture, in any order; by default in this process.
     variant
         Mitsuba's variant, on which the bytes depend; by default the fastest available.
@@ -108,7 +108,7 @@ def render_set(
     ------
     InputError
         If the extra `render` is not installed, the board is not visible, no device can be built with the tolerances,
-        the pictures do not fit the video's format, or `out` contains another set.
+        the pictures do not fit the video's format, or `out` contains a different set.
     """
     check_type("request", request, SetRequest)
     out = path_of("out", out)
@@ -124,18 +124,18 @@ def render_set(
     plan, readouts = planned_frames(request)
     base_plan = plan_base_frames(layout, request.target, request.base_frames, request.random(Stream.BASE_POSES))
     dataset = _manifest(request, plan, base_plan, None if parts is None else parts.checksum, variant)
-    dataset = dataset.replaced(request=_digest(dataset, built, plan, base_plan, request.seed))
+    dataset = dataset.replaced(request=_request_digest(dataset, built, plan, base_plan, request.seed))
     dataset = dataset.resumed(out, dataset.planned_names)
-    dataset = dataset.added(out, partial(_write_known_files, dataset=dataset, layout=layout))
+    dataset = dataset.added(out, partial(_write_user_files, dataset=dataset, layout=layout))
     finishes = draw_finishes(settings, len(built.mirrors), request.random(Stream.FINISH))
-    obstacles = None if parts is None else BodyObstacles(bodies_around(parts))
-    as_built = built.replaced(camera=true_camera(built.camera, settings.sensor))
-    oracle = Oracle(as_built, dataset.target, finishes, obstacles, pupil)
+    obstacles = None if parts is None else BodyObstacles(read_device(parts))
+    built_with_true_lens = built.replaced(camera=true_camera(built.camera, settings.sensor))
+    projector = CornerProjector(built_with_true_lens, dataset.target, finishes, obstacles, pupil)
     dataset = dataset.added(
-        out, lambda folder: write_truth(folder, oracle, finishes, readouts, base_plan, request.seed)
+        out, lambda folder: write_truth(folder, projector, finishes, readouts, base_plan, request.seed)
     )
     if (name := dataset.pupil_name) is not None and name not in dataset.files:
-        tracer, path = PupilTracer(as_built, pupil, finishes, obstacles), Path(name)
+        tracer, path = PupilTracer(built_with_true_lens, pupil, finishes, obstacles), Path(name)
         dataset = dataset.added(out, lambda folder: write_pupil_maps(folder / path, tracer))
     tasks = _tasks(request, dataset, built, finishes, parts, readouts, base_plan, variant)
     return _render_missing(out, dataset, tasks, run or in_this_process, progress)
@@ -159,7 +159,7 @@ def _manifest(
         parts=parts_checksum,
         renderer=f"{request.settings.renderer}, mitsuba {metadata.version('mitsuba')} {variant}",
         coverage=tuple(plan.coverage),
-        reaches=reaches(plan, request.target, layout.view_from_rig[2]),
+        reaches=depth_ranges(plan, request.target, layout.view_from_rig[2]),
         base_coverage=float(base_plan.coverage[0]),
         request="",
     )
@@ -176,7 +176,7 @@ def _tasks(
     variant: str,
 ) -> list[FrameTask]:
     """Return the tasks of all frames, via the mirrors and with the bare camera."""
-    through_mirrors, bare = (
+    via_mirrors, bare = (
         CaptureSetup(
             built=built,
             mirrors=mirrors,
@@ -197,15 +197,17 @@ def _tasks(
             key=(request.seed, stream, index),
         )
         for stream, setup, names, poses_of in (
-            (Stream.FRAMES, through_mirrors, dataset.frame_names, readouts),
+            (Stream.FRAMES, via_mirrors, dataset.frame_names, readouts),
             (Stream.BASE, bare, dataset.base_names, base_plan.poses[:, None]),
         )
         for index, (name, poses) in enumerate(zip(names, poses_of, strict=True))
     ]
 
 
-def _render_missing(out: Path, dataset: Dataset, tasks: Sequence[FrameTask], run: Run, progress: Progress) -> Dataset:
-    """Render the frames that are missing, then encode the video if it is."""
+def _render_missing(
+    out: Path, dataset: Dataset, tasks: Sequence[FrameTask], run: RenderTasks, progress: Progress
+) -> Dataset:
+    """Render the missing frames, then encode the video if it is missing too."""
     missing = [task for task in tasks if not {task.name, task.map_name} - {None} <= dataset.files.keys()]
     in_video = 0 if dataset.video_name is None else dataset.frames
     total = len(tasks) + in_video
@@ -225,18 +227,18 @@ def _with_video(out: Path, dataset: Dataset, on_picture: Callable[[int], None]) 
 
 
 def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes]]]:
-    """Render the frames of tasks one after the other, each on all cores."""
+    """Render the frames of tasks one after another, each on all cores."""
     yield from enumerate(map(render_frame, tasks))
 
 
-def _digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan, seed: int) -> str:
-    """Return sixteen hexadecimal digits of everything that determines the bytes of a set."""
+def _request_digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan, seed: int) -> str:
+    """Return a digest (16 hexadecimal digits) of everything that determines the bytes of a set."""
     inputs = dataset.model_dump(mode="json", exclude={"request", "files"})
-    drawn = {"seed": seed, "built": built.identity, "poses": [plan.poses.tolist(), base_plan.poses.tolist()]}
-    return value_digest(inputs | drawn)[:16]
+    samples = {"seed": seed, "built": built.identity, "poses": [plan.poses.tolist(), base_plan.poses.tolist()]}
+    return value_digest(inputs | samples)[:16]
 
 
-def _write_known_files(folder: Path, dataset: Dataset, layout: Layout) -> None:
-    """Write the files that a user of a real camera has besides the pictures."""
+def _write_user_files(folder: Path, dataset: Dataset, layout: Layout) -> None:
+    """Write the files that the user of a real camera also has, besides the pictures."""
     layout.save(folder / "layout.json")
     save_board(folder / "board.toml", dataset.target)

@@ -20,7 +20,7 @@ from mirrorcam.render_scenes.settings import SensorModel
 Light = NDArray[np.float32]
 
 NODES = np.arange(-3, 5)
-"""Offsets of the pixels that interpolate a picture, from the pixel to the left of the point.
+"""Offsets of the pixels from which a picture is interpolated, relative to the pixel to the left of the point.
 
 The interpolation does not shift an edge blurred with sigma 0.8 px; its error is below 0.8 % of the edge's contrast.
 """
@@ -28,7 +28,7 @@ The interpolation does not shift an edge blurred with sigma 0.8 px; its error is
 
 @dataclass(frozen=True)
 class _Colour:
-    """Magnification of one colour about the principal point, and sigma of its blur in px."""
+    """Magnification of one colour about the principal point, and sigma of its blur, px."""
 
     magnification: float
     blur_px: float
@@ -45,7 +45,7 @@ def light_of_pixels(radiance: Light, subpixels: int, camera: Camera, model: Sens
     radiance
         (h * subpixels, w * subpixels[, 3]).
     subpixels
-        Squares along each side of a pixel.
+        Subpixels along each side of a pixel.
     camera
         The camera; its principal point is the centre of lateral chromatic aberration.
     model
@@ -68,7 +68,7 @@ def light_of_pixels(radiance: Light, subpixels: int, camera: Camera, model: Sens
     planes = []
     for channel, colour in enumerate(red_green_blue):
         plane = radiance if radiance.ndim == 2 else np.ascontiguousarray(radiance[..., channel])
-        planes.append(magnified(_blurred_pixels(plane, subpixels, colour.blur_px), camera, colour.magnification))
+        planes.append(magnify(_blurred_pixels(plane, subpixels, colour.blur_px), camera, colour.magnification))
     return np.stack(planes, axis=-1)
 
 
@@ -85,7 +85,7 @@ def _blurred_pixels(radiance: Light, subpixels: int, blur_px: float) -> Light:
     return np.asarray(cv2.resize(radiance, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
-def magnified(picture: Light, camera: Camera, magnification: float) -> Light:
+def magnify(picture: Light, camera: Camera, magnification: float) -> Light:
     """Magnify a picture (h, w) about the principal point, with its border replicated.
 
     Each axis is interpolated with weights in full precision, because `cv2.remap` rounds coordinates to 1/32 px.
@@ -93,19 +93,19 @@ def magnified(picture: Light, camera: Camera, magnification: float) -> Light:
     if magnification == 1.0:
         return picture
     for axis, centre_px in ((1, camera.cx_px), (0, camera.cy_px)):
-        picture = _magnified_along(picture, axis, centre_px, magnification)
+        picture = _magnify_axis(picture, axis, centre_px, magnification)
     return picture
 
 
-def _magnified_along(picture: Light, axis: int, centre_px: float, magnification: float) -> Light:
+def _magnify_axis(picture: Light, axis: int, centre_px: float, magnification: float) -> Light:
     coordinates = np.arange(picture.shape[axis], dtype=np.float64)
     shift = (coordinates - centre_px) * (1.0 / magnification - 1.0)
-    before = np.floor(shift)
-    offsets = np.arange(int(before.min()) + NODES[0], int(before.max()) + NODES[-1] + 1)
+    whole_px = np.floor(shift)
+    offsets = np.arange(int(whole_px.min()) + NODES[0], int(whole_px.max()) + NODES[-1] + 1)
     low, high = int(offsets[0]), int(offsets[-1])
     weights = np.zeros((len(offsets), len(shift)))
-    for node, weight in zip(NODES, _lagrange(shift - before), strict=True):
-        weights[(before + node - low).astype(np.int64), np.arange(len(shift))] = weight
+    for node, weight in zip(NODES, _lagrange(shift - whole_px), strict=True):
+        weights[(whole_px + node - low).astype(np.int64), np.arange(len(shift))] = weight
     margin = [(0, 0), (0, 0)]
     margin[axis] = (max(-low, 0), max(high, 0))
     padded = np.pad(picture, margin, mode="edge")
@@ -119,11 +119,14 @@ def _magnified_along(picture: Light, axis: int, centre_px: float, magnification:
     return result
 
 
-def _lagrange(at: FloatArray) -> FloatArray:
-    """Return the Lagrange weights (nodes, n) of `NODES` at coordinates `at` (n,) from 0 to 1."""
-    others = [NODES[node != NODES] for node in NODES]
+def _lagrange(positions: FloatArray) -> FloatArray:
+    """Return the Lagrange weights (nodes, n) of `NODES` at positions (n,) from 0 to 1."""
+    other_nodes = [NODES[node != NODES] for node in NODES]
     return np.array(
-        [np.prod((at[:, None] - other) / (node - other), axis=1) for node, other in zip(NODES, others, strict=True)]
+        [
+            np.prod((positions[:, None] - others) / (node - others), axis=1)
+            for node, others in zip(NODES, other_nodes, strict=True)
+        ]
     )
 
 
@@ -136,7 +139,7 @@ DENOISING_SIGMA_PX = 1.5
 SHARPENING_SIGMA_PX = 1.0
 """Sigma of the blur that unsharp masking subtracts."""
 _STEPS = 256
-"""Steps per grey level of the raw picture and of the tone curve."""
+"""Number of steps per grey level, in the raw picture and in the tone curve."""
 
 
 def mosaic(light: Picture) -> Picture:
@@ -149,10 +152,10 @@ def mosaic(light: Picture) -> Picture:
     return raw
 
 
-def processed(grey: Picture, model: SensorModel) -> Picture:
-    """Process a raw picture in grey levels: (h, w) with a Bayer pattern or in grey, or (h, w, 3)."""
+def process(grey: Picture, model: SensorModel) -> Picture:
+    """Process a raw picture in grey levels: (h, w) if grey or with a Bayer pattern, otherwise (h, w, 3)."""
     if model.bayer:
-        grey = demosaiced(grey)
+        grey = demosaic(grey)
     if model.denoising_grey > 0:
         grey = np.asarray(
             cv2.bilateralFilter(
@@ -163,13 +166,13 @@ def processed(grey: Picture, model: SensorModel) -> Picture:
     if model.tone_curve == "srgb":
         grey = _tone_curve()[_in_steps(grey)]
     if model.sharpening > 0:
-        soft = cv2.GaussianBlur(grey, (0, 0), SHARPENING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE)
-        grey = grey + np.float32(model.sharpening) * (grey - soft)
+        blurred = cv2.GaussianBlur(grey, (0, 0), SHARPENING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE)
+        grey = grey + np.float32(model.sharpening) * (grey - blurred)
     return grey
 
 
-def demosaiced(raw: Picture) -> Picture:
-    """Interpolate the colours (h, w, 3) of a Bayer pattern (h, w), green along edges."""
+def demosaic(raw: Picture) -> Picture:
+    """Interpolate the colours (h, w, 3) of a Bayer pattern (h, w), with green interpolated along edges."""
     colours = cv2.demosaicing(_in_steps(raw), cv2.COLOR_BayerRGGB2RGB_EA)
     return np.asarray(colours, dtype=np.float32) / np.float32(_STEPS)
 
@@ -210,7 +213,7 @@ def photograph(
     radiance
         (h * subpixels, w * subpixels[, 3]).
     subpixels
-        Squares along each side of a pixel.
+        Subpixels along each side of a pixel.
     camera
         The camera, for vignetting and chromatic aberration.
     model
@@ -234,7 +237,7 @@ def photograph(
         grey *= _per_pixel(_sensitivity(camera.width_px, camera.height_px, model.prnu_percent), grey)
     if model.full_well_electrons > 0 or model.read_noise_grey > 0:
         _add_noise(grey, model, random)
-    return np.asarray(cv2.convertScaleAbs(np.maximum(processed(grey, model), 0.0)))
+    return np.asarray(cv2.convertScaleAbs(np.maximum(process(grey, model), 0.0)))
 
 
 def _add_noise(grey: NDArray[np.float32], model: SensorModel, random: np.random.Generator) -> None:
@@ -268,7 +271,7 @@ def _sensitivity(width_px: int, height_px: int, percent: float) -> NDArray[np.fl
 def _vignette_of(key: str, exponent: float) -> NDArray[np.float32]:
     camera = Camera.model_validate_json(key)
     x, y = np.arange(camera.width_px), np.arange(camera.height_px)
-    # Distortion is small: vignetting is computed from undistorted angles.
+    # Vignetting neglects distortion, which is small.
     squared = ((x - camera.cx_px) / camera.fx_px) ** 2 + (((y - camera.cy_px) / camera.fy_px) ** 2)[:, None]
     return np.asarray((1.0 + squared) ** (-exponent / 2.0), dtype=np.float32)
 

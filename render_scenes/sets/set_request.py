@@ -1,4 +1,4 @@
-"""The request for a synthetic calibration set, its streams of random numbers, and the board's poses in its frames."""
+"""The request for a synthetic calibration set, its streams of random numbers, and the board's pose in each frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.boards import smooth_motion
-from mirrorcam.render_scenes.sets.poses import PosePlan, plan_frames, plan_of
+from mirrorcam.render_scenes.sets.poses import PosePlan, evaluate_plan, plan_frames
 from mirrorcam.render_scenes.settings import POSES_HZ, RATE_HZ, RenderSettings
 
 
@@ -46,15 +46,15 @@ class SetRequest(Value):
     tolerances
         Deviations of the as-built copy from the nominal layout.
     settings
-        Renderer, light, sensor, and whether pixel maps and a video are written.
+        Renderer, light and sensor, and whether pixel maps and a video are written.
     poses
-        Poses (n, 4, 4) of the board, rig_from_board in mm, instead of planned ones.
+        Poses (n, 4, 4) of the board, in the rig frame, mm, instead of planned ones.
     poses_hz
         Number of poses per second of a motion.
     rate_hz
         Frame rate of a motion. If given, the pictures are samples of one smooth path through the poses.
     parts
-        Folder with the parts of the device (`build_parts`) that stand around the mirrors.
+        Folder with the parts of the device (`build_parts`) around the mirrors.
     """
 
     layout: Layout
@@ -79,9 +79,9 @@ def planned_frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
     layout, target, random = request.layout, request.target, request.random(Stream.POSES)
     keys = np.array(request.poses)
     if request.rate_hz is not None and (len(keys) or request.frames) == 1:
-        raise InputError("rate_hz: one pose is no motion, expected two frames or more")
+        raise InputError("rate_hz: one pose is not a motion, expected two frames or more")
     if request.rate_hz is None:
-        plan = plan_of(layout, target, keys) if len(keys) else plan_frames(layout, target, request.frames, random)
+        plan = evaluate_plan(layout, target, keys) if len(keys) else plan_frames(layout, target, request.frames, random)
         return plan, plan.poses[:, None]
     if len(keys):
         count = int((len(keys) - 1) / request.poses_hz * request.rate_hz) + 1
@@ -92,7 +92,7 @@ def planned_frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
         seconds = (count - 1) / request.rate_hz
         keys = plan_frames(layout, target, int(np.ceil(seconds * request.poses_hz)) + 1, random).poses
     half_s = request.settings.sensor.readout_ms / 2000.0
-    around = np.array([-half_s, 0.0, half_s] if half_s > 0 else [0.0])
-    times = np.arange(count)[:, None] / request.rate_hz + around
-    readouts = smooth_motion(keys, times.ravel() * request.poses_hz).reshape(count, len(around), 4, 4)
-    return plan_of(layout, target, readouts[:, len(around) // 2]), readouts
+    offsets_s = np.array([-half_s, 0.0, half_s] if half_s > 0 else [0.0])
+    times = np.arange(count)[:, None] / request.rate_hz + offsets_s
+    readouts = smooth_motion(keys, times.ravel() * request.poses_hz).reshape(count, len(offsets_s), 4, 4)
+    return evaluate_plan(layout, target, readouts[:, len(offsets_s) // 2]), readouts

@@ -94,7 +94,7 @@ def _open(path: Path) -> Any:
 
 
 def _rate(rate_hz: float) -> Fraction:
-    """Express rates such as 29.97 as the fractions of video time bases."""
+    """Return a rate such as 29.97 as a fraction that suits video time bases."""
     return Fraction(rate_hz).limit_denominator(1001)
 
 

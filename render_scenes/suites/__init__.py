@@ -1,1 +1,1 @@
-"""Suites: named, versioned lists of sets, each of which follows from its recipe."""
+"""Suites: named, versioned lists of sets, each with a recipe."""

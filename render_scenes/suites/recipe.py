@@ -28,7 +28,7 @@ from mirrorcam.render_scenes.settings import (
 )
 
 Slug = Annotated[str, Field(max_length=48, pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
-"""A name of lower-case letters, digits and hyphens, also used as a folder name."""
+"""A name of lower-case letters, digits and hyphens, also usable as a folder name."""
 COPIES = PICTURES.narrowed(min=1)
 BINNED = Bounds(0.05, 1.0)
 
@@ -69,15 +69,15 @@ class SetRecipe(Value):
     why
         Purpose of the set.
     copies
-        Number of sets that differ only in their seeds, which count up from `seed`.
+        Number of sets that differ only in their seeds: `seed`, `seed` + 1, ...
     design
         Design of the device; `camera` is a name in the library, `pattern` a name such as hex7 or a table.
     layout
         A layout instead of a design.
     binned
-        Fraction of the camera's pixels along an axis that remain after binning.
+        Number of pixels along an axis after binning, as a fraction of the camera's.
     lens_model, distortion
-        The camera's lens instead of the library's.
+        The lens, instead of that of the camera in the library.
     tolerances
         Tolerances of the rendered device relative to its layout, or "none".
     sensor
@@ -114,13 +114,13 @@ class SetRecipe(Value):
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.layout is not None and self.design != DesignSpec():
-            raise ValueError("layout and design: expected one of the two")
+            raise ValueError("layout and design: expected at most one of the two")
         if (self.lens_model is None) != (self.distortion is None):
             raise ValueError("lens_model and distortion: expected both or none")
         if self.depths_mm and self.layout is not None and self.layout.spec is None:
             raise ValueError("depths_mm: the layout has no specification, expected one that `mirrorcam design` wrote")
         if self.seed + self.copies - 1 > SEED.max:
-            raise ValueError(f"seed: of the last copy is {self.seed + self.copies - 1}, expected {SEED}")
+            raise ValueError(f"seed: the last copy's is {self.seed + self.copies - 1}, expected {SEED}")
         try:
             _ = self.settings, self.camera
         except InvalidValue as error:  # before any set is rendered
@@ -129,7 +129,7 @@ class SetRecipe(Value):
 
     @property
     def settings(self) -> RenderSettings:
-        """Settings of rendering."""
+        """Rendering settings."""
         return RenderSettings(
             renderer=self.renderer, spp=self.spp, sensor=self.sensor, finish=self.finish, maps=self.maps
         )
@@ -166,10 +166,10 @@ class SetRecipe(Value):
             for number in range(self.copies)
         )
 
-    def stated(self) -> dict[str, Any]:
+    def byte_inputs(self) -> dict[str, Any]:
         """Return all inputs that determine the set's bytes, as JSON, with the camera's numbers instead of its name."""
-        stated = self.model_dump(mode="json", by_alias=True, exclude={"name", "why", "copies"})
-        return stated | {"camera": self.camera.model_dump(mode="json")}
+        byte_inputs = self.model_dump(mode="json", by_alias=True, exclude={"name", "why", "copies"})
+        return byte_inputs | {"camera": self.camera.model_dump(mode="json")}
 
     def request(self, designed: Layout | None) -> SetRequest:
         """Return the request for the set, with the layout solved from `spec`.
@@ -190,6 +190,6 @@ class SetRecipe(Value):
         )
         if not self.depths_mm or layout.spec is None:
             return request
-        at_depths = layout.replaced(spec=layout.spec.replaced(depths_mm=self.depths_mm))
-        plan = plan_frames(at_depths, self.board, self.frames, request.random(Stream.POSES))
+        layout_at_depths = layout.replaced(spec=layout.spec.replaced(depths_mm=self.depths_mm))
+        plan = plan_frames(layout_at_depths, self.board, self.frames, request.random(Stream.POSES))
         return request.replaced(poses=plan.poses.tolist())

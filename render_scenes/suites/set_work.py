@@ -1,4 +1,4 @@
-"""Rendering one set of a suite in a worker: the task is text, the result a folder or files as bytes."""
+"""Rendering of one set of a suite in a worker: the task is JSON text, the result a folder or the bytes of files."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ CODE = (
 
 
 def folder_name(recipe: SetRecipe, variant: str) -> str:
-    """Return the folder name of a set: its name, and 16 digits of a digest of everything that determines its bytes."""
-    inputs = {"recipe": recipe.stated(), "variant": variant, "made_with": program_of(*CODE)}
+    """Return the folder name of a set: its name, and a 16-digit digest of everything that determines its bytes."""
+    inputs = {"recipe": recipe.byte_inputs(), "variant": variant, "made_with": program_of(*CODE)}
     return f"{recipe.name}-{value_digest(inputs)[:16]}"
 
 
@@ -45,9 +45,9 @@ class SetTask(Value):
 
 @dataclass(frozen=True)
 class SetResult:
-    """Result of a worker: the failure, or the files of a set without a folder.
+    """Result of a worker: the failure, if any, and the files of a set without a folder.
 
-    `seconds` is the processor time of the work.
+    `seconds` is the processor time.
     """
 
     failure: str = ""
@@ -66,7 +66,7 @@ def render_on_one_core(task_json: str) -> SetResult:
         if task.folder is not None:
             _render(task, task.folder)
         else:
-            files = _rendered(task)
+            files = _render_files(task)
     except InputError as error:
         failure = str(error)
     except Exception as error:
@@ -76,11 +76,11 @@ def render_on_one_core(task_json: str) -> SetResult:
 
 def render_in_turn(task_json: str) -> SetResult:
     """Call `render_on_one_core` from one of several threads; the calls run in sequence."""
-    return _turn().submit(render_on_one_core, task_json).result()
+    return _one_thread().submit(render_on_one_core, task_json).result()
 
 
 @cache
-def _turn() -> ThreadPoolExecutor:
+def _one_thread() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(max_workers=1)
 
 
@@ -98,7 +98,7 @@ def _render(task: SetTask, folder: Path) -> None:
     render_set(task.recipe.request(task.designed), folder, variant=task.variant)
 
 
-def _rendered(task: SetTask) -> dict[str, bytes]:
+def _render_files(task: SetTask) -> dict[str, bytes]:
     with TemporaryDirectory(prefix="mirrorcam-") as name:
         folder = Path(name)
         _render(task, folder)

@@ -1,8 +1,8 @@
 """Suites: named, versioned lists of recipes, built in or in a user's TOML file, and the cost of their sets.
 
 Processor time and bytes are predicted from measured rates. `python -m benchmarks.suite_scale rates` compares them with
-the actual cost of sets. The rates hold for one core of a machine that runs `yardstick` in `YARDSTICK_S`. On another or
-a busy machine, both are assumed to be slower by the same factor.
+the actual cost of sets. The rates hold for one core of a machine that runs `yardstick` in `YARDSTICK_S`. On a different
+or busy machine, both are assumed to be slower by the same factor.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Suite(Value):
     name
         Name of the suite, repeated in its results.
     version
-        Number that changes with the sets, so that figures of the same version are comparable.
+        Number that changes whenever a set does, so that figures of the same version are comparable.
     description
         Purpose of the suite.
     recipes
@@ -61,7 +61,7 @@ class Suite(Value):
         defaults = data.get("defaults", {})
         if not isinstance(defaults, dict) or "name" in defaults:
             raise ValueError("defaults: expected a table without a name")
-        sets = [defaults | each if isinstance(each, dict) else each for each in data["set"]]
+        sets = [defaults | entry if isinstance(entry, dict) else entry for entry in data["set"]]
         others = {name: value for name, value in data.items() if name not in ("defaults", "set")}
         return others | {"set": with_tuples(sets)}
 
@@ -72,8 +72,8 @@ class Suite(Value):
             raise ValueError(f"{count} sets, expected {PICTURES.max} or fewer")
         names = [recipe.name for recipe in self.sets]
         if len(set(names)) < len(names):
-            twice = next(name for number, name in enumerate(names) if name in names[:number])
-            raise ValueError(f"set: the name {twice} appears twice")
+            duplicate = next(name for number, name in enumerate(names) if name in names[:number])
+            raise ValueError(f"set: the name {duplicate} appears twice")
         return self
 
     def times(self, copies: int) -> Self:
@@ -86,7 +86,7 @@ class Suite(Value):
     @property
     def sets(self) -> tuple[SetRecipe, ...]:
         """One recipe per set."""
-        return tuple(one for recipe in self.recipes for one in recipe.expanded())
+        return tuple(copy for recipe in self.recipes for copy in recipe.expanded())
 
 
 def suite_names() -> tuple[str, ...]:
@@ -109,42 +109,42 @@ def read_suite(name: str) -> Suite:
 def _read(path: Path) -> Suite:
     tables = tables_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
     sets = tables.get("set")
-    for each in (tables.get("defaults"), *(sets if isinstance(sets, list) else ())):
-        if isinstance(each, dict) and isinstance(each.get("layout"), str):
-            layout = Layout.load(inside(path.parent, each["layout"]))
-            each["layout"] = json.loads(layout.model_dump_json(by_alias=True))
+    for table in (tables.get("defaults"), *(sets if isinstance(sets, list) else ())):
+        if isinstance(table, dict) and isinstance(table.get("layout"), str):
+            layout = Layout.load(inside(path.parent, table["layout"]))
+            table["layout"] = json.loads(layout.model_dump_json(by_alias=True))
     return model_from(Suite, path, tables)
 
 
 YARDSTICK_S = 0.030
 SET_S = 3.8
-"""Seconds of a set in addition to its pictures: plan, truth and compiled kernels."""
+"""Seconds per set besides its pictures: plan, ground truth and compilation of kernels."""
 PLAN_S = 0.0075
-"""Seconds of a picture per mirror, for the choice of its pose and the projection of its corners."""
+"""Seconds per picture and mirror, for the choice of the pose and the projection of corners."""
 FAST_S, SAMPLE_S, PROCESSING_S = 0.07, 0.025, 0.22
-"""Seconds per megapixel: of the fast renderer, of a sample of the reference, of a webcam's processing."""
-PLATE_S, BENT_TIMES = 0.55, 2.4
-"""Additional seconds per megapixel for plates in the fast renderer; factor of bent mirrors on a sample's time."""
+"""Seconds per megapixel: the fast renderer; one sample per pixel of the reference; a webcam's processing."""
+PLATE_S, BENT_FACTOR = 0.55, 2.4
+"""Additional seconds per megapixel for plates in the fast renderer; ratio of a sample's time with bent mirrors."""
 MAPS_S, MAP_S = 4.8, 0.25
-"""Seconds per megapixel: of tracing the rays of all maps of a set, and of each map."""
+"""Seconds per megapixel: tracing the rays shared by all maps of a set; each map."""
 MIRROR_S = 0.2
-"""Seconds of solving a design, per mirror."""
+"""Seconds for solving a design, per mirror."""
 START_S = 4.0
 """Seconds until a worker has loaded its libraries."""
 QUALITIES, JPEG_BYTES = (25.0, 70.0, 85.0, 95.0, 100.0), (0.05, 0.095, 0.24, 0.365, 0.8)
-"""Bytes per pixel of a JPEG by its quality, via nine mirrors."""
+"""JPEG qualities, and the bytes per pixel of a picture via nine mirrors at each."""
 PNG_BYTES, NOISE_BYTES, MAP_BYTES = 0.49, 0.3, 7.9
 """Bytes per pixel of a PNG, of its noise per grey level, and of the maps."""
-BASE_SHARE = 0.45
+BASE_RATIO = 0.45
 """Bytes of a picture by the bare camera, relative to one via nine mirrors."""
-MIRROR_SHARE = (0.3, 0.12)
-"""Bytes of a picture via few mirrors, relative to one via nine: a constant, and a share per mirror."""
+MIRROR_RATIO = (0.3, 0.12)
+"""Bytes of a picture via few mirrors, relative to one via nine: a constant, and a term per mirror."""
 TRUTH_BYTES = 300_000
 
 
 @dataclass(frozen=True)
 class Cost:
-    """Processor seconds on the machine of the rates, bytes on disk, and pictures."""
+    """Processor seconds on the machine of the rates, bytes on disk, and number of pictures."""
 
     seconds: float
     stored_bytes: float
@@ -160,15 +160,17 @@ def set_cost(recipe: SetRecipe) -> Cost:
     bent = finish.sag_mm > 0.0 or finish.ripple_mm > 0.0
     if recipe.renderer == "mitsuba":
         base_s = frame_s = SAMPLE_S * recipe.spp
-        frame_s *= BENT_TIMES if bent else 1.0
+        frame_s *= BENT_FACTOR if bent else 1.0
     else:
         base_s, frame_s = FAST_S, FAST_S + PLATE_S * plates
-    more_s = MAP_S * recipe.maps + (PROCESSING_S if sensor.bayer or sensor.denoising_grey > 0.0 else 0.0)
-    rendering_s = recipe.frames * (frame_s + more_s) + recipe.base_frames * (base_s + more_s) + MAPS_S * recipe.maps
+    extra_s = MAP_S * recipe.maps + (PROCESSING_S if sensor.bayer or sensor.denoising_grey > 0.0 else 0.0)
+    rendering_s = recipe.frames * (frame_s + extra_s) + recipe.base_frames * (base_s + extra_s) + MAPS_S * recipe.maps
     seconds = SET_S + PLAN_S * recipe.mirrors * recipe.pictures + megapixels * rendering_s
-    covered = min(1.0, MIRROR_SHARE[0] + MIRROR_SHARE[1] * recipe.mirrors)
-    shown = covered * recipe.frames + BASE_SHARE * recipe.base_frames
-    stored = TRUTH_BYTES + px * (_picture_bytes(sensor) * shown + MAP_BYTES * recipe.maps * recipe.pictures)
+    covered = min(1.0, MIRROR_RATIO[0] + MIRROR_RATIO[1] * recipe.mirrors)
+    equivalent_pictures = covered * recipe.frames + BASE_RATIO * recipe.base_frames
+    stored = TRUTH_BYTES + px * (
+        _picture_bytes(sensor) * equivalent_pictures + MAP_BYTES * recipe.maps * recipe.pictures
+    )
     return Cost(seconds, stored, recipe.pictures)
 
 
@@ -191,8 +193,8 @@ def elapsed_s(seconds: Sequence[float], workers: int, slowness: float) -> float:
     """
     if not seconds:
         return 0.0
-    busy = min(workers, len(seconds))
-    return slowness * (START_S + max(*seconds, sum(seconds) / busy))
+    used_workers = min(workers, len(seconds))
+    return slowness * (START_S + max(*seconds, sum(seconds) / used_workers))
 
 
 def slowness() -> float:
@@ -203,8 +205,8 @@ def slowness() -> float:
 def yardstick() -> float:
     """Return the processor seconds of a fixed piece of work on one core."""
     numbers = np.random.default_rng(0).random((1080, 1920))
-    started = time.process_time()
+    start_s = time.process_time()
     grey = (255.0 * np.exp(-numbers)).astype(np.uint8)
     for _ in range(4):
         cv2.imencode(".jpg", grey)
-    return time.process_time() - started
+    return time.process_time() - start_s

@@ -39,22 +39,23 @@ def texture(name: TextureName, size_px: tuple[int, int], seed: int) -> Texture:
 def grain(
     height: int, width: int, random: np.random.Generator, *, cell: tuple[float, float], gain: float
 ) -> FloatArray:
-    """Generate fractal noise (height, width) with mean 0 and deviation near 1; the coarsest cells are `cell` = (h, w).
+    """Generate fractal noise (height, width) with mean 0 and standard deviation near 1.
 
-    Each further octave has cells half as large and an amplitude `gain` times as large.
+    The coarsest cells have the size `cell` = (h, w). Each further octave has cells half as large and an amplitude
+    `gain` times as large.
     """
     total, amplitude, power = np.zeros((height, width)), 1.0, 0.0
-    tall, wide = cell
-    while max(tall, wide) >= 1.0:
-        rows, columns = (max(int(np.ceil(n / max(c, 1.0))), 2) for n, c in ((height, tall), (width, wide)))
+    cell_height, cell_width = cell
+    while max(cell_height, cell_width) >= 1.0:
+        rows, columns = (max(int(np.ceil(n / max(c, 1.0))), 2) for n, c in ((height, cell_height), (width, cell_width)))
         coarse = random.standard_normal((rows, columns)).astype(np.float32)
         total += amplitude * np.asarray(cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC))
         power += amplitude**2
-        amplitude, tall, wide = amplitude * gain, tall / 2.0, wide / 2.0
+        amplitude, cell_height, cell_width = amplitude * gain, cell_height / 2.0, cell_width / 2.0
     return np.asarray(total / np.sqrt(power))
 
 
-def _mixed(fraction: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+def _mix(fraction: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     """Interpolate between two colours (3,) by a fraction (h, w)."""
     return np.asarray(low + np.clip(fraction, 0.0, 1.0)[..., None] * (high - low))
 
@@ -70,7 +71,7 @@ def _wood(height: int, width: int, random: np.random.Generator) -> FloatArray:
     lines = grain(height, width, random, cell=(6.0, 160.0), gain=0.7)
     specks = grain(height, width, random, cell=(4.0, 4.0), gain=1.0)
     fraction = 0.5 + 0.22 * np.sin(4.0 * rings) + 0.14 * lines + 0.1 * specks
-    return _mixed(fraction, np.array([0.16, 0.075, 0.03]), np.array([0.62, 0.40, 0.22]))
+    return _mix(fraction, np.array([0.16, 0.075, 0.03]), np.array([0.62, 0.40, 0.22]))
 
 
 def _poster(height: int, width: int, random: np.random.Generator) -> FloatArray:
@@ -78,13 +79,13 @@ def _poster(height: int, width: int, random: np.random.Generator) -> FloatArray:
     picture = np.stack([0.40 + 0.12 * light + 0.06 * hill for hill in hills], axis=-1)
     canvas = np.ascontiguousarray(picture, dtype=np.float32)
     for _ in range(220):
-        at = (int(random.integers(width)), int(random.integers(height)))
+        position = (int(random.integers(width)), int(random.integers(height)))
         radius = int(random.uniform(0.004, 0.03) * width)
         colour = tuple(_colour(random).tolist())
         if random.random() < 0.5:
-            cv2.circle(canvas, at, radius, colour, -1, cv2.LINE_AA)
+            cv2.circle(canvas, position, radius, colour, -1, cv2.LINE_AA)
         else:
-            corners = cv2.boxPoints((at, (radius, 2.0 * radius), float(random.uniform(0.0, 180.0))))
+            corners = cv2.boxPoints((position, (radius, 2.0 * radius), float(random.uniform(0.0, 180.0))))
             cv2.fillPoly(canvas, [corners.astype(np.int32)], colour, cv2.LINE_AA)
     weave = grain(height, width, random, cell=(6.0, 6.0), gain=0.9)
     return np.asarray(canvas * (1.0 + 0.16 * weave[..., None]))
@@ -98,9 +99,9 @@ def _page(height: int, width: int, random: np.random.Generator) -> FloatArray:
     row += 2 * line
     while row < height - margin:
         if 0.5 * height < row < 0.5 * height + line:
-            tall = min(5 * line, height - margin - row)
-            paper[row : row + tall, margin : width - margin] = _poster(tall, width - 2 * margin, random)
-            row += tall + line
+            block = min(5 * line, height - margin - row)
+            paper[row : row + block, margin : width - margin] = _poster(block, width - 2 * margin, random)
+            row += block + line
         _write(ink, " ".join(random.choice(_WORDS, 10)), (margin, row), 0.62 * line)
         row += line
     ink[:, width - margin :] = 0
@@ -108,15 +109,15 @@ def _page(height: int, width: int, random: np.random.Generator) -> FloatArray:
     return np.asarray((paper + fibres) * (1.0 - 0.94 * (ink / 255.0)[..., None]))
 
 
-def _write(ink: NDArray[np.uint8], text: str, at: tuple[int, int], high: float) -> None:
-    """Draw a line of text with capitals `high` texels tall and the bottom left corner `at`."""
-    scale = high / 30.0
-    cv2.putText(ink, text, at, cv2.FONT_HERSHEY_SIMPLEX, scale, 255, max(round(2 * scale), 1), cv2.LINE_AA)
+def _write(ink: NDArray[np.uint8], text: str, position: tuple[int, int], capital_px: float) -> None:
+    """Draw a line of text with capitals `capital_px` texels tall and the bottom left corner `position`."""
+    scale = capital_px / 30.0
+    cv2.putText(ink, text, position, cv2.FONT_HERSHEY_SIMPLEX, scale, 255, max(round(2 * scale), 1), cv2.LINE_AA)
 
 
 def _label(height: int, width: int, random: np.random.Generator) -> FloatArray:
-    ground, band = _colour(random), _colour(random)
-    picture = np.broadcast_to(ground, (height, width, 3)).copy()
+    background, band = _colour(random), _colour(random)
+    picture = np.broadcast_to(background, (height, width, 3)).copy()
     for top, bottom in ((0.06, 0.12), (0.36, 0.64), (0.88, 0.94)):
         picture[int(top * height) : int(bottom * height)] = band
     ink, step = np.zeros((height, width), dtype=np.uint8), width // 6
@@ -142,8 +143,8 @@ def _cover(height: int, width: int, random: np.random.Generator) -> FloatArray:
 def _globe(height: int, width: int, random: np.random.Generator) -> FloatArray:
     land = grain(height, width, random, cell=(height / 4.0, width / 6.0), gain=0.65)
     detail = grain(height, width, random, cell=(8.0, 16.0), gain=0.9)
-    sea = _mixed(0.5 + 0.3 * detail, np.array([0.04, 0.12, 0.30]), np.array([0.12, 0.30, 0.55]))
-    shore = _mixed(0.5 + 0.4 * detail, np.array([0.14, 0.28, 0.08]), np.array([0.60, 0.52, 0.28]))
+    sea = _mix(0.5 + 0.3 * detail, np.array([0.04, 0.12, 0.30]), np.array([0.12, 0.30, 0.55]))
+    shore = _mix(0.5 + 0.4 * detail, np.array([0.14, 0.28, 0.08]), np.array([0.60, 0.52, 0.28]))
     picture = np.where((land > 0.1)[..., None], shore, sea)
     for position in np.arange(1, 12) / 12.0:
         picture[:, int(position * width)] = 0.75
@@ -165,21 +166,21 @@ Kind = Literal["sphere", "cylinder", "box", "rectangle", "leaves", "mesh"]
 Material = Literal["matte", "glossy", "glass"]
 
 GLASS_INDEX = 1.5
-MOST_TEXELS = 4096
+MAX_TEXELS = 4096
 SKY = (0.62, 0.65, 0.70)
 LAMP = (105.0, 98.0, 87.0)
 LAMP_OFFSET = (-1.2, -2.4, -1.3)
-"""Centre of the area light relative to its target, in view axes and units of the arrangement's scale."""
-LAMP_HALF = 0.22
+"""Centre of the area light relative to its target, in view axes, in units of the arrangement's scale."""
+LAMP_HALF_SIDE = 0.22
 """Half the side length of the area light, in units of the arrangement's scale."""
 
 
 class SceneObject(Value):
     """An object of a tabletop scene: a surface around the origin of its frame, placed by `view_from_object`.
 
-    A sphere uses x of `size_mm`, a cylinder x (diameter) and z (length, along its z), a rectangle x and y. The base of
-    a mesh is at its origin. The resolution of a texture is `texels_per_mm` or `texture_px` (columns, rows). Without a
-    texture the object has the uniform `colour`, linear RGB.
+    A sphere uses only x of `size_mm`, a cylinder x (diameter) and z (length along its axis z), a rectangle x and y. The
+    base of a mesh is centred at its origin. The resolution of a texture is `texels_per_mm` or `texture_px` (columns,
+    rows). Without a texture the object has the uniform `colour`, linear RGB.
     """
 
     name: str
@@ -196,7 +197,7 @@ class SceneObject(Value):
 
 
 def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
-    """Return the shapes of an object, in rig, mm."""
+    """Return the shapes of an object in the rig frame, mm."""
     import mitsuba as mi
 
     rig_from_object = rigid(view_from_rig.T, np.zeros(3)) @ item.view_from_object
@@ -205,7 +206,7 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
 
     def load(kind: str, object_from_shape: FloatArray) -> Any:
         to_world = (rig_from_object @ object_from_shape).astype(np.float32)
-        return _loaded({"type": kind, "to_world": mi.ScalarTransform4f(to_world), "bsdf": bsdf})
+        return _load_quietly({"type": kind, "to_world": mi.ScalarTransform4f(to_world), "bsdf": bsdf})
 
     if item.kind == "sphere":
         return [load("sphere", np.diag([width / 2, width / 2, width / 2, 1.0]))]
@@ -218,7 +219,7 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
         side = {"type": "cylinder", "p0": ends[0].tolist(), "p1": ends[1].tolist(), "radius": width / 2, "bsdf": bsdf}
         lid = np.diag([width / 2, width / 2, 1.0, 1.0])
         lid[2, 3] = height / 2
-        return [_loaded(side), load("disk", lid)]
+        return [_load_quietly(side), load("disk", lid)]
     surface = leaves(float(width), item.seed) if item.kind == "leaves" else mesh_on_base(item)
     points = transform(rig_from_object, surface.points)
     shape = mesh(item.kind, points, surface.faces.astype(np.int64), bsdf)
@@ -227,8 +228,8 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
     return [shape]
 
 
-def _loaded(shape: dict[str, Any]) -> Any:
-    """Load a shape without Mitsuba's warnings, which mistake float32 rounding of a scaled rotation for shear."""
+def _load_quietly(shape: dict[str, Any]) -> Any:
+    """Load a shape without warnings: Mitsuba mistakes float32 rounding of a scaled rotation for shear."""
     import mitsuba as mi
 
     level = mi.log_level()
@@ -240,7 +241,7 @@ def _loaded(shape: dict[str, Any]) -> Any:
 
 
 def mesh_on_base(item: SceneObject) -> Triangles:
-    """Read the mesh of an object's file, and centre its base at the origin; raise InputError if unreadable."""
+    """Read the mesh of an object's file and centre its base at the origin; raise InputError if unreadable."""
     assert item.file is not None
     surface = read_mesh(item.file)
     low, high = surface.points.min(axis=0), surface.points.max(axis=0)
@@ -268,13 +269,13 @@ def _reflectance(item: SceneObject) -> dict[str, Any]:
 
 
 def texture_size_px(item: SceneObject) -> tuple[int, int]:
-    """Return the columns and rows of the texture of an object."""
+    """Return the columns and rows of an object's texture."""
     if item.texture_px is not None:
         return item.texture_px
     width, depth, height = item.size_mm
-    around = {"sphere": (np.pi * width, np.pi * width / 2), "cylinder": (np.pi * width, height)}
+    curved = {"sphere": (np.pi * width, np.pi * width / 2), "cylinder": (np.pi * width, height)}
     flat = {"rectangle": (width, depth), "box": (max(width, depth), height)}
-    columns, rows = (int(np.clip(item.texels_per_mm * side, 64, MOST_TEXELS)) for side in (around | flat)[item.kind])
+    columns, rows = (int(np.clip(item.texels_per_mm * side, 64, MAX_TEXELS)) for side in (curved | flat)[item.kind])
     return columns, rows
 
 
@@ -285,25 +286,25 @@ def surface_texture(kind: Kind, name: TextureName, size_px: tuple[int, int], see
     return picture[::-1].copy() if kind == "cylinder" else picture
 
 
-def lamp_square(target_in_view: FloatArray, reach_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return centre (3,), unit normal (3,) and half sides (2, 3) of the area light, in view axes, mm."""
-    towards = -np.array(LAMP_OFFSET) / np.linalg.norm(LAMP_OFFSET)
-    first = np.cross([0.0, 0.0, 1.0], towards)
+def lamp_square(target_in_view: FloatArray, scale_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the centre (3,), unit normal (3,) and half sides (2, 3) of the area light, in view axes, mm."""
+    normal = -np.array(LAMP_OFFSET) / np.linalg.norm(LAMP_OFFSET)
+    first = np.cross([0.0, 0.0, 1.0], normal)
     first /= np.linalg.norm(first)
-    sides = LAMP_HALF * reach_mm * np.stack([first, np.cross(towards, first)])
-    return target_in_view + reach_mm * np.array(LAMP_OFFSET), towards, sides
+    sides = LAMP_HALF_SIDE * scale_mm * np.stack([first, np.cross(normal, first)])
+    return target_in_view + scale_mm * np.array(LAMP_OFFSET), normal, sides
 
 
-def lights(target_in_view: FloatArray, reach_mm: float, view_from_rig: FloatArray) -> dict[str, Any]:
-    """Return, in rig, a uniform environment and an area light above, left of and in front of a target in view axes.
+def lights(target_in_view: FloatArray, scale_mm: float, view_from_rig: FloatArray) -> dict[str, Any]:
+    """Return a uniform environment and an area light, in the rig frame: above, left of and in front of a target.
 
-    Size and distance of the area light are proportional to `reach_mm`: its irradiance does not depend on the scale.
+    Size and distance of the area light are proportional to `scale_mm`: its irradiance does not depend on the scale.
     """
     import mitsuba as mi
 
-    origin, _, _ = lamp_square(target_in_view, reach_mm)
-    side = LAMP_HALF * reach_mm
-    look = mi.ScalarTransform4f().look_at(
+    origin, _, _ = lamp_square(target_in_view, scale_mm)
+    side = LAMP_HALF_SIDE * scale_mm
+    to_world = mi.ScalarTransform4f().look_at(
         origin=(view_from_rig.T @ origin).tolist(),
         target=(view_from_rig.T @ target_in_view).tolist(),
         up=(view_from_rig.T @ [0.0, 0.0, 1.0]).tolist(),
@@ -312,7 +313,7 @@ def lights(target_in_view: FloatArray, reach_mm: float, view_from_rig: FloatArra
         "sky": {"type": "constant", "radiance": {"type": "rgb", "value": list(SKY)}},
         "lamp": {
             "type": "rectangle",
-            "to_world": look @ mi.ScalarTransform4f().scale([side, side, 1.0]),
+            "to_world": to_world @ mi.ScalarTransform4f().scale([side, side, 1.0]),
             "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}},
             "emitter": {"type": "area", "radiance": {"type": "rgb", "value": list(LAMP)}},
         },

@@ -1,13 +1,15 @@
-"""A tabletop scene with its light and the mirrors in Mitsuba, rendered via the mirrors or from pinholes. In rig, mm.
+"""A tabletop scene with its light and the mirrors in Mitsuba, rendered via the mirrors or from pinholes.
 
-Paths are traced in colour with next event estimation, through scenes of mirrors, glass and diffuse surfaces. A low
-variance lets few samples suffice. At every diffuse surface of a path, one point of each area light is
+Coordinates are in the rig frame, in mm.
+
+Paths are traced in colour with next event estimation, through scenes of mirrors, glass and diffuse surfaces. The
+variance is low, so that few samples suffice. At every diffuse surface of a path, one point of each area light is
 sampled. Cosine-weighted sampling continues the path, so that a uniform environment lights unoccluded surfaces without
 noise. One low-discrepancy sequence gives the position in the pixel and the random numbers of the first diffuse surface;
 later bounces use independent numbers.
 
 Caustics, from an area light via mirror or glass onto a diffuse surface, are not modelled, because their noise would
-need thousands of samples. Glass therefore casts a shadow. Light is scattered by at most `MATTE_BOUNCES` diffuse
+need thousands of samples. Glass therefore casts a shadow. Light is scattered by at most `MAX_MATTE_BOUNCES` diffuse
 surfaces.
 """
 
@@ -34,10 +36,10 @@ from mirrorcam.render_scenes.tabletop.tabletop import Tabletop
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 
 RayThrough = Callable[[Any, Any, Any, Any], Any]
-"""The ray from the pupil point u, v (0 to 1) through the sensor point x, y, in Mitsuba's pixels."""
+"""From x, y, u, v: the ray from the pupil point (u, v), 0 to 1, to the sensor point (x, y) in Mitsuba's pixels."""
 
-MATTE_BOUNCES = 3
-SEGMENTS = 12  # largest number of path segments, with those through glass and between mirrors
+MAX_MATTE_BOUNCES = 3
+MAX_SEGMENTS = 12  # of a path, including those through glass and between mirrors
 # Position in a pixel (2); at the first diffuse surface: lobe, direction (2), point of the area light (2); pupil (2).
 _NUMBERS = 9
 
@@ -52,7 +54,7 @@ def render_lit(
     spp: int,
     seed: int,
     via_mirrors: bool,
-    most_indirect: float = np.inf,
+    max_indirect: float = np.inf,
 ) -> NDArray[np.float32]:
     """Render a scene in colour; the same arguments give the same bits. Needs a compiled variant in colour.
 
@@ -67,15 +69,15 @@ def render_lit(
     size
         Width and height in pixels.
     subpixels
-        Squares along each side of a pixel.
+        Subpixels along each side of a pixel.
     spp
-        Samples per square.
+        Samples per subpixel.
     seed
         Seed of the sample pattern.
     via_mirrors
         Whether surfaces that the camera sees without a mirror are black.
     most_indirect
-        Upper bound of an area light's contribution to a sample via a scattering surface. It suppresses the brightest
+        Maximum of an area light's contribution to a sample via a scattering surface. It suppresses the brightest
         glints on other surfaces, whose noise would need thousands of samples.
 
     Returns
@@ -89,23 +91,23 @@ def render_lit(
     width, height = (length * subpixels for length in size)
     # Opaque values do not become constants of the kernel, which is therefore compiled once.
     opaque: list[Any] = [mi.UInt32(number) for number in (width, spp, seed, int(via_mirrors))]
-    columns, samples, key, first = opaque
+    columns, samples, key, first_segment = opaque
     side = mi.Float(1.0 / subpixels)
-    bound = mi.Float(most_indirect)
+    bound = mi.Float(max_indirect)
     dr.make_opaque(opaque, side, bound)
-    square: Any = dr.arange(mi.UInt32, width * height)
-    left, top = mi.Float(square % columns), mi.Float(square // columns)
-    count = _NUMBERS - 2 if is_pinhole else _NUMBERS
-    shifts = [bits for pair in range(5) for bits in mi.sample_tea_32(square, key + (pair << 24))][:count]
-    steps = [round(step * 2.0**32) for step in additive_steps(count)]
+    subpixel: Any = dr.arange(mi.UInt32, width * height)
+    left, top = mi.Float(subpixel % columns), mi.Float(subpixel // columns)
+    dimensions = _NUMBERS - 2 if is_pinhole else _NUMBERS
+    shifts = [bits for pair in range(5) for bits in mi.sample_tea_32(subpixel, key + (pair << 24))][:dimensions]
+    steps = [round(step * 2.0**32) for step in additive_steps(dimensions)]
 
-    def add_sample(total: Any, taken: Any) -> tuple[Any, ...]:
-        numbers = [_unit(shift + taken * mi.UInt32(step)) for shift, step in zip(shifts, steps, strict=True)]
+    def add_sample(total: Any, count: Any) -> tuple[Any, ...]:
+        numbers = [_unit(shift + count * mi.UInt32(step)) for shift, step in zip(shifts, steps, strict=True)]
         u, v = (0.5, 0.5) if is_pinhole else numbers[7:]
         ray = ray_through((left + numbers[0]) * side, (top + numbers[1]) * side, u, v)
-        own_key = square, key ^ (taken * mi.UInt32(0x9E3779B9))
-        found = _radiance(scene, mi.Ray3f(ray), numbers[2:7], first, own_key, bound)
-        return total + found, taken + 1
+        sample_key = subpixel, key ^ (count * mi.UInt32(0x9E3779B9))
+        radiance = _radiance(scene, mi.Ray3f(ray), numbers[2:7], first_segment, sample_key, bound)
+        return total + radiance, count + 1
 
     start: Any = mi.Color3f(0.0), mi.UInt32(0)
     total: Any = dr.while_loop(start, lambda *state: state[1] < samples, add_sample)[0]
@@ -120,11 +122,13 @@ def _unit(bits: Any) -> Any:
     return mi.Float(bits >> 8) * 2.0**-24
 
 
-def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[Any, Any], most_indirect: Any) -> Any:
+def _radiance(
+    scene: Any, ray: Any, numbers: list[Any], first_segment: Any, key: tuple[Any, Any], max_indirect: Any
+) -> Any:
     """Return the colour along rays.
 
     `numbers` are the five random numbers of the first diffuse surface; `key` generates those of later ones. Before
-    segment `first`, surfaces only reflect.
+    segment `first_segment`, surfaces only reflect.
     """
     import drjit as dr
     import mitsuba as mi
@@ -133,22 +137,29 @@ def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[A
     lamps = [emitter for emitter in scene.emitters() if not emitter.is_environment()]
 
     def bounce(
-        ray: Any, colour: Any, throughput: Any, active: Any, straight: Any, fresh: Any, scattered: Any, segment: Any
+        ray: Any,
+        colour: Any,
+        throughput: Any,
+        active: Any,
+        is_direct: Any,
+        first_numbers: Any,
+        scattered: Any,
+        segment: Any,
     ) -> tuple[Any, ...]:
         hit = scene.ray_intersect(ray, mi.RayFlags.All, True, active)
-        shown = active & (segment >= first)
+        visible = active & (segment >= first_segment)
         # A path that meets an area light after a diffuse surface has been counted there by direct sampling.
-        seen = shown & (straight | ~hit.is_valid())
-        colour += dr.select(seen, throughput * hit.emitter(scene).eval(hit, seen), 0.0)
+        counts = visible & (is_direct | ~hit.is_valid())
+        colour += dr.select(counts, throughput * hit.emitter(scene).eval(hit, counts), 0.0)
         active &= hit.is_valid()
         bsdf = hit.bsdf(ray)
-        later = [_unit(bits) for turn in range(3) for bits in mi.sample_tea_32(key[0], key[1] + segment * 4 + turn)]
+        later = [_unit(bits) for pair in range(3) for bits in mi.sample_tea_32(key[0], key[1] + segment * 4 + pair)]
         lobe, to_x, to_y, lamp_x, lamp_y = (
-            dr.select(fresh, number, other) for number, other in zip(numbers, later, strict=False)
+            dr.select(first_numbers, number, other) for number, other in zip(numbers, later, strict=False)
         )
-        # A mirror consumes no random numbers.
-        fresh &= ~(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) | mi.has_flag(bsdf.flags(), through))
-        matte = shown & active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
+        # A mirror uses no random numbers.
+        first_numbers &= ~(mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth) | mi.has_flag(bsdf.flags(), through))
+        matte = visible & active & mi.has_flag(bsdf.flags(), mi.BSDFFlags.Smooth)
         for lamp in lamps:
             direction, weight = lamp.sample_direction(hit, mi.Point2f(lamp_x, lamp_y), matte)
             start = hit.p + CLEARANCE_MM * direction.d
@@ -157,19 +168,19 @@ def _radiance(scene: Any, ray: Any, numbers: list[Any], first: Any, key: tuple[A
             lit = matte & (direction.pdf > 0.0) & dr.any(value > 0.0)
             lit &= ~scene.ray_test(shadow_ray, lit)
             added = dr.select(lit, throughput * value * weight, 0.0)
-            colour += dr.select(scattered > 0, dr.minimum(added, most_indirect), added)
+            colour += dr.select(scattered > 0, dr.minimum(added, max_indirect), added)
         sample, weight = bsdf.sample(context, hit, lobe, mi.Point2f(to_x, to_y), active)
         throughput *= weight
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
         scattered = dr.select(delta, scattered, scattered + 1)
-        active &= (delta | (segment >= first)) & (scattered < MATTE_BOUNCES) & (segment + 1 < SEGMENTS)
+        active &= (delta | (segment >= first_segment)) & (scattered < MAX_MATTE_BOUNCES) & (segment + 1 < MAX_SEGMENTS)
         active &= dr.any(throughput > 0.0)
-        direction_on = hit.to_world(sample.wo)
-        ray = mi.Ray3f(hit.p + CLEARANCE_MM * direction_on, direction_on)
-        return ray, colour, throughput, active, straight & delta, fresh, scattered, segment + 1
+        direction_out = hit.to_world(sample.wo)
+        ray = mi.Ray3f(hit.p + CLEARANCE_MM * direction_out, direction_out)
+        return ray, colour, throughput, active, is_direct & delta, first_numbers, scattered, segment + 1
 
-    none = mi.UInt32(0)
-    start = (ray, mi.Color3f(0.0), mi.Color3f(1.0), mi.Bool(True), mi.Bool(True), mi.Bool(True), none, none)
+    zero = mi.UInt32(0)
+    start = (ray, mi.Color3f(0.0), mi.Color3f(1.0), mi.Bool(True), mi.Bool(True), mi.Bool(True), zero, zero)
     return dr.while_loop(start, lambda *state: state[3], bounce)[1]
 
 
@@ -178,7 +189,7 @@ NOTHING = -1
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """First intersections of rays (...): points (..., 3) in rig, mm, path lengths, mm, and indices of the objects.
+    """First intersections of rays (...): points (..., 3), path lengths (...), mm, and indices (...) of the objects.
 
     A ray without an object has values that are not finite, and the index `NOTHING`.
     """
@@ -219,14 +230,14 @@ class TabletopScene:
         self.layout = layout
         view_from_rig = layout.view_from_rig
         shapes = {
-            f"thing_{i}_{k}": s
-            for i, t in enumerate(tabletop.objects)
-            for k, s in enumerate(shapes_of(t, view_from_rig))
+            f"thing_{i}_{k}": shape
+            for i, item in enumerate(tabletop.objects)
+            for k, shape in enumerate(shapes_of(item, view_from_rig))
         }
         self._scene = mi.load_dict(
             {
                 "type": "scene",
-                **lights(tabletop.lit_in_view, tabletop.reach_mm, view_from_rig),
+                **lights(tabletop.lamp_target_in_view_mm, tabletop.scale_mm, view_from_rig),
                 **{
                     f"mirror_{index}_{face}": shape
                     for index, mirror in enumerate(layout.mirrors)
@@ -248,9 +259,9 @@ class TabletopScene:
 
     def view(self, views: Views, t: int, s: int, start_depth_mm: float, *, spp: int, seed: int) -> NDArray[np.float32]:
         """Render the radiance (v, u, 3) of a pinhole at a view's position; objects nearer than a depth are ignored."""
-        through = pinhole(views, t, s, start_depth_mm)
+        ray_through = pinhole(views, t, s, start_depth_mm)
         return self._render(
-            through,
+            ray_through,
             (views.width_px, views.height_px),
             is_pinhole=True,
             spp=spp,
@@ -260,33 +271,35 @@ class TabletopScene:
         )
 
     def hits(self, start: FloatArray, direction: FloatArray) -> Hits:
-        """Intersect rays from points (..., 3), mm, along unit vectors (..., 3), in rig, with the objects."""
+        """Intersect rays from points (..., 3), mm, along unit vectors (..., 3) with the objects."""
         use_variant(self.variant)
         import drjit as dr
         import mitsuba as mi
 
-        known = np.isfinite(start).all(axis=-1) & np.isfinite(direction).all(axis=-1)
-        # Start beyond the mirror surface.
-        leaves = start + CLEARANCE_MM * direction
-        rays = mi.Ray3f(*(mi.Point3f(np.float32(np.nan_to_num(a).reshape(-1, 3).T)) for a in (leaves, direction)))
-        hit = self._scene.ray_intersect(rays, mi.Bool(known.ravel()))
+        valid = np.isfinite(start).all(axis=-1) & np.isfinite(direction).all(axis=-1)
+        # Start beyond the surface of the mirror.
+        start_beyond = start + CLEARANCE_MM * direction
+        rays = mi.Ray3f(
+            *(mi.Point3f(np.float32(np.nan_to_num(vectors).reshape(-1, 3).T)) for vectors in (start_beyond, direction))
+        )
+        hit = self._scene.ray_intersect(rays, mi.Bool(valid.ravel()))
         item = mi.Int32(NOTHING)
         for shape, index in self._owners:
             item = dr.select(hit.shape == mi.ShapePtr(shape), index, item)
-        path_mm = np.where(known, np.array(hit.t, dtype=np.float64).reshape(known.shape), np.inf)
-        found = np.where(known, np.array(item).reshape(known.shape), NOTHING)
-        length_mm = np.where(found == NOTHING, np.inf, CLEARANCE_MM + path_mm)
+        path_mm = np.where(valid, np.array(hit.t, dtype=np.float64).reshape(valid.shape), np.inf)
+        object_index = np.where(valid, np.array(item).reshape(valid.shape), NOTHING)
+        length_mm = np.where(object_index == NOTHING, np.inf, CLEARANCE_MM + path_mm)
         with np.errstate(invalid="ignore"):
             points = start + length_mm[..., None] * direction
-        return Hits(points, length_mm, found)
+        return Hits(points, length_mm, object_index)
 
-    def _render(self, through: RayThrough, size: tuple[int, int], **options: Any) -> NDArray[np.float32]:
+    def _render(self, ray_through: RayThrough, size: tuple[int, int], **options: Any) -> NDArray[np.float32]:
         use_variant(self.variant)
-        return render_lit(self._scene, through, size=size, **options)
+        return render_lit(self._scene, ray_through, size=size, **options)
 
 
 def pinhole_rays(views: Views, t: int, s: int, start_depth_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Return points (v, u, 3), mm, of the rays of a view's pixel centres at a depth, and unit vectors, in rig."""
+    """Return points (v, u, 3), mm, at a depth on the rays of a view's pixel centres, and the rays' unit vectors."""
     centre = views.reference_view_in_rig_mm + views.positions_mm[t, s] @ views.view_from_rig
     direction = views.plane_points_in_rig(views.reference_depth_mm, views.pixel_grid()) - centre
     direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
@@ -306,13 +319,13 @@ def pinhole(views: Views, t: int, s: int, start_depth_mm: float) -> RayThrough:
     )
     numbers = [mi.Vector3f(*vector.tolist()) for vector in (centre, corner - centre, right - corner, down - corner)]
     forward = mi.Vector3f(*views.view_from_rig[2].tolist())
-    before = mi.Float(float(start_depth_mm - centre @ views.view_from_rig[2]))
-    dr.make_opaque(numbers, forward, before)
+    start_z = mi.Float(float(start_depth_mm - centre @ views.view_from_rig[2]))
+    dr.make_opaque(numbers, forward, start_z)
 
     def ray_through(x: Any, y: Any, u: Any, v: Any) -> Any:
         direction = numbers[1] + x * numbers[2] + y * numbers[3]
         return mi.Ray3f(
-            mi.Point3f(numbers[0] + direction * (before / dr.dot(direction, forward))), dr.normalize(direction)
+            mi.Point3f(numbers[0] + direction * (start_z / dr.dot(direction, forward))), dr.normalize(direction)
         )
 
     return ray_through

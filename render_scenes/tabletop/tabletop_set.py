@@ -1,7 +1,7 @@
 """A tabletop scene photographed via a layout's mirrors, with the ground truth of its light field in a separate folder.
 
-The truth is the picture and depth seen by a pinhole at each virtual camera, on the grid that decoding uses with the
-layout as built. The request determines the bytes of a set. Every file is written atomically, so that an interrupted set
+The truth is the picture and depth of a pinhole at each virtual camera, on the grid that decoding with the layout as
+built uses. The request determines the bytes of a set. Every file is written atomically, so that an interrupted set
 can be continued.
 """
 
@@ -35,13 +35,13 @@ from mirrorcam.render_scenes.lens import true_camera
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 from mirrorcam.render_scenes.tabletop.objects import SceneObject
-from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, arrange_tabletop, check_meshes, nearest_mm
+from mirrorcam.render_scenes.tabletop.tabletop import UserMesh, arrange_tabletop, check_meshes, clear_depth_mm
 from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, Hits, TabletopScene, pinhole_rays
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes, pixel_rays
 from mirrorcam.render_scenes.variant import use_variant
 
 MANIFEST = "scene.json"
-KNOWN = ("layout.json", "truth/layout.json", "truth/things.json")
+FIRST_FILES = ("layout.json", "truth/layout.json", "truth/things.json")
 """Files that are written before any picture."""
 MAPS = "truth/maps/frames/0000.exr"
 # Values of a mask: no object, or an object of this material.
@@ -78,7 +78,7 @@ class TabletopRequest(Value):
 
     layout: Layout
     depths_mm: tuple[float, ...] = ()
-    meshes: tuple[NamedMesh, ...] = Field(default=(), max_length=200)
+    meshes: tuple[UserMesh, ...] = Field(default=(), max_length=200)
     seed: int = SEED.field(0)
     tolerances: Tolerances = Tolerances()
     sensor: SensorModel = SENSORS["c920"]
@@ -87,7 +87,7 @@ class TabletopRequest(Value):
 
 
 class TabletopSet(FolderManifest):
-    """The manifest, `scene.json`: the knowledge of a user of a real camera, and a checksum of each file written so far.
+    """The manifest, `scene.json`: what the user of a real camera knows, and a checksum of each file written so far.
 
     `request` is a digest of everything that determines the bytes of the set, including the seed.
     """
@@ -153,37 +153,37 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     check_meshes(layout, tabletop.objects)
     views = _views(built, default_reference_depth_mm(layout))
     manifest = _manifest(request, depths, variant)
-    manifest = manifest.replaced(request=_digest(manifest, built, tabletop.objects, request.seed))
+    manifest = manifest.replaced(request=_request_digest(manifest, built, tabletop.objects, request.seed))
     truth = {(t, s): _truth_names(t, s, views.rows * views.cols) for t, s in np.ndindex(views.rows, views.cols)}
     pictures = (manifest.frame_name, MAPS, *(name for names in truth.values() for name in names.values()))
-    manifest = manifest.resumed(out, (*KNOWN, *pictures))
+    manifest = manifest.resumed(out, (*FIRST_FILES, *pictures))
 
-    def write_known(folder: Path) -> None:
+    def write_first(folder: Path) -> None:
         layout.save(folder / "layout.json")
         built.save(folder / "truth/layout.json")
         write_json(folder / "truth/things.json", _object_list(tabletop.objects, views, request.seed))
 
-    manifest = manifest.added(out, write_known)
+    manifest = manifest.added(out, write_first)
     total = 1 + len(truth)
     progress(0, total)
-    as_built = built.replaced(camera=true_camera(built.camera, request.sensor))
-    scene = TabletopScene(as_built, tabletop, request.mirror_reflectance, variant)
+    built_with_true_lens = built.replaced(camera=true_camera(built.camera, request.sensor))
+    scene = TabletopScene(built_with_true_lens, tabletop, request.mirror_reflectance, variant)
     if not {manifest.frame_name, MAPS} <= manifest.files.keys():
         picture, maps = _frame(scene, built, request)
         manifest = manifest.added(out, partial(write_files, files={MAPS: maps, manifest.frame_name: picture}))
     progress(1, total)
-    classes = np.array([*(MASK[item.material] for item in tabletop.objects), MASK["nothing"]], dtype=np.uint8)
+    mask_values = np.array([*(MASK[item.material] for item in tabletop.objects), MASK["nothing"]], dtype=np.uint8)
     for number, ((t, s), names) in enumerate(truth.items()):
         if not set(names.values()) <= manifest.files.keys():
-            files = _true_view(scene, views, t, s, request, classes)
-            named = {name: files[kind] for kind, name in names.items()}
-            manifest = manifest.added(out, partial(write_files, files=named))
+            files = _true_view(scene, views, t, s, request, mask_values)
+            named_files = {name: files[kind] for kind, name in names.items()}
+            manifest = manifest.added(out, partial(write_files, files=named_files))
         progress(2 + number, total)
     return manifest
 
 
 def _manifest(request: TabletopRequest, depths_mm: tuple[float, ...], variant: str) -> TabletopSet:
-    """The manifest without its digest and files."""
+    """Return the manifest without its digest and files."""
     layout = request.layout
     return TabletopSet(
         layout_identity=layout.identity,
@@ -202,7 +202,7 @@ def _manifest(request: TabletopRequest, depths_mm: tuple[float, ...], variant: s
 
 
 def read_map(path: Path, channel: str) -> FloatArray:
-    """Read one channel (h, w) of an EXR file of the truth; raise InputError if it is missing."""
+    """Read one channel (h, w) of an EXR file of the ground truth; raise InputError if it is missing."""
     import OpenEXR
 
     if not path.is_file():
@@ -211,13 +211,13 @@ def read_map(path: Path, channel: str) -> FloatArray:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             return np.array(file.channels()[channel].pixels, dtype=np.float64)
     except (RuntimeError, KeyError):
-        raise InputError(f"{path}: no EXR file that can be read with a channel {channel!r}") from None
+        raise InputError(f"{path}: not a readable EXR file with a channel {channel!r}") from None
 
 
 def _truth_names(t: int, s: int, views: int) -> dict[str, str]:
     """Return the file names of a true view by kind; a single view has no disparity."""
     return {
-        kind: f"truth/{kind}/{t}_{s}{ending}" for kind, ending in _KINDS.items() if kind != "disparity" or views > 1
+        kind: f"truth/{kind}/{t}_{s}{suffix}" for kind, suffix in _KINDS.items() if kind != "disparity" or views > 1
     }
 
 
@@ -226,10 +226,10 @@ _KINDS = {"views": ".png", "depth": ".exr", "disparity": ".exr", "mask": ".png",
 
 def default_depths_mm(layout: Layout) -> tuple[float, ...]:
     """Return the nearest and farthest design depth of a layout, and its plane of zero disparity in between."""
-    middle = default_reference_depth_mm(layout)
+    middle_mm = default_reference_depth_mm(layout)
     if layout.spec is None:
-        return 0.8 * middle, middle, 4.0 / 3.0 * middle
-    return tuple(sorted({min(layout.spec.depths_mm), middle, max(layout.spec.depths_mm)}))
+        return 0.8 * middle_mm, middle_mm, 4.0 / 3.0 * middle_mm
+    return tuple(sorted({min(layout.spec.depths_mm), middle_mm, max(layout.spec.depths_mm)}))
 
 
 def _random(*key: int) -> np.random.Generator:
@@ -238,8 +238,8 @@ def _random(*key: int) -> np.random.Generator:
 
 def _views(built: Layout, reference_depth_mm: float) -> Views:
     """Return the views for decoding with the layout as built, with apparent mirrors for second-surface mirrors."""
-    seen = built.replaced(mirrors=tuple(mirror.apparent for mirror in built.mirrors))
-    return replace(choose_views(seen, reference_depth_mm, "common"), layout_identity=built.identity)
+    apparent = built.replaced(mirrors=tuple(mirror.apparent for mirror in built.mirrors))
+    return replace(choose_views(apparent, reference_depth_mm, "common"), layout_identity=built.identity)
 
 
 def _frame(scene: TabletopScene, layout: Layout, request: TabletopRequest) -> tuple[bytes, bytes]:
@@ -252,38 +252,38 @@ def _frame(scene: TabletopScene, layout: Layout, request: TabletopRequest) -> tu
     path = np.where(hits.object_index == NOTHING, np.nan, rays.path_before_mm + hits.path_mm)
     noise = _random(request.seed, _NOISE)
     picture = photograph(radiance, _SUBPIXELS, layout.camera, request.sensor, noise)
-    depth = _depth_mm(hits, layout.view_from_rig, missed=np.nan)
+    depth = _depth_mm(hits, layout.view_from_rig, miss_value=np.nan)
     maps = {"mirror": rays.mirror, "thing": hits.object_index + 1.0, "depth": depth, "path": path}
     quality = request.sensor.jpeg_quality
     encoded = encoded_image(picture, ".png") if quality is None else encoded_image(picture, ".jpg", quality)
     return encoded, exr_bytes(maps, {"layout": layout.identity, "units": "mm"})
 
 
-def _depth_mm(hits: Hits, view_from_rig: FloatArray, *, missed: float) -> FloatArray:
-    """Return the depths of hits in the frame of the views, and `missed` for rays without a hit."""
+def _depth_mm(hits: Hits, view_from_rig: FloatArray, *, miss_value: float) -> FloatArray:
+    """Return the depths of hits in the frame of the views, and `miss_value` for rays without a hit."""
     nothing = hits.object_index == NOTHING
-    return np.where(nothing, missed, np.where(nothing[..., None], 0.0, hits.points) @ view_from_rig[2])
+    return np.where(nothing, miss_value, np.where(nothing[..., None], 0.0, hits.points) @ view_from_rig[2])
 
 
 def _true_view(
-    scene: TabletopScene, views: Views, t: int, s: int, request: TabletopRequest, classes: NDArray[np.uint8]
+    scene: TabletopScene, views: Views, t: int, s: int, request: TabletopRequest, mask_values: NDArray[np.uint8]
 ) -> dict[str, bytes]:
     """Return the files of a true view by kind."""
-    start_mm = nearest_mm(scene.layout)
+    start_mm = clear_depth_mm(scene.layout)
     seed = int(_random(request.seed, _VIEWS, t, s).integers(2**32))
     radiance = scene.view(views, t, s, start_mm, spp=request.spp, seed=seed)
     grey = np.rint(radiance * np.float32(255.0 * request.mirror_reflectance * request.sensor.exposure))
     hits = scene.hits(*pinhole_rays(views, t, s, start_mm))
-    depth = _depth_mm(hits, views.view_from_rig, missed=np.inf)
+    depth = _depth_mm(hits, views.view_from_rig, miss_value=np.inf)
     counts = {"s": views.cols, "t": views.rows}
     disparity = {axis: views.disparity_px_from_depth(depth, axis) for axis in ("s", "t") if counts[axis] > 1}
     header = {"layout": scene.layout.identity, "view": f"{t}_{s}", "units": "mm, from the pupil along view z"}
-    steps = header | {"units": "px per mean view step, positive nearer than the reference plane"}
-    files = {"disparity": exr_bytes(disparity, steps)} if disparity else {}
+    disparity_header = header | {"units": "px per mean view step, positive nearer than the reference plane"}
+    files = {"disparity": exr_bytes(disparity, disparity_header)} if disparity else {}
     return files | {
         "views": encoded_image(np.clip(grey, 0, 255).astype(np.uint8), ".png"),
         "depth": exr_bytes({"depth": depth}, header),
-        "mask": encoded_image(classes[hits.object_index], ".png"),
+        "mask": encoded_image(mask_values[hits.object_index], ".png"),
         "things": encoded_image((hits.object_index + 1).astype(np.uint8), ".png"),
     }
 
@@ -304,9 +304,9 @@ def _object_list(objects: tuple[SceneObject, ...], views: Views, seed: int) -> d
     }
 
 
-def _digest(manifest: TabletopSet, built: Layout, objects: tuple[SceneObject, ...], seed: int) -> str:
-    """Return sixteen hexadecimal digits of everything that determines the bytes of a set."""
+def _request_digest(manifest: TabletopSet, built: Layout, objects: tuple[SceneObject, ...], seed: int) -> str:
+    """Return a digest (16 hexadecimal digits) of everything that determines the bytes of a set."""
     inputs = manifest.model_dump(mode="json", exclude={"request", "files"})
-    stand = [item.model_dump(mode="json", by_alias=True, exclude={"file"}) for item in objects]
-    drawn = {"seed": seed, "built": built.identity, "things": stand}
-    return value_digest(inputs | drawn)[:16]
+    things = [item.model_dump(mode="json", by_alias=True, exclude={"file"}) for item in objects]
+    samples = {"seed": seed, "built": built.identity, "things": things}
+    return value_digest(inputs | samples)[:16]

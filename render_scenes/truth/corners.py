@@ -1,6 +1,6 @@
 """Ground truth of corners: the pixel of every corner of a board in a frame, and its visibility, in float64.
 
-The projection is the layout's; renderers share no code with it.
+Corners are projected by the layout's methods; renderers share no code with them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.boards import poses_at
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.light_rays import Obstacles, image_px, reflected
+from mirrorcam.render_scenes.truth.light_rays import Obstacles, image_px, trace_via_mirror
 
 BoolArray = NDArray[np.bool_]
 READOUT_STEPS = 12  # iterations that find the readout time of a corner; each divides its error by about ten
@@ -28,18 +28,18 @@ VISIBLE_MARGIN_PX = 2.0  # a corner nearer to the edge of its sub-image, or of t
 
 
 def _on_sensor(camera: Camera, px: FloatArray) -> BoolArray:
-    """Return the mask of the pixels (..., 2) inside the sensor by at least the margin; False at NaN."""
+    """Return the mask of pixels (..., 2) at least the margin inside the sensor; False at NaN."""
     far_edge = np.array([camera.width_px, camera.height_px]) - 1.0 - VISIBLE_MARGIN_PX
     return np.all((px >= VISIBLE_MARGIN_PX) & (px <= far_edge), axis=-1)
 
 
-def _faces(centre_in_rig: FloatArray, rig_from_board: FloatArray) -> bool:
-    """Return whether the printed side (the board's -z) faces a point (3,) in rig, mm."""
+def _is_facing(centre_in_rig: FloatArray, rig_from_board: FloatArray) -> bool:
+    """Return whether the printed side (the board's -z) faces a point (3,) in the rig frame, mm."""
     return bool((centre_in_rig - rig_from_board[:3, 3]) @ rig_from_board[:3, 2] < 0)
 
 
-def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
-    """Return the mask of points (n, 3) in rig whose ray from mirror `index` misses all other mirrors."""
+def _is_unoccluded(layout: Layout, index: int, points: FloatArray) -> BoolArray:
+    """Return the mask of points (n, 3) in the rig frame whose rays from mirror `index` miss all other mirrors."""
     mirror = layout.mirrors[index]
     virtual = mirror.reflect(points)
     at_mirror = mirror.intersect(virtual[:, :2] / virtual[:, 2:])
@@ -57,9 +57,9 @@ def _clear_of(layout: Layout, index: int, points: FloatArray) -> BoolArray:
     return clear
 
 
-def _leaves_front(camera: Camera, mirror: Mirror, px: FloatArray, finish: MirrorFinish | None) -> BoolArray:
+def _leaves_by_front(camera: Camera, mirror: Mirror, px: FloatArray, finish: MirrorFinish | None) -> BoolArray:
     """Return the mask of pixels (n, 2) whose rays within `VISIBLE_MARGIN_PX` all leave a mirror through its front."""
-    length = reflected(mirror, _unit_rays_around(camera, px), finish)[3]
+    length = trace_via_mirror(mirror, _unit_rays_around(camera, px), finish)[3]
     return np.asarray(np.isfinite(length).all(axis=1))
 
 
@@ -77,7 +77,7 @@ def sub_image(layout: Layout, index: int) -> shapely.Polygon:
     return shapely.Polygon(inside) if len(inside) >= 3 else shapely.Polygon()
 
 
-class Oracle:
+class CornerProjector:
     """Projection of a board via every mirror of a layout, with the visibility of its corners.
 
     Parameters
@@ -87,9 +87,9 @@ class Oracle:
     target
         The board.
     finishes
-        Surface finishes of the mirrors; without them the mirrors are flat.
+        Surface finishes of the mirrors; by default they are flat.
     obstacles
-        Bodies that stand around the mirrors, if any.
+        Bodies around the mirrors, if any.
     pupil
         Pupil of the lens; corners are projected through its centre. Pupil walk moves corners, but not the borders of
         the visible region.
@@ -111,9 +111,9 @@ class Oracle:
     def via_mirrors(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Project the corners of a board via each mirror.
 
-        A corner is visible if it lies in front of the mirror and inside the sub-image and the sensor by
-        `VISIBLE_MARGIN_PX`, if its light is not clipped by the rim of a second-surface mirror, if the printed side
-        faces the virtual camera, and if no other mirror or obstacle occludes it.
+        A corner is visible if it lies in front of the mirror and at least `VISIBLE_MARGIN_PX` inside the sub-image and
+        the sensor, if its light is not clipped by the rim of a second-surface mirror, if the printed side faces the
+        virtual camera, and if no other mirror or obstacle occludes it.
 
         Parameters
         ----------
@@ -125,16 +125,15 @@ class Oracle:
         px
             Pixels (mirrors, corners, 2); NaN where a corner has no image.
         visible
-            (mirrors, corners).
+            Mask (mirrors, corners).
         """
         points = transform(rig_from_board, self.target.corners_in_board_mm)
         px = np.empty((len(self.layout.mirrors), len(points), 2))
         visible = np.empty(px.shape[:2], dtype=np.bool_)
         for index, mirror in enumerate(self.layout.mirrors):
             px[index] = self._image(index, points)
-            visible[index] = _faces(mirror.virtual_centre_in_rig_mm, rig_from_board) & self._seen(
-                index, points, px[index]
-            )
+            visible[index] = self._is_visible(index, points, px[index])
+            visible[index] &= _is_facing(mirror.virtual_centre_in_rig_mm, rig_from_board)
         return px, visible
 
     def during_readout(self, poses: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -151,40 +150,41 @@ class Oracle:
                 fractions = np.nan_to_num(px[index, :, 1] / (self.layout.camera.height_px - 1), nan=0.5)
                 points = (poses_at(poses, np.clip(fractions, 0.0, 1.0)) @ corners[..., None])[:, :3, 0]
                 px[index] = self._image(index, points)
-            visible[index] = _faces(mirror.virtual_centre_in_rig_mm, poses[1]) & self._seen(index, points, px[index])
+            visible[index] = self._is_visible(index, points, px[index])
+            visible[index] &= _is_facing(mirror.virtual_centre_in_rig_mm, poses[1])
         return px, visible
 
     def _image(self, index: int, points: FloatArray) -> FloatArray:
-        """Project points (n, 3) in rig via a mirror to pixels (n, 2); NaN without an image."""
+        """Project points (n, 3) in the rig frame via a mirror to pixels (n, 2); NaN without an image."""
         return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index], self._pupil)
 
-    def _seen(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
-        """Return the visibility of points (n, 3) in rig imaged at pixels (n, 2), whichever side the board shows."""
+    def _is_visible(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
+        """Return the visibility of points (n, 3) imaged at pixels (n, 2), whichever side the board shows."""
         mirror = self.layout.mirrors[index]
-        seen = _on_sensor(self.layout.camera, px)
-        seen &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
-        seen &= shapely.contains_xy(self._windows[index], *np.nan_to_num(px, nan=-1e9).T)
+        visible = _on_sensor(self.layout.camera, px)
+        visible &= points @ mirror.normal_in_rig + mirror.distance_mm > 0
+        visible &= shapely.contains_xy(self._windows[index], *np.nan_to_num(px, nan=-1e9).T)
         finish = self._finishes[index]
         if mirror.is_second_surface or (finish is not None and not finish.flat):
-            seen[seen] = _leaves_front(self.layout.camera, mirror, px[seen], finish)
-        seen[seen] = _clear_of(self.layout, index, points[seen])
+            visible[visible] = _leaves_by_front(self.layout.camera, mirror, px[visible], finish)
+        visible[visible] = _is_unoccluded(self.layout, index, points[visible])
         if self._obstacles is not None:
-            seen[seen] = self._free(self._obstacles, index, points[seen], px[seen])
-        return seen
+            visible[visible] = self._is_obstacle_free(self._obstacles, index, points[visible], px[visible])
+        return visible
 
-    def _free(self, obstacles: Obstacles, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
-        """Return the mask of pixels (n, 2) without an obstacle from the pupil via the mirror to points (n, 3)."""
+    def _is_obstacle_free(self, obstacles: Obstacles, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
+        """Return the mask of pixels (n, 2) without an obstacle between the pupil, the mirror and points (n, 3)."""
         rays = _unit_rays_around(self.layout.camera, px)
-        entry_mm, start, direction, _ = reflected(self.layout.mirrors[index], rays, self._finishes[index])
-        free = obstacles.free_from_pupil_mm(rays) > entry_mm
-        free &= obstacles.free_mm(start, direction) > np.linalg.norm(points[:, None] - start, axis=-1)
-        return np.asarray(free.all(axis=1))
+        entry_mm, start, direction, _ = trace_via_mirror(self.layout.mirrors[index], rays, self._finishes[index])
+        clear = obstacles.distance_from_pupil_mm(rays) > entry_mm
+        clear &= obstacles.distance_to_body_mm(start, direction) > np.linalg.norm(points[:, None] - start, axis=-1)
+        return np.asarray(clear.all(axis=1))
 
     def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Project the corners without mirrors: pixels (corners, 2) and visibility (corners,)."""
         points = transform(rig_from_board, self.target.corners_in_board_mm)
         px = image_px(self.layout.camera, None, points, pupil=self._pupil)
-        return px, _on_sensor(self.layout.camera, px) & _faces(np.zeros(3), rig_from_board)
+        return px, _on_sensor(self.layout.camera, px) & _is_facing(np.zeros(3), rig_from_board)
 
     def all_via_mirrors(self, readouts: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
         """Stack the results of `via_mirrors` or `during_readout` for frames of 1 or 3 poses (1 or 3, 4, 4).

@@ -19,7 +19,7 @@ from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards import margin_mm
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.light_rays import Obstacles, chief_rays, reflected
+from mirrorcam.render_scenes.truth.light_rays import Obstacles, chief_rays, trace_via_mirror
 
 NO_MIRROR = -1
 CHANNELS = ("mirror", "board.x", "board.y", "path")
@@ -34,19 +34,19 @@ class PixelRays:
     mirror
         Index (h, w) of the mirror at a pixel; `NO_MIRROR` without one.
     start, direction
-        Origin (h, w, 3), mm, and unit vector (h, w, 3), in rig, of the ray that leaves the mirror, or the bare camera.
-        NaN where a pixel shows neither the scene nor a mirror that reflects it.
+        Origin (h, w, 3), mm, and unit vector (h, w, 3), in the rig frame, of the ray that leaves the mirror or the bare
+        camera. NaN where a pixel shows neither the scene nor a mirror that reflects it.
     path_before_mm
         Path length (h, w) from the pupil to `start`.
-    free_mm
-        Length (h, w) of the ray up to an obstacle; infinite without one.
+    distance_to_body_mm
+        Distance (h, w) from `start` along the ray to an obstacle; infinite without one.
     """
 
     mirror: FloatArray
     start: FloatArray
     direction: FloatArray
     path_before_mm: FloatArray
-    free_mm: FloatArray
+    distance_to_body_mm: FloatArray
 
 
 def pixel_rays(
@@ -69,39 +69,39 @@ def pixel_rays(
     step
         Trace only every `step`-th row and column.
     finishes
-        Surface finishes of the mirrors; without them the mirrors are flat.
+        Surface finishes of the mirrors; by default they are flat.
     obstacles
-        Bodies that stand around the mirrors, if any.
+        Bodies around the mirrors, if any.
     pupil
         Pupil of the lens; the rays start at its centre.
     """
     origin, rays = _unit_rays(layout.camera, pupil, step)
     shape = rays.shape[:2]
     if not mirrors:
-        nothing, endless = np.zeros(shape), np.full(shape, np.inf)
-        return PixelRays(nothing + NO_MIRROR, origin, rays, nothing, endless)
+        zero, infinite = np.zeros(shape), np.full(shape, np.inf)
+        return PixelRays(zero + NO_MIRROR, origin, rays, zero, infinite)
     index, depth = np.full(shape, float(NO_MIRROR)), np.full(shape, np.inf)
-    start, direction, before = np.full_like(rays, np.nan), np.full_like(rays, np.nan), np.full(shape, np.nan)
+    start, direction, path_before_mm = np.full_like(rays, np.nan), np.full_like(rays, np.nan), np.full(shape, np.nan)
     for number, mirror in enumerate(layout.mirrors):
         window = _window(layout, number, step)
         finish = finishes[number] if finishes else None
-        entry, leaves, along, travelled = reflected(mirror, rays[window], finish, origin[window])
+        entry, exit_point, exit_direction, path_mm = trace_via_mirror(mirror, rays[window], finish, origin[window])
         nearer = np.isfinite(entry) & (entry < depth[window])
         for target, values in (
             (depth, entry),
             (index, np.full(entry.shape, float(number))),
-            (start, leaves),
-            (direction, along),
-            (before, travelled),
+            (start, exit_point),
+            (direction, exit_direction),
+            (path_before_mm, path_mm),
         ):
             target[window][nearer] = values[nearer]
     if obstacles is None:
-        return PixelRays(index, start, direction, before, np.full(shape, np.inf))
-    hidden = obstacles.free_from_pupil_mm(rays) < depth
+        return PixelRays(index, start, direction, path_before_mm, np.full(shape, np.inf))
+    hidden = obstacles.distance_from_pupil_mm(rays) < depth
     index[hidden] = NO_MIRROR
-    for values in (start, direction, before):
+    for values in (start, direction, path_before_mm):
         values[hidden] = np.nan
-    return PixelRays(index, start, direction, before, obstacles.free_mm(start, direction))
+    return PixelRays(index, start, direction, path_before_mm, obstacles.distance_to_body_mm(start, direction))
 
 
 def _unit_rays(camera: Camera, pupil: Pupil, step: int) -> tuple[FloatArray, FloatArray]:
@@ -110,8 +110,8 @@ def _unit_rays(camera: Camera, pupil: Pupil, step: int) -> tuple[FloatArray, Flo
     start, rays = np.empty((len(y), len(x), 3)), np.empty((len(y), len(x), 3))
     # Batches of rows, because the solver needs many times the memory of its result.
     for row in range(0, len(y), 64):
-        at = np.stack(np.meshgrid(x, y[row : row + 64]), axis=-1)
-        start[row : row + 64], rays[row : row + 64] = chief_rays(camera, pupil, at)
+        pixels = np.stack(np.meshgrid(x, y[row : row + 64]), axis=-1)
+        start[row : row + 64], rays[row : row + 64] = chief_rays(camera, pupil, pixels)
     return start, rays
 
 
@@ -131,8 +131,8 @@ def _window(layout: Layout, index: int, step: int) -> tuple[slice, slice]:
 def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> dict[str, FloatArray]:
     """Return the maps (h, w) of a board at a rigid pose (4, 4), by the names of `CHANNELS`.
 
-    They are the index of the mirror, x and y on the board, and the path length from there to the pupil, mm. All but the
-    index are NaN where a pixel does not show the printed side of the board.
+    They are the index of the mirror, x and y on the board, mm, and the path length from there to the pupil, mm. All but
+    the index are NaN where a pixel does not show the printed side of the board.
     """
     board_from_rig, origin = rig_from_board[:3, :3].T, rig_from_board[:3, 3]
     start, direction = (rays.start - origin) @ board_from_rig.T, rays.direction @ board_from_rig.T
@@ -141,14 +141,14 @@ def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> d
         x, y = (start[..., axis] + length * direction[..., axis] for axis in range(2))
         margin = margin_mm(target)
         width, height = target.size_mm
-        shown = (length > 0.0) & (length < rays.free_mm) & (direction[..., 2] > 0.0)
-        shown &= (x >= -margin) & (x <= width + margin) & (y >= -margin) & (y <= height + margin)
-    values = (np.where(shown, value, np.nan) for value in (x, y, rays.path_before_mm + length))
+        visible = (length > 0.0) & (length < rays.distance_to_body_mm) & (direction[..., 2] > 0.0)
+        visible &= (x >= -margin) & (x <= width + margin) & (y >= -margin) & (y <= height + margin)
+    values = (np.where(visible, value, np.nan) for value in (x, y, rays.path_before_mm + length))
     return dict(zip(CHANNELS, (rays.mirror, *values), strict=True))
 
 
 def exr_bytes(maps: dict[str, FloatArray], header: dict[str, str]) -> bytes:
-    """Encode maps (h, w) as a losslessly compressed EXR file in single precision, with fields for its header."""
+    """Encode maps (h, w) as a losslessly compressed EXR file in single precision, with additional header fields."""
     import OpenEXR
 
     channels = {name: values.astype(np.float32) for name, values in maps.items()}

@@ -15,11 +15,11 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.light_rays import Obstacles, reflected
+from mirrorcam.render_scenes.truth.light_rays import Obstacles, trace_via_mirror
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR
 
 SAMPLES = 100
-"""Number of rays per pixel that may show more than one surface; all other pixels need one ray."""
+"""Number of rays in a pixel that may show more than one surface; all other pixels need one ray."""
 RIM = 12
 """Number of rays from the rim of the pupil in the search for these pixels."""
 BLOCK_PX = 4
@@ -39,9 +39,9 @@ class PupilTracer:
     pupil
         Pupil of its camera.
     finishes
-        Surface finishes of the mirrors; empty: they are flat.
+        Surface finishes of the mirrors; if empty, they are flat.
     obstacles
-        Bodies that stand around the mirrors, if any.
+        Bodies around the mirrors, if any.
     """
 
     layout: Layout
@@ -52,27 +52,27 @@ class PupilTracer:
     def reflecting_mirrors(
         self, chief_rays: FloatArray, pupil_point: FloatArray, mirrors: Sequence[int]
     ) -> NDArray[np.int64]:
-        """Return the index (n,) of the mirror that reflects each ray, or `NO_MIRROR` if none or an obstacle does.
+        """Return the index (n,) of the mirror that reflects each ray, or `NO_MIRROR` if there is none.
 
-        The rays start at `pupil_point` (2,), relative to the radius of the pupil. Only `mirrors` are tested.
+        The rays start at `pupil_point` (2,), in units of the pupil's radius. Only `mirrors` are tested.
         """
         origin = self.pupil.radius_mm * np.array([*pupil_point, 0.0])
-        along_mm = self.pupil.walk_mm * np.square(chief_rays[:, :2]).sum(axis=1, keepdims=True)
-        origin = origin + along_mm * np.array([0.0, 0.0, 1.0])
+        walk_mm = self.pupil.walk_mm * np.square(chief_rays[:, :2]).sum(axis=1, keepdims=True)
+        origin = origin + walk_mm * np.array([0.0, 0.0, 1.0])
         rays = self.pupil.focus_mm * chief_rays - origin
         rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
         index, depth = np.full(len(rays), NO_MIRROR), np.full(len(rays), np.inf)
         for number in mirrors:
             finish = self.finishes[number] if self.finishes else None
-            entry, _, _, path = reflected(self.layout.mirrors[number], rays, finish, origin)
+            entry, _, _, path = trace_via_mirror(self.layout.mirrors[number], rays, finish, origin)
             nearer = entry < depth
             depth[nearer] = entry[nearer]
             index[nearer] = np.where(np.isfinite(path[nearer]), number, NO_MIRROR)
         if self.obstacles is not None:
-            index[self.obstacles.free_mm(origin, rays) < depth] = NO_MIRROR
+            index[self.obstacles.distance_to_body_mm(origin, rays) < depth] = NO_MIRROR
         return index
 
-    def shares(self, chief_rays: FloatArray, mirrors: Sequence[int]) -> tuple[FloatArray, ...]:
+    def pupil_parts(self, chief_rays: FloatArray, mirrors: Sequence[int]) -> tuple[FloatArray, ...]:
         """Return the `CHANNELS` (n,) of chief rays (n, 3); see `reflecting_mirrors`."""
         # Rows for a second mirror even if there is none.
         sums = np.zeros((3, max(len(mirrors), 2), len(chief_rays)))
@@ -84,13 +84,13 @@ class PupilTracer:
                     total[row] += amount * hit
         count, *moments = sums
         numbers, columns = np.array([*mirrors, NO_MIRROR, NO_MIRROR]), np.arange(len(chief_rays))
-        found: list[FloatArray] = []
+        channels: list[FloatArray] = []
         for row in np.argsort(-count, axis=0, kind="stable")[:2]:
             rays = count[row, columns]
             divisor = np.where(rays > 0.0, rays, np.nan)
             centroid = [self.pupil.radius_mm * moment[row, columns] / divisor for moment in moments]
-            found += [np.where(rays > 0.0, numbers[row], NO_MIRROR), rays / SAMPLES, *centroid]
-        return tuple(found)
+            channels += [np.where(rays > 0.0, numbers[row], NO_MIRROR), rays / SAMPLES, *centroid]
+        return tuple(channels)
 
 
 def sunflower(count: int) -> FloatArray:
@@ -101,22 +101,22 @@ def sunflower(count: int) -> FloatArray:
 
 
 def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
-    """Return maps (h, w) of the two mirrors with the largest pupil shares in each pixel, by the names of `CHANNELS`.
+    """Return maps (h, w) of the two mirrors that fill most of the pupil in each pixel, by names in `CHANNELS`.
 
-    Each of the two mirrors has its index (`NO_MIRROR` without one), its share of the pupil, 0 to 1, and the centroid
+    Each of the two mirrors has its index (`NO_MIRROR` without one), its fraction of the pupil, 0 to 1, and the centroid
     x, y of its part of the pupil, mm, from the pupil's centre (NaN without one).
     """
     camera = tracer.layout.camera
     rows, columns = np.arange(camera.height_px), np.arange(camera.width_px)
     # Classify blocks of pixels by the surfaces that rays from the pupil's rim meet at their corners.
-    at = [np.append(np.arange(0, len(axis) - 1, BLOCK_PX), len(axis) - 1) for axis in (rows, columns)]
-    nodes = camera.unproject(np.stack(np.meshgrid(at[1], at[0]), axis=-1).reshape(-1, 2).astype(np.float64))
+    node_px = [np.append(np.arange(0, len(axis) - 1, BLOCK_PX), len(axis) - 1) for axis in (rows, columns)]
+    nodes = camera.unproject(np.stack(np.meshgrid(node_px[1], node_px[0]), axis=-1).reshape(-1, 2).astype(np.float64))
     angles = 2.0 * np.pi * np.arange(RIM) / RIM
-    every = range(len(tracer.layout.mirrors))
-    mirror_at = np.stack([tracer.reflecting_mirrors(nodes, np.array([np.cos(a), np.sin(a)]), every) for a in angles])
-    mirror_at = mirror_at.reshape(RIM, len(at[0]), len(at[1]))
+    indices = range(len(tracer.layout.mirrors))
+    mirror_at = np.stack([tracer.reflecting_mirrors(nodes, np.array([np.cos(a), np.sin(a)]), indices) for a in angles])
+    mirror_at = mirror_at.reshape(RIM, len(node_px[0]), len(node_px[1]))
     corners = np.concatenate(
-        [mirror_at[:, i : len(at[0]) - 1 + i, k : len(at[1]) - 1 + k] for i in (0, 1) for k in (0, 1)]
+        [mirror_at[:, i : len(node_px[0]) - 1 + i, k : len(node_px[1]) - 1 + k] for i in (0, 1) for k in (0, 1)]
     )
     mixed = corners.min(axis=0) != corners.max(axis=0)
     block = np.ix_(
@@ -124,33 +124,34 @@ def pupil_maps(tracer: PupilTracer) -> dict[str, FloatArray]:
     )
     index = corners[0][block].astype(np.float64)
     reflects = index != NO_MIRROR
-    middle, nothing = np.where(reflects, 0.0, np.nan), np.full(index.shape, np.nan)
+    centre, nan = np.where(reflects, 0.0, np.nan), np.full(index.shape, np.nan)
     single = (
         index,
         reflects * 1.0,
-        middle,
-        middle,
+        centre,
+        centre,
         np.full(index.shape, float(NO_MIRROR)),
         0.0 * index,
-        nothing,
-        nothing,
+        nan,
+        nan,
     )
     maps = {name: values.copy() for name, values in zip(CHANNELS, single, strict=True)}
-    # Process blocks whose rays may meet the same mirrors together.
-    near = np.stack([_spread((corners == number).any(axis=0)) for number in every], axis=-1)
-    kinds, kind_of = np.unique(near[mixed], axis=0, return_inverse=True)
-    kind = np.full(mixed.shape, -1)
-    kind[mixed] = kind_of.ravel()
-    for number, mirrors in enumerate(kinds):
-        row, column = np.nonzero((kind == number)[block])
+    # Blocks whose rays may hit the same set of mirrors are processed together.
+    may_show = np.stack([_dilate((corners == number).any(axis=0)) for number in indices], axis=-1)
+    mirror_sets, set_index = np.unique(may_show[mixed], axis=0, return_inverse=True)
+    block_set = np.full(mixed.shape, -1)
+    block_set[mixed] = set_index.ravel()
+    for number, mirrors in enumerate(mirror_sets):
+        row, column = np.nonzero((block_set == number)[block])
         chief_rays = camera.unproject(np.column_stack([column, row]).astype(np.float64))
-        for name, values in zip(CHANNELS, tracer.shares(chief_rays, np.flatnonzero(mirrors).tolist()), strict=True):
+        parts = tracer.pupil_parts(chief_rays, np.flatnonzero(mirrors).tolist())
+        for name, values in zip(CHANNELS, parts, strict=True):
             maps[name][row, column] = values
     return maps
 
 
-def _spread(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _dilate(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Dilate a mask of blocks (rows, columns) by one block."""
-    wide = np.pad(blocks, 1)
+    padded = np.pad(blocks, 1)
     rows, columns = blocks.shape
-    return np.logical_or.reduce([wide[i : i + rows, k : k + columns] for i in range(3) for k in range(3)])
+    return np.logical_or.reduce([padded[i : i + rows, k : k + columns] for i in range(3) for k in range(3)])

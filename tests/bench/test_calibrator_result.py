@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.bench import calibrator_run
-from mirrorcam.bench.calibrator_run import LOG, calibration_of, take_result
+from mirrorcam.bench.calibrator_run import LOG, calibration_path, copy_result
 from mirrorcam.core.errors import InputError
 from tests.small_set import contents
 
@@ -35,17 +35,17 @@ def test_files_in_folders_are_taken_and_no_log(folders: tuple[Path, Path]) -> No
     (result / "sparse" / "0" / "cameras.bin").write_bytes(b"b")
     (result / "empty").mkdir()
     (result / LOG).write_bytes(b"its own")
-    take_result(result, place)
+    copy_result(result, place)
     assert contents(place) == {"a.yaml": b"a", "sparse/0/cameras.bin": b"b"}
-    assert calibration_of(place) == place
+    assert calibration_path(place) == place
     (place / LOG).write_bytes(b"ours")
     (place / "sparse" / "0" / "cameras.bin").unlink()
     (place / "sparse" / "0").rmdir()
     (place / "sparse").rmdir()
-    assert calibration_of(place) == place / "a.yaml"
+    assert calibration_path(place) == place / "a.yaml"
     (place / "a.yaml").unlink()
     with pytest.raises(InputError, match="left no file"):
-        calibration_of(place)
+        calibration_path(place)
 
 
 def _socket(path: Path) -> None:
@@ -89,14 +89,14 @@ def test_what_is_no_calibration_is_refused_before_any_is_taken(
     folders: tuple[Path, Path], case: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result, place = folders
-    monkeypatch.setattr(calibrator_run, "MOST_FILES", 20)
+    monkeypatch.setattr(calibrator_run, "MAX_FILES", 20)
     name, make, expected = HOSTILE[case]
     try:
         make(result / name)
     except OSError as error:
         pytest.skip(f"this file system has no such file: {error}")
     with pytest.raises(InputError, match=expected) as caught:
-        take_result(result, place)
+        copy_result(result, place)
     assert f"{caught.value}".isprintable()
     assert list(place.iterdir()) == []
 
@@ -105,14 +105,14 @@ def test_a_folder_that_was_removed_or_replaced_is_refused(folders: tuple[Path, P
     result, place = folders
     moved = result.rename(tmp_path / "moved")
     with pytest.raises(InputError, match="removed"):
-        take_result(result, place)
+        copy_result(result, place)
     result.symlink_to(moved)
     with pytest.raises(InputError, match="replaced"):
-        take_result(result, place)
+        copy_result(result, place)
     result.unlink()
     result.touch()
     with pytest.raises(InputError, match="replaced"):
-        take_result(result, place)
+        copy_result(result, place)
 
 
 @pytest.mark.skipif(not hasattr(os, "getuid") or os.getuid() == 0, reason="root reads every file")
@@ -122,5 +122,5 @@ def test_what_may_not_be_read_is_refused(folders: tuple[Path, Path], name: str) 
     (result / "folder").mkdir()
     (result / name).chmod(0)
     with pytest.raises(InputError, match="cannot be read: Permission denied"):
-        take_result(result, place)
+        copy_result(result, place)
     (result / name).chmod(0o700)

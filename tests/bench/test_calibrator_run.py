@@ -49,7 +49,7 @@ def test_of_gigabytes_of_output_the_log_has_the_beginning_and_the_end(tmp_path: 
     ran = run("echo first; head -c 300000000 /dev/zero; echo last; exit 1", tmp_path)
     assert ran.failure.endswith("last")
     assert ran.log.startswith(b"first\n") and ran.log.endswith(b"last\n")
-    assert b"bytes are left out here" in ran.log
+    assert b"bytes are omitted here" in ran.log
     assert len(ran.log) < HEAD_BYTES + TAIL_BYTES + 100
 
 

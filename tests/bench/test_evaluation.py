@@ -12,15 +12,15 @@ from typing import Any
 import pytest
 
 from mirrorcam.bench import evaluation
-from mirrorcam.bench.calibrator_run import LOG, take_result
+from mirrorcam.bench.calibrator_run import LOG, copy_result
 from mirrorcam.bench.evaluation import (
     RESULTS,
     Change,
     Evaluation,
     EvaluationStopped,
     _NoScore,
-    _Reading,
-    _scored,
+    _score_in,
+    _ScoringTask,
     evaluate,
     read_evaluation,
 )
@@ -111,12 +111,12 @@ def test_a_command_that_takes_too_long_is_ended_with_all_that_it_started(suite: 
 
 def test_a_result_that_takes_too_long_to_read_is_not_waited_for(suite: FinishedSuite, tmp_path: Path) -> None:
     (tmp_path / "layout.json").write_bytes((suite.folders[0] / "layout.json").read_bytes())
-    reads = _Reading("one", suite.folders[0], tmp_path, READING, None, NO_LIMITS)
+    reads = _ScoringTask("one", suite.folders[0], tmp_path, READING, None, NO_LIMITS)
     worker = WorkerProcess(preload=("mirrorcam.bench.scoring",))
     try:
         with pytest.raises(_NoScore, match="took longer than 0 s"):
-            _scored(worker, reads, 1e-3)
-        assert _scored(worker, reads, 60.0)[0].name == "one"
+            _score_in(worker, reads, 1e-3)
+        assert _score_in(worker, reads, 60.0)[0].name == "one"
     finally:
         worker.close()
 
@@ -127,9 +127,9 @@ def test_where_this_machine_has_no_more_room_what_is_done_stays(
     def full(result: Path, place: Path) -> None:
         if place.name == "two":
             raise OSError(errno.ENOSPC, "No space left on device")
-        take_result(result, place)
+        copy_result(result, place)
 
-    monkeypatch.setattr(evaluation, "take_result", full)
+    monkeypatch.setattr(evaluation, "copy_result", full)
     with pytest.raises(EvaluationStopped, match=r"two: No space left on device") as caught:
         evaluated(suite, tmp_path)
     found = caught.value.evaluation

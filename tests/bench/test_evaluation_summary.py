@@ -76,7 +76,7 @@ def test_each_failure_has_a_line(failed: Evaluation, passed: Evaluation) -> None
     assert failed_lines(failed) == [
         "third has no score: the command ended with exit code 1: a|b `c` <script>",
         "first: rms_px is 0.4 px, expected at most 0.25",
-        "second: rms_px is 2.00 times the 0.1 of the baseline, expected 1.5 times at most",
+        "second: rms_px is 2.00 times the baseline's 0.1, expected at most 1.5 times",
     ]
     assert failed_lines(passed) == []
 

@@ -77,7 +77,9 @@ def test_bad_input_is_refused_in_one_line(folder: Path, tmp_path: Path, capfd: p
     limits = tmp_path / "limits.toml"
     limits.write_text("rms = 1\n")
     layout = str(folder / "design" / "layout.json")
-    assert_refused_here([*arguments, layout, "--limits", str(limits)], capfd, "no figure 'rms', did you mean rms_px?")
+    assert_refused_here(
+        [*arguments, layout, "--limits", str(limits)], capfd, "'rms' is not a figure, did you mean rms_px?"
+    )
     assert not (tmp_path / "out").exists()
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "score.md").write_text("mine")

@@ -102,7 +102,7 @@ def test_pictures_flipped_otherwise_are_hinted_at(one: Path, exports: Path, tmp_
 @pytest.mark.parametrize(
     ("changes", "complaint"),
     [
-        ({"sets": ("nowhere",)}, "nowhere: no folder, expected a set"),
+        ({"sets": ("nowhere",)}, "nowhere: is not a folder, expected a set"),
         ({"sets": (".",)}, "no truth/layout.json in it or its subfolders"),
         ({"calibration": ("a.yaml", "b.yaml")}, "--calibration: 2 for 1 sets, expected one for each"),
         ({"calibration": ("nothing.yaml",)}, "nothing.yaml: no such file"),

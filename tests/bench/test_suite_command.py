@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.bench.suite_command import plan_text, show_suites, size_text, suite_of, time_text
+from mirrorcam.bench.suite_command import plan_text, read_copies, show_suites, size_text, time_text
 from mirrorcam.bench.suite_folder import read_finished
-from mirrorcam.bench.suite_run import planned, render_suite, workers_here
+from mirrorcam.bench.suite_run import make_plan, render_suite, workers_here
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_pool import cores
@@ -54,13 +54,13 @@ def test_a_plan_renders_nothing(folder: Path, capfd: pytest.CaptureFixture[str])
 @pytest.mark.slow
 @needs_renderer
 def test_copies_are_planned_as_sets_of_their_own(folder: Path) -> None:
-    many = planned(suite_of("standard", 300), folder, "llvm_ad_mono")
+    many = make_plan(read_copies("standard", 300), folder, "llvm_ad_mono")
     assert len(many.sets) == 300 * len(read_suite("standard").sets) > 10_000
     assert len({each.folder for each in many.sets}) == len(many.sets)
-    assert many.specs == planned(read_suite("standard"), folder, "llvm_ad_mono").specs
+    assert many.specs == make_plan(read_suite("standard"), folder, "llvm_ad_mono").specs
     assert re.search(r"about \d+\.\d GB and \d+\.\d h of a core like this machine's$", plan_text(many, None))
     with pytest.raises(InputError, match=r"^--copies 100000: 3400000 sets, expected 100000 or fewer$"):
-        suite_of("standard", 100_000)
+        read_copies("standard", 100_000)
 
 
 def test_sizes_and_times_for_people() -> None:
@@ -104,11 +104,11 @@ def test_a_suite_is_rendered_published_and_fetched_elsewhere(
     (folder / "bad.toml").write_text(f'{good}[[set]]\nname = "b"\nboard = {{ {tiny} }}\n')
     assert cli.main(["suite", "bad.toml", "--workers", "1", "--out", "here", "--publish", "store"]) == 1
     said = capfd.readouterr().out
-    assert "b is missing: board of 8 x 6 squares of 1 mm: too small to be seen" in said
-    assert "1 set copied, 0 there before" in said
+    assert "b is missing: board of 8 x 6 squares of 1 mm: too small to be resolved" in said
+    assert "1 set copied, 0 already there" in said
     assert not (folder / "store" / "mine.suite.json").exists()
     assert cli.main(["suite", "good.toml", "--workers", "1", "--out", "here", "--publish", "store"]) == 0
-    assert "0 sets copied, 1 there before" in capfd.readouterr().out
+    assert "0 sets copied, 1 already there" in capfd.readouterr().out
     shutil.rmtree(folder / "here" / "sets")
     assert cli.main(["suite", "good.toml", "--workers", "1", "--out", "there", "--fetch", "store"]) == 0
     assert "mine 2: 1 set, 1 stored\n" in capfd.readouterr().out
@@ -120,7 +120,7 @@ def test_a_suite_is_rendered_published_and_fetched_elsewhere(
 @pytest.mark.slow
 def test_smoke_stores_what_was_predicted(folder: Path) -> None:
     with output_folder(folder / "suites", "suite") as output:
-        plan = planned(read_suite("smoke"), output.path, choose_variant())
+        plan = make_plan(read_suite("smoke"), output.path, choose_variant())
         from mirrorcam.bench.suite_run import layouts_of
 
         workers = workers_here(cores())

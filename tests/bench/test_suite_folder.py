@@ -58,7 +58,7 @@ def test_a_manifest_whose_set_has_changed_is_refused(suite_folder: Path) -> None
     with pytest.raises(InputError, match=r"is not the set one of small\.suite\.json"):
         read_finished(suite_folder)
     dataset.unlink()
-    with pytest.raises(InputError, match="expected it as it was rendered"):
+    with pytest.raises(InputError, match="expected the file as rendered"):
         read_finished(suite_folder)
 
 
@@ -93,8 +93,8 @@ def a_link(folder: Path) -> None:
     [
         (altered, r"0001\.jpg: was changed since it was written"),
         (foreign, r"but no dataset\.json"),
-        (a_file, "is no folder, expected one of a set, or nothing"),
-        (a_link, "is no folder, expected one of a set, or nothing"),
+        (a_file, "is not a folder, expected that of a set, or nothing"),
+        (a_link, "is not a folder, expected that of a set, or nothing"),
     ],
 )
 def test_what_is_not_ours_is_refused(change: Callable[[Path], None], message: str, suite_folder: Path) -> None:
@@ -132,7 +132,7 @@ def test_a_set_from_elsewhere_that_is_not_whole_leaves_nothing(suite_folder: Pat
 
     faulty = {
         "does not match its checksum": whole | {picture: b"altered"},
-        "expected the files of a set alone": listing(**{"../out": "0" * 64}),
+        "expected only the files of a set": listing(**{"../out": "0" * 64}),
         "lacks frames/0001.jpg": whole
         | {
             MANIFEST: dataset.replaced(files={n: s for n, s in dataset.files.items() if n != picture})

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.bench.suite_folder import state_of
-from mirrorcam.bench.suite_run import layouts_of, planned, workers_here, workers_of
+from mirrorcam.bench.suite_run import layouts_of, make_plan, workers_here, workers_of
 from mirrorcam.core.disk.output_folder import HIDDEN
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.cluster import run_cluster
@@ -42,7 +42,7 @@ def of_suite(folder: Path) -> dict[str, bytes]:
 
 
 def folders(suite: Suite, folder: Path) -> dict[str, Path]:
-    return {each.recipe.name: each.folder for each in planned(suite, folder, choose_variant()).sets}
+    return {each.recipe.name: each.folder for each in make_plan(suite, folder, choose_variant()).sets}
 
 
 def nothing(tasks: Sequence[str]) -> Iterator[tuple[int, SetResult]]:
@@ -70,7 +70,7 @@ def test_folders_follow_from_what_is_asked_for_and_not_from_the_order(default_la
     assert folders(small_suite(default_layout, "other"), tmp_path) == asked
     other = folders(small_suite(default_layout, frames=4), tmp_path)
     assert not set(other.values()) & set(asked.values())
-    on_gpu = planned(suite, tmp_path, "cuda_ad_mono").sets
+    on_gpu = make_plan(suite, tmp_path, "cuda_ad_mono").sets
     assert not {each.folder for each in on_gpu} & set(asked.values())
 
 
@@ -86,7 +86,7 @@ def test_an_interrupted_suite_goes_on_and_gives_the_same(
     with pytest.raises(KeyboardInterrupt):
         rendered_into(begun, suite, replace(workers(), render=interrupted))
     (folders(suite, begun)["one"] / "frames" / "0002.jpg").unlink()
-    states = [each.state for each in planned(suite, begun, choose_variant()).sets]
+    states = [each.state for each in make_plan(suite, begun, choose_variant()).sets]
     assert states == ["begun", "missing"]
     rendered_into(begun, suite)
     assert of_suite(begun) == of_suite(suite_folder)
@@ -118,7 +118,7 @@ def test_a_bad_set_and_a_dead_worker_lose_no_other(default_layout: Layout, tmp_p
     done = rendered_into(tmp_path, suite, replace(workers(), render=one_dies))
     assert [each.name for each in done.manifest.sets] == ["one", "two"]
     assert done.manifest.missing == ("tiny", "deadly")
-    assert "too small to be seen" in done.failures["tiny"]
+    assert "too small to be resolved" in done.failures["tiny"]
     assert done.failures["deadly"] == "3 workers died of it"
     assert set(done.seconds) == {"one", "two"}
 
@@ -127,7 +127,7 @@ def test_an_altered_set_is_refused_before_anything_is_rendered(suite_folder: Pat
     suite = small_suite(default_layout)
     (folders(suite, suite_folder)["two"] / "frames" / "0000.jpg").write_bytes(b"mine")
     with pytest.raises(InputError, match="was changed since it was written"):
-        planned(suite, suite_folder, choose_variant())
+        make_plan(suite, suite_folder, choose_variant())
 
 
 def test_a_manifest_of_others_is_not_replaced(suite_folder: Path, default_layout: Layout) -> None:
@@ -143,7 +143,7 @@ def test_designs_without_a_solution_are_refused_by_the_name_of_their_set(tmp_pat
     suite = Suite.model_validate(
         {"name": "s", "version": 1, "set": [{"name": "narrow", "design": {"rows": 1, "cols": 2, "spacing_mm": 500.0}}]}
     )
-    plan = planned(suite, tmp_path, choose_variant())
+    plan = make_plan(suite, tmp_path, choose_variant())
     with pytest.raises(InputError, match="set narrow: design infeasible: "):
         layouts_of(plan, tmp_path, workers_here(1).design)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.bench.suite_folder import read_finished
-from mirrorcam.bench.suite_run import Plan, fetched, planned
+from mirrorcam.bench.suite_run import Plan, fetch_stored, make_plan
 from mirrorcam.bench.suite_store import Store, fetch_set, publish
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
@@ -51,7 +51,7 @@ def change(store: Store, name: str, content: bytes) -> None:
 
 
 def plan_of(folder: Path, layout: Layout, store: Store) -> Plan:
-    return planned(small_suite(layout), folder, choose_variant(), store)
+    return make_plan(small_suite(layout), folder, choose_variant(), store)
 
 
 def test_what_is_published_is_fetched_with_the_same_bytes(
@@ -60,7 +60,7 @@ def test_what_is_published_is_fetched_with_the_same_bytes(
     plan = plan_of(tmp_path / "other", default_layout, stored)
     assert [each.state for each in plan.sets] == ["stored", "stored"]
     assert not plan.unfinished
-    done = fetched(plan, stored)
+    done = fetch_stored(plan, stored)
     assert [each.state for each in done.sets] == ["finished", "finished"]
     assert contents(tmp_path / "other" / "sets") == contents(finished_suite / "sets")
     here = plan_of(tmp_path / "other", default_layout, stored)
@@ -92,7 +92,7 @@ def test_what_others_have_stored_is_not_replaced(stored: Store, finished_suite: 
     manifest = read_finished(finished_suite).manifest
     for name, message in (
         (f"{manifest.sets[0].folder}/{MANIFEST}", "is of another set"),
-        ("small.suite.json", "is no manifest of a suite"),
+        ("small.suite.json", "is not a suite manifest"),
     ):
         before = files_of(stored)
         change(stored, name, b"{}")
@@ -101,7 +101,7 @@ def test_what_others_have_stored_is_not_replaced(stored: Store, finished_suite: 
         assert files_of(stored)[name] == b"{}"
         change(stored, name, before[name])
     change(stored, "small.suite.json", manifest.replaced(name="other").text.encode())
-    with pytest.raises(InputError, match="is of the suite other, expected small"):
+    with pytest.raises(InputError, match="belongs to the suite other, expected small"):
         publish(manifest, finished_suite, stored)
 
 
@@ -130,9 +130,9 @@ def test_hostile_and_damaged_sets_are_refused_and_leave_nothing(
     faults = {
         b"{": "not valid JSON",
         b"[]": "Input should be an object",
-        listing("../../out"): "expected the files of a set alone",
-        listing("/etc/out"): "expected the files of a set alone",
-        listing("frames/../../../out"): "expected the files of a set alone",
+        listing("../../out"): "expected only the files of a set",
+        listing("/etc/out"): "expected only the files of a set",
+        listing("frames/../../../out"): "expected only the files of a set",
         another(frames=7): "has another frames",
         another(width_px=241): "has another width_px",
         json.dumps(stated | {"files": {}}).encode(): "lacks frames/0000.jpg",
@@ -143,7 +143,7 @@ def test_hostile_and_damaged_sets_are_refused_and_leave_nothing(
     for content, message in faults.items():
         change(stored, name, content)
         with pytest.raises(InputError, match=message) as refused:
-            fetched(plan, stored)
+            fetch_stored(plan, stored)
         assert "\n" not in str(refused.value)
         assert not first.folder.exists()
     assert not list(tmp_path.rglob("out"))
@@ -154,7 +154,7 @@ def test_a_file_that_is_lost_or_large_is_named(
 ) -> None:
     first = plan_of(tmp_path / "other", default_layout, stored).sets[0]
     with monkeypatch.context() as patch:
-        patch.setattr("mirrorcam.bench.suite_store.LARGEST_STORED_BYTES", 10)
+        patch.setattr("mirrorcam.bench.suite_store.MAX_STORED_BYTES", 10)
         with pytest.raises(InputError, match="bytes, expected 10 or fewer"):
             fetch_set(stored, first.recipe, first.folder)
     files, root = fsspec.core.url_to_fs(stored.url)
@@ -187,5 +187,5 @@ def test_sets_that_are_here_are_not_looked_for_there(
     shutil.copytree(finished_suite, tmp_path / "suites")
     store = Store("memory://nothing")
     plan = plan_of(tmp_path / "suites", default_layout, store)
-    assert fetched(plan, store) == replace(plan)
+    assert fetch_stored(plan, store) == replace(plan)
     assert [each.state for each in plan.sets] == ["finished", "finished"]

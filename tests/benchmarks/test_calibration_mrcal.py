@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.calibration_mrcal import cameras_m, centres_of, reflection, task_of
-from benchmarks.referees.mrcal_runner import asked, python_with_mrcal
+from benchmarks.referees.mrcal_runner import python_with_mrcal, run_solver
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -49,7 +49,7 @@ def table(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_places_of_mirrors_are_rigid_and_show_what_the_mirrors_show() -> None:
+def test_poses_of_mirrors_are_rigid_and_show_what_the_mirrors_show() -> None:
     centres = centres_of(LAYOUT)
     points = transform(poses()[0], BOARD.corners_in_board_mm)
     in_first_m = transform(reflection(centres[0]), points) / 1000.0
@@ -68,7 +68,7 @@ def test_mrcal_finds_the_camera_and_the_mirrors(table: Path) -> None:
         "lens": "LENSMODEL_OPENCV5",
         "calibrations": {"truth": {"lens": lens, "cameras": cameras_m(centres_of(LAYOUT))}},
     }
-    answer = asked(python, task)
+    answer = run_solver(python, task)
     found = answer["found"]["mrcal"]
     # mrcal draws lenses towards none at all by a weak prior, which is what is left of exact corners.
     assert found["lens"][:4] == pytest.approx(lens[:4], abs=0.05)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from benchmarks.calibrators import opencv_joint, opencv_per_view
-from benchmarks.calibrators.set_corners import SeenBoard, SetCorners
+from benchmarks.calibrators.set_corners import DetectedBoard, SetCorners
 from benchmarks.calibrators.view_poses import mean_pose, write_cameras
 from mirrorcam.bench.scores.consistency import with_covariance
 from mirrorcam.optics.camera_files.read.registry import read_rig
@@ -35,7 +35,7 @@ def corners(noise_px: float = 0.0) -> SetCorners:
         for number, view in enumerate(views):
             pixels = view.project(in_rig)
             pixels = pixels + noise_px * random.normal(size=pixels.shape)
-            seen[frame, number] = SeenBoard(np.arange(len(pixels)), pixels)
+            seen[frame, number] = DetectedBoard(np.arange(len(pixels)), pixels)
     return SetCorners(
         names=tuple(view.name for view in views),
         flip=views[0].flip,

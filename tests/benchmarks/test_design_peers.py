@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.design_peers import HELD, Question, Trace, first_problem
+from benchmarks.design_peers import FEASIBLE, ScipyProblem, SolverRun, first_problem
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
@@ -16,8 +16,8 @@ SMALL = DesignSpec(rows=1, cols=2)
 
 
 @pytest.fixture(scope="module")
-def question() -> Question:
-    return Question(SMALL, first_problem(SMALL))
+def program() -> ScipyProblem:
+    return ScipyProblem(SMALL, first_problem(SMALL))
 
 
 def _finite_differences(function: Callable[[FloatArray], Any], x: FloatArray, step: float = 1e-6) -> FloatArray:
@@ -25,35 +25,35 @@ def _finite_differences(function: Callable[[FloatArray], Any], x: FloatArray, st
     return np.stack(columns, axis=-1)
 
 
-def test_derivatives_handed_to_scipy_are_those_of_the_functions(question: Question) -> None:
-    x = question.start + 0.003 * np.random.default_rng(0).standard_normal(len(question.start))
-    np.testing.assert_allclose(question.gradient(x), _finite_differences(question.value, x), atol=1e-7)
-    found = question.jacobian(x).toarray()
-    np.testing.assert_allclose(found, _finite_differences(question.constraints, x), atol=1e-6)
-    multipliers = np.random.default_rng(1).standard_normal(len(question.equal))
+def test_derivatives_handed_to_scipy_are_those_of_the_functions(program: ScipyProblem) -> None:
+    x = program.start + 0.003 * np.random.default_rng(0).standard_normal(len(program.start))
+    np.testing.assert_allclose(program.gradient(x), _finite_differences(program.value, x), atol=1e-7)
+    found = program.jacobian(x).toarray()
+    np.testing.assert_allclose(found, _finite_differences(program.constraints, x), atol=1e-6)
+    multipliers = np.random.default_rng(1).standard_normal(len(program.equal))
 
     def slope(at: FloatArray) -> FloatArray:
-        return 0.7 * question.gradient(at) + question.jacobian(at).T @ multipliers
+        return 0.7 * program.gradient(at) + program.jacobian(at).T @ multipliers
 
     expected = _finite_differences(slope, x)
-    np.testing.assert_allclose(question.hessian(x, 0.7, multipliers).toarray(), expected, atol=1e-5)
+    np.testing.assert_allclose(program.hessian(x, 0.7, multipliers).toarray(), expected, atol=1e-5)
 
 
-def test_what_is_missed_counts_bounds_and_both_kinds_of_constraints(question: Question) -> None:
-    optimum = first_problem(SMALL).solver.optimise().values[question.kept]
-    assert question.missed(optimum) < 1e-6
-    narrower = Question(SMALL, first_problem(SMALL))
+def test_what_is_missed_counts_bounds_and_both_kinds_of_constraints(program: ScipyProblem) -> None:
+    optimum = first_problem(SMALL).solver.optimise().values[program.free]
+    assert program.violation(optimum) < 1e-6
+    narrower = ScipyProblem(SMALL, first_problem(SMALL))
     narrower.low = optimum - 0.1
     narrower.low[3] = optimum[3] + 0.25
-    assert narrower.missed(optimum) == pytest.approx(0.25)
+    assert narrower.violation(optimum) == pytest.approx(0.25)
     narrower.low, narrower.high = optimum - 0.1, optimum - 0.2
-    assert narrower.missed(optimum) == pytest.approx(0.2)
-    g = question.constraints(question.start)
-    assert question.equal.sum() == 3
-    assert question.missed(question.start) >= np.abs(g[question.equal]).max()
+    assert narrower.violation(optimum) == pytest.approx(0.2)
+    g = program.constraints(program.start)
+    assert program.equal.sum() == 3
+    assert program.violation(program.start) >= np.abs(g[program.equal]).max()
 
 
 def test_a_solver_is_near_only_when_it_also_holds_the_constraints() -> None:
-    trace = Trace((1.0, 2.0, 3.0), (0.1, 0.2005, 0.2), (0.5, HELD, 0.0), "done")
-    assert trace.reached_s(0.2) == 2.0
-    assert trace.reached_s(0.19) is None
+    trace = SolverRun((1.0, 2.0, 3.0), (0.1, 0.2005, 0.2), (0.5, FEASIBLE, 0.0), "done")
+    assert trace.time_to_s(0.2) == 2.0
+    assert trace.time_to_s(0.19) is None

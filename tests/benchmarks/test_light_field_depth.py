@@ -48,7 +48,7 @@ def drawn_scene(*, block_px: int = 1, overstated: float = 0.0, seed: int = 1) ->
         truth_px=np.zeros((SIDE, SIDE), np.float32),
         sigma_px=sigma,
         confidence=confidence.astype(np.float32),
-        reach=4.0,
+        farthest_steps=4.0,
     )
 
 

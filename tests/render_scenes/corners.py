@@ -17,7 +17,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.corners import CornerProjector
 
 BLUR_PX = 0.8
 HALF_PX = 7  # of the localiser's window
@@ -86,12 +86,12 @@ def errors_by_mirror(
     pupil: Pupil = PINHOLE,
 ) -> dict[int, FloatArray]:
     """Located minus projected corners (n, 2) in each mirror's window, px."""
-    oracle = Oracle(layout, TARGET, pupil=pupil)
-    px, visible = oracle.via_mirrors(rig_from_board)
+    projector = CornerProjector(layout, TARGET, pupil=pupil)
+    px, visible = projector.via_mirrors(rig_from_board)
     steps = []
     for axis in (0, 1):
         moved = rigid(np.eye(3), 0.1 * np.eye(3)[axis])
-        steps.append(oracle.via_mirrors(rig_from_board @ moved)[0] - px)
+        steps.append(projector.via_mirrors(rig_from_board @ moved)[0] - px)
     random = np.random.default_rng(0)
     errors = {}
     for index, picture in pictures.items():

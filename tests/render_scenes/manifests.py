@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
-from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
+from mirrorcam.render_scenes.sets.dataset import Dataset, DepthRange
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopSet
 
 REACHES = (
-    Reach(nearest_mm=281, farthest_mm=560, tilt_deg=44),
-    Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0),
+    DepthRange(nearest_mm=281, farthest_mm=560, tilt_deg=44),
+    DepthRange(nearest_mm=0, farthest_mm=0, tilt_deg=0),
 )
 
 

@@ -23,8 +23,8 @@ from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
-from mirrorcam.render_scenes.truth.corners import Oracle
-from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.corners import CornerProjector
+from mirrorcam.render_scenes.truth.light_rays import trace_via_mirror
 from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
 from tests.nightly import a_few
 from tests.render_scenes.corners import TARGET, tilted_board
@@ -200,14 +200,14 @@ def test_corners_by_bent_mirrors_are_told_exactly(small_layout: Layout, surface:
     """The ray of the solved pixel ends at the corner; that of a plane mirror's pixel does not."""
     layout = bent_layout(small_layout, surface)
     pose, finishes = tilted_board(layout), (BENT.replaced(sag_mm=0.02),) * 9
-    px, visible = Oracle(layout, TARGET, finishes).via_mirrors(pose)
+    px, visible = CornerProjector(layout, TARGET, finishes).via_mirrors(pose)
     assert visible.sum() > 300
-    plane = Oracle(layout, TARGET).via_mirrors(pose)[0]
+    plane = CornerProjector(layout, TARGET).via_mirrors(pose)[0]
     assert 0.1 < np.linalg.norm(px[visible] - plane[visible], axis=-1).mean() < 5.0
     for index, mirror in enumerate(layout.mirrors):
         rays = layout.camera.unproject(px[index][visible[index]])
         unit = rays / np.linalg.norm(rays, axis=1, keepdims=True)
-        _, start, direction, _ = reflected(mirror, unit, finishes[index])
+        _, start, direction, _ = trace_via_mirror(mirror, unit, finishes[index])
         start, direction = (start - pose[:3, 3]) @ pose[:3, :3], direction @ pose[:3, :3]
         at = start[:, :2] - direction[:, :2] * (start[:, 2] / direction[:, 2])[:, None]
         np.testing.assert_allclose(at, TARGET.corners_in_board_mm[visible[index]][:, :2], atol=1e-6)
@@ -219,7 +219,10 @@ def test_a_bend_of_nothing_is_a_plane(small_layout: Layout, surface: str) -> Non
     layout = bent_layout(small_layout, surface)
     rays = pixel_rays(layout, mirrors=False, step=9).direction
     for mirror in layout.mirrors[::4]:
-        flat, bent = reflected(mirror, rays), reflected(mirror, rays, BENT.replaced(sag_mm=1e-12, ripple_mm=0.0))
+        flat, bent = (
+            trace_via_mirror(mirror, rays),
+            trace_via_mirror(mirror, rays, BENT.replaced(sag_mm=1e-12, ripple_mm=0.0)),
+        )
         for one, other in zip(flat, bent, strict=True):
             np.testing.assert_allclose(one, other, atol=1e-9)
         assert np.isfinite(flat[3]).sum() > 10

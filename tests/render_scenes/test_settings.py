@@ -25,7 +25,7 @@ def test_pictures_are_jpeg_where_the_sensor_compresses_them_so() -> None:
 
 
 def test_a_picture_is_compressed_once() -> None:
-    with pytest.raises(InvalidValue, match="jpeg_quality and h264_crf: expected one of the two"):
+    with pytest.raises(InvalidValue, match="jpeg_quality and h264_crf: expected at most one of the two"):
         SensorModel(jpeg_quality=90, h264_crf=20)
 
 

@@ -68,7 +68,7 @@ def test_an_llvm_that_aborts_never_aborts_us() -> None:
     old = [p for v in (15, 16) for p in sorted(Path("/usr/lib").glob(f"*/libLLVM-{v}.so*"))]
     if not old:
         pytest.skip("no LLVM 15 or 16 on this machine")
-    assert not variant.renders(variant.LLVM, old[0])
+    assert not variant.can_render(variant.LLVM, old[0])
     done = run_python(RENDERS, **{variant.LIBRARY_VARIABLE: str(old[0])})
     assert done.returncode in (0, 1), done.stderr
     # Another library imported Dr.Jit first, which loaded that LLVM.
@@ -102,13 +102,13 @@ def test_the_library_loads_before_its_links_exist(tmp_path: Path) -> None:
         shutil.copy(runtime / name, tmp_path / runtime.name / name)
     load = f"import ctypes; ctypes.CDLL({str(tmp_path / library.name)!r})"
     assert run_python(load).returncode != 0  # the pitfall is real
-    ours = "import pathlib; from mirrorcam.render_scenes.variant import loads; "
-    ours += f"print(loads(pathlib.Path({str(tmp_path / library.name)!r})))"
+    ours = "import pathlib; from mirrorcam.render_scenes.variant import can_load;  "
+    ours += f"print(can_load(pathlib.Path({str(tmp_path / library.name)!r})))"
     assert run_python(ours).stdout == "True\n"
 
 
 def test_a_missing_library_does_not_load(tmp_path: Path) -> None:
-    assert not variant.loads(tmp_path / "libLLVM.so.99")
+    assert not variant.can_load(tmp_path / "libLLVM.so.99")
 
 
 def test_without_any_llvm_it_falls_back_and_says_so_once(

@@ -8,7 +8,7 @@ import pytest
 
 from mirrorcam import __version__, cli
 from mirrorcam.run import self_tests as tests_of_parts
-from mirrorcam.run.doctor_command import described
+from mirrorcam.run.doctor_command import describe
 from mirrorcam.run.installation import Extra, Installation, Package, Program
 from tests.test_public_api import after
 
@@ -29,7 +29,7 @@ FOUND = Installation(
 
 
 def test_each_line_says_what_is_there_what_was_tested_and_what_is_missing() -> None:
-    lines = dict(described(FOUND))
+    lines = dict(describe(FOUND))
     assert lines["mirrorcam"] == "1.2.3 in /opt/mirrorcam"
     assert lines["base"] == "numpy 2.4.6"
     expected = 'distributed missing; for sweeps: pip install "mirrorcam[cluster]"; installed: dask 2026.9 (2026.8.0)'

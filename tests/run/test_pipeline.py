@@ -93,10 +93,10 @@ def test_a_second_run_says_what_it_reuses(
     short_chain: dict[str, Metric], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run_all(full_recipe(0), tmp_path, "mirrorcam run", TERMINAL)
-    assert "re-used" not in capsys.readouterr().out
+    assert "reused" not in capsys.readouterr().out
     run_all(full_recipe(0), tmp_path, "mirrorcam run", TERMINAL)
     said = capsys.readouterr().out
-    assert [line.split()[0] for line in said.splitlines() if "re-used" in line] == ["design", "cad", "validation"]
+    assert [line.split()[0] for line in said.splitlines() if "reused" in line] == ["design", "cad", "validation"]
 
 
 def test_a_missing_extra_stops_the_run_before_any_work(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

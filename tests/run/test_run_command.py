@@ -75,5 +75,7 @@ def test_a_seed_below_zero_is_refused_in_one_line(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert_refused_here(["run", "--seed", "-1"], capfd, "--seed '-1': expected 0 to 2^63 - 1")
-    assert_refused_here(["run", "--quick", "design.toml"], capfd, "--quick and design.toml: expected one of the two")
+    assert_refused_here(
+        ["run", "--quick", "design.toml"], capfd, "--quick and design.toml: expected at most one of the two"
+    )
     assert list(tmp_path.iterdir()) == []

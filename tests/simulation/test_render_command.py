@@ -18,10 +18,10 @@ import pytest
 from mirrorcam import cli
 from mirrorcam.core.disk.files import write_json
 from mirrorcam.optics.geometry.targets import save_board
-from mirrorcam.render_scenes.sets.dataset import Dataset, Reach
+from mirrorcam.render_scenes.sets.dataset import Dataset, DepthRange
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, SurfaceFinish
-from mirrorcam.simulation.render_command import reach_text
+from mirrorcam.simulation.render_command import depth_range_text
 from mirrorcam.simulation.render_request import RenderRequest
 from tests.command_line import assert_refused_here
 from tests.small_set import contents
@@ -209,8 +209,8 @@ def poses_with(value: float, row: int, column: int) -> dict[str, object]:
     [
         ("--sensor c910", "--sensor 'c910': expected ideal, c920, poor, webcam or a .toml file"),
         ("--sensor none.toml", "none.toml: no such file"),
-        ("--sensor both.toml", "both.toml: jpeg_quality and h264_crf: expected one of the two"),
-        ("--as-built tilt=0.3", "--as-built 'tilt=0.3': no tolerance tilt, expected tilt_deg, offset_mm"),
+        ("--sensor both.toml", "both.toml: jpeg_quality and h264_crf: expected at most one of the two"),
+        ("--as-built tilt=0.3", "--as-built 'tilt=0.3': tilt is not a tolerance, expected tilt_deg, offset_mm"),
         ("--as-built tilt_deg=-1", "tilt_deg: Input should be greater than or equal to 0"),
         ("--as-built tilt_deg", "tilt_deg: Input should be a valid number"),
         ("--as-built tilt_deg=40", "tolerances"),
@@ -218,8 +218,8 @@ def poses_with(value: float, row: int, column: int) -> dict[str, object]:
         ("--poses scaled.json", "scaled.json: pose 1 has a matrix that is not a rotation"),
         ("--poses mirrored.json", "mirrored.json: pose 1 has a matrix that is not a rotation"),
         ("--poses sheared.json", "sheared.json: pose 1 has the last row"),
-        ("--poses unseen.json", "none of 2 poses shows a corner of the board to a mirror"),
-        ("--rate-hz 30 --frames 1", "rate_hz: one pose is no motion"),
+        ("--poses unseen.json", "none of 2 poses shows a corner of the board in a mirror"),
+        ("--rate-hz 30 --frames 1", "rate_hz: one pose is not a motion"),
         ("--rate-hz 0", "--rate-hz '0': Input should be greater than or equal to 0.01"),
         ("--settings mp4.toml", "video mp4: a video shows a motion, expected --rate-hz with it"),
         ("--settings avi.toml --rate-hz 9 --sensor ideal", "video avi"),
@@ -280,10 +280,12 @@ NAMES = tuple(f"{row}-{column}" for row in range(3) for column in range(3))
 
 def test_a_mirror_that_shows_no_board_is_named(finished_set: Path) -> None:
     dataset = Dataset.load(finished_set)
-    none = Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)
+    none = DepthRange(nearest_mm=0, farthest_mm=0, tilt_deg=0)
     blind = dataset.replaced(reaches=(none, *dataset.reaches[1:7], none, dataset.reaches[8]))
-    assert reach_text(blind, NAMES) == "mirror 0-0, 2-1 shows too few corners in every frame"
-    near = Reach(nearest_mm=250, farthest_mm=400, tilt_deg=50)
-    far = Reach(nearest_mm=300, farthest_mm=500, tilt_deg=40)
+    assert depth_range_text(blind, NAMES) == "mirror 0-0, 2-1 shows too few corners in every frame"
+    near = DepthRange(nearest_mm=250, farthest_mm=400, tilt_deg=50)
+    far = DepthRange(nearest_mm=300, farthest_mm=500, tilt_deg=40)
     both = dataset.replaced(reaches=(near, far))
-    assert reach_text(both, NAMES[:2]) == "every mirror shows boards from 300 to 400 mm away and tilted by up to 40°"
+    assert (
+        depth_range_text(both, NAMES[:2]) == "every mirror shows boards from 300 to 400 mm away and tilted by up to 40°"
+    )

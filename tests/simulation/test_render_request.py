@@ -41,7 +41,7 @@ def test_texts_become_tolerances_and_sensors() -> None:
 
 
 def test_a_text_that_is_none_is_refused() -> None:
-    with pytest.raises(ValueError, match="no tolerance tilt, expected tilt_deg"):
+    with pytest.raises(ValueError, match="tilt is not a tolerance, expected tilt_deg"):
         tolerances_of("tilt=1")
     with pytest.raises(ValueError, match="tilt_deg: "):
         tolerances_of("tilt_deg=wide")

@@ -31,11 +31,11 @@ from mirrorcam.simulation.rendering import (
     HEIGHT_PX,
     SetCheck,
     check_set,
-    finished_frames,
     in_workers,
     on_cluster,
     overview,
     write_scene,
+    yield_frames,
 )
 from tests.nightly import a_few
 from tests.render_scenes.manifests import dataset_of_two_frames, scene_of_two_depths
@@ -91,7 +91,7 @@ def leaving(task_json: str) -> dict[str, bytes]:
 @pytest.mark.slow
 @rendered
 def test_a_frame_that_ends_all_its_workers_is_named(set_request: SetRequest, tmp_path: Path) -> None:
-    run = partial(finished_frames, partial(run_local, workers=1, work=leaving))
+    run = partial(yield_frames, partial(run_local, workers=1, work=leaving))
     with pytest.raises(InputError, match=r"frame frames/0000\.jpg: 3 workers died of it, the last with exit code 3"):
         render_set(set_request, tmp_path / "set", run=run)
 
@@ -116,7 +116,7 @@ def test_a_cluster_renders_the_same_bytes_whatever_becomes_of_a_worker(
 
 def test_frames_are_passed_on_as_they_are_finished() -> None:
     finished = [(1, {"b": b"2"}), (0, {"a": b"1"})]
-    assert list(finished_frames(lambda tasks: iter(finished), ["", ""])) == finished
+    assert list(yield_frames(lambda tasks: iter(finished), ["", ""])) == finished
 
 
 def test_a_scene_gets_its_overview(small_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -82,7 +82,7 @@ def test_a_scene_that_is_killed_is_continued_to_the_same_bytes(here: Path, capsy
         (["layout.json", "--depths-mm", "500", "300"], "depths 500, 300 mm: expected one or more, ascending"),
         (["layout.json", "--depths-mm", "60"], "depth 60 mm: an object there would touch the camera"),
         (["layout.json", "--sensor", "best"], "--sensor 'best': expected ideal, c920, poor, webcam or a .toml file"),
-        (["layout.json", "--as-built", "tilt=1"], "--as-built 'tilt=1': no tolerance tilt"),
+        (["layout.json", "--as-built", "tilt=1"], "--as-built 'tilt=1': tilt is not a tolerance"),
         (["layout.json", "--mesh", "gone.stl"], "gone.stl: no such file"),
         (["layout.json", "--mesh", "layout.json"], "layout.json: not a readable mesh, expected .stl, .ply, .obj"),
         (["layout.json", "--mesh", "a.obj:0,0,90"], "a.obj: reaches to a depth of 60 mm, expected no less than 67"),
@@ -100,10 +100,10 @@ def test_bad_input_is_refused_in_one_line_and_leaves_nothing(
 def test_a_mesh_may_have_a_place() -> None:
     placed = mesh_from_text("parts/a.stl:10,-30.5,350")
     assert placed.file == Path("parts/a.stl")
-    assert placed.place_in_view_mm is not None
-    assert placed.place_in_view_mm.tolist() == [10.0, -30.5, 350.0]
+    assert placed.position_in_view_mm is not None
+    assert placed.position_in_view_mm.tolist() == [10.0, -30.5, 350.0]
     alone = mesh_from_text("odd:name.ply")
     assert alone.file == Path("odd:name.ply")
-    assert alone.place_in_view_mm is None
+    assert alone.position_in_view_mm is None
     with pytest.raises(InputError, match=r"^--mesh a\.stl:1,2,x: expected FILE or FILE:x,y,z in mm, view axes$"):
         mesh_from_text("a.stl:1,2,x")

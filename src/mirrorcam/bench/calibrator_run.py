@@ -22,22 +22,22 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_program import TREE_ENDING_S, adopting_orphans, supervised
 from mirrorcam.core.values import Matrix3, Value
 from mirrorcam.optics.camera_files.write.virtual_cameras import VirtualCamera, virtual_cameras
-from mirrorcam.render_scenes.sets.dataset import KNOWN, Dataset
+from mirrorcam.render_scenes.sets.dataset import USER_FILES, Dataset
 
 VIEWS = "views.json"
 
 
 class DescribedView(Value):
-    """A mirror as a camera of the flipped frame: its sub-image, and its nominal camera.
+    """A mirror as a camera of the flipped frame: its sub-image and its nominal camera.
 
     Attributes
     ----------
     x, y, width, height
         Rectangle of the view in the flipped frame, px.
     outline_px
-        Corners (n, 2) of the mirror's field, px of the flipped frame.
+        Corners (n, 2) of the mirror's sub-image in the flipped frame, px.
     camera_matrix
-        3 x 3, for the complete flipped frame.
+        Camera matrix (3, 3), for the complete flipped frame.
     """
 
     name: str
@@ -51,13 +51,13 @@ class DescribedView(Value):
     @classmethod
     def of(cls, view: VirtualCamera) -> DescribedView:
         """Return the description of a mirror's camera."""
-        part = view.sub_image
+        rectangle = view.sub_image
         return cls(
             name=view.name,
-            x=part.x,
-            y=part.y,
-            width=part.width,
-            height=part.height,
+            x=rectangle.x,
+            y=rectangle.y,
+            width=rectangle.width,
+            height=rectangle.height,
             outline_px=view.outline_px.tolist(),
             camera_matrix=view.camera.matrix,
         )
@@ -66,7 +66,7 @@ class DescribedView(Value):
 class DescribedViews(Value):
     """`views.json` of a set: the nominal views of a device, for calibrators without a model of mirrors.
 
-    The `views.json` of an exported light field is another file, with the schema `mirrorcam.views/1`.
+    The `views.json` of an exported light field is a different file, with the schema `mirrorcam.views/1`.
     `flip_code` is the argument of `cv2.flip` that turns a frame into the picture of each view's camera.
     """
 
@@ -89,43 +89,45 @@ def described_views(layout: Layout) -> DescribedViews:
 
 
 def write_blind_set(folder: Path, target: Path) -> None:
-    """Copy a set's pictures, nominal layout and board, but no truth, into a new folder; add `views.json`.
+    """Copy a set's pictures, nominal layout and board, but no ground truth, into a new folder; add `views.json`.
 
-    Raises InputError in one line if the set lacks a file.
+    Raises InputError if the set lacks a file.
     """
     dataset = Dataset.load(folder)
-    names = (*KNOWN, *dataset.frame_names, *dataset.base_names, *filter(None, [dataset.video_name]))
+    names = (*USER_FILES, *dataset.frame_names, *dataset.base_names, *filter(None, [dataset.video_name]))
     for name in names:
         source = inside(folder, name)
         stored_bytes(source)
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(source, target / name)
-    write_text(target / VIEWS, described_views(Layout.load(folder / KNOWN[0])).model_dump_json(by_alias=True) + "\n")
+    described = described_views(Layout.load(folder / USER_FILES[0]))
+    write_text(target / VIEWS, described.model_dump_json(by_alias=True) + "\n")
 
 
 HEAD_BYTES, TAIL_BYTES = 1_000_000, 100_000
-"""Bytes of the beginning and of the end of a command's output in its log."""
-LAST_BYTES = 2000
-"""Bytes at the end of a log that are searched for the error message."""
+"""Number of bytes from the beginning and from the end of a command's output that its log keeps."""
+MESSAGE_BYTES = 2000
+"""Number of bytes at the end of a log that are searched for the error message."""
 SET, RESULT = "MIRRORCAM_SET", "MIRRORCAM_RESULT"
-_SIGNALLED = 128
+_SIGNAL_BASE = 128
 
 
 @dataclass(frozen=True)
 class CalibratorRun:
-    """The outcome of a command: duration, reason of a failure (empty on success), and output."""
+    """The outcome of a command: duration, reason for a failure (empty on success), and output."""
 
     seconds: float
     failure: str
     log: bytes
 
 
-def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> CalibratorRun:
-    """Run a shell command on one set, with the folders of its inputs and result in its environment.
+def run_calibrator(command: str, inputs: Path, result: Path, timeout_s: float) -> CalibratorRun:
+    """Run a shell command on one set; environment variables state the folders of its inputs and its result.
 
-    Both paths are absolute. Its descendants end with it, at the latest after `timeout_s` or with this process.
+    Both paths are absolute. The command's descendants end with it, after `timeout_s` at the latest, or with this
+    process.
     """
-    folders = {SET: seen, RESULT: result}
+    folders = {SET: inputs, RESULT: result}
     started = time.monotonic()
     with adopting_orphans() as end_orphans:
         process = subprocess.Popen(
@@ -136,7 +138,7 @@ def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> 
             env=os.environ | {name: f"{path}" for name, path in folders.items()},
             start_new_session=True,
         )
-        printed = _Printed(process)
+        output = _Output(process)
         try:
             code: int | None = process.wait(timeout=timeout_s)
         except subprocess.TimeoutExpired:
@@ -146,7 +148,7 @@ def run_calibrator(command: str, seen: Path, result: Path, timeout_s: float) -> 
             if process.returncode < 0:  # a signal: the command killed its supervisor
                 end_orphans()
     seconds = time.monotonic() - started
-    log = printed.log()
+    log = output.log()
     if code is None:
         return CalibratorRun(seconds, f"the command took longer than {timeout_s:g} s", log)
     return CalibratorRun(seconds, _failure(code, log, folders) if code else "", log)
@@ -157,7 +159,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     assert process.stdin is not None
     process.stdin.close()
     if process.poll() is None and hasattr(signal, "SIGCONT"):
-        process.send_signal(signal.SIGCONT)  # if the command stopped its supervisor
+        process.send_signal(signal.SIGCONT)  # in case the command stopped its supervisor
     try:
         process.wait(TREE_ENDING_S + 2.0)
     except subprocess.TimeoutExpired:
@@ -169,21 +171,21 @@ def _failure(code: int, log: bytes, folders: Mapping[str, Path]) -> str:
     message = _last_line(log)
     for name, path in folders.items():
         message = message.replace(f"{path}", f"${name}")
-    number = code - _SIGNALLED if code > 0 else -code
-    if number in set(signal.Signals):
-        ended = f"signal {number} ended the command"
+    signal_number = code - _SIGNAL_BASE if code > 0 else -code
+    if signal_number in set(signal.Signals):
+        outcome = f"signal {signal_number} ended the command"
     else:
-        ended = f"the command ended with exit code {code}"
-    return ended + (f": {message}" if message else "")
+        outcome = f"the command ended with exit code {code}"
+    return outcome + (f": {message}" if message else "")
 
 
 def _last_line(log: bytes) -> str:
-    lines = log[-LAST_BYTES:].decode("utf-8", errors="replace").split("\n")
+    lines = log[-MESSAGE_BYTES:].decode("utf-8", errors="replace").split("\n")
     return next((line.strip() for line in reversed(lines) if line.strip()), "")
 
 
-class _Printed:
-    """Output of a process, read by a thread; its log keeps the beginning and the end."""
+class _Output:
+    """Output of a process, read by a thread; the log keeps its beginning and end."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
@@ -210,21 +212,21 @@ class _Printed:
         with self._lock:
             tail = bytes(self._tail[-TAIL_BYTES:])
             omitted = self._count - len(self._head) - len(tail)
-            between = b"\n[%d bytes are left out here]\n" % omitted if omitted else b""
-            return bytes(self._head) + between + tail
+            gap = b"\n[%d bytes are omitted here]\n" % omitted if omitted else b""
+            return bytes(self._head) + gap + tail
 
 
 LOG = "log.txt"
 """The log of the command; a result file of this name is ignored."""
 COVARIANCE = "covariance.json"
-MOST_FILES, MOST_BYTES, DEEPEST = 10_000, 1_000_000_000, 10
-"""Limits on the files and folders of a result: count, size and nesting depth."""
+MAX_FILES, MAX_BYTES, MAX_DEPTH = 10_000, 1_000_000_000, 10
+"""Limits on the files and folders of a result: number, total size and nesting depth."""
 
 
-def take_result(result: Path, target: Path) -> None:
-    """Copy the files in a command's result folder into another, existing and empty folder.
+def copy_result(result: Path, target: Path) -> None:
+    """Copy the files in a command's result folder into an existing, empty folder.
 
-    Raises InputError in one line, before anything is copied, for content that no calibration has: a link, a pipe, an
+    Raises InputError, before anything is copied, for content that no calibration has: a link, a pipe, an
     unprintable name, or too many or too large files.
     """
     for name in _names(result):
@@ -239,7 +241,7 @@ def take_result(result: Path, target: Path) -> None:
                 shutil.copyfileobj(source, copy)
 
 
-def calibration_of(folder: Path) -> Path:
+def calibration_path(folder: Path) -> Path:
     """Return the single result file of a command, or the folder of several; raises InputError for none."""
     names = [path for path in sorted(folder.iterdir()) if path.name not in (LOG, COVARIANCE)]
     if not names:
@@ -253,10 +255,10 @@ def _names(result: Path) -> list[str]:
         raise InputError(f"the command removed ${RESULT}, expected its calibration there")
     if not stat.S_ISDIR(result.lstat().st_mode):
         raise InputError(f"the command replaced ${RESULT}, expected its calibration in this folder")
-    found: list[str] = []
-    waiting, count, total = [""], 0, 0
-    while waiting:
-        folder = waiting.pop()
+    names: list[str] = []
+    pending, count, total = [""], 0, 0
+    while pending:
+        folder = pending.pop()
         try:
             entries = os.scandir(result / folder)
         except OSError as error:
@@ -266,26 +268,26 @@ def _names(result: Path) -> list[str]:
                 name = f"{folder}/{entry.name}" if folder else entry.name
                 status = entry.stat(follow_symlinks=False)
                 count, total = count + 1, total + status.st_size
-                if count > MOST_FILES or total > MOST_BYTES:
+                if count > MAX_FILES or total > MAX_BYTES:
                     raise InputError(
-                        f"the command left more than {MOST_FILES} files or {MOST_BYTES // 10**9} GB in ${RESULT}, "
-                        "expected its calibration alone"
+                        f"the command left more than {MAX_FILES} files or {MAX_BYTES // 10**9} GB in ${RESULT}, "
+                        "expected only its calibration"
                     )
-                _refuse(result, name, status.st_mode)
+                _check_entry(result, name, status.st_mode)
                 if stat.S_ISDIR(status.st_mode):
-                    waiting.append(name)
+                    pending.append(name)
                 elif name != LOG:
-                    found.append(name)
-    return sorted(found)
+                    names.append(name)
+    return sorted(names)
 
 
-def _refuse(result: Path, name: str, mode: int) -> None:
+def _check_entry(result: Path, name: str, mode: int) -> None:
     """Raise InputError unless the path is a file or folder of a calibration."""
-    shown = name[-80:].encode("unicode_escape", "surrogatepass").decode()
+    printable_name = name[-80:].encode("unicode_escape", "surrogatepass").decode()
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        what = "a link" if stat.S_ISLNK(mode) else "not a regular file"
-        raise InputError(f"${RESULT}/{shown}: is {what}, expected the files of a calibration")
+        kind = "a link" if stat.S_ISLNK(mode) else "not a regular file"
+        raise InputError(f"${RESULT}/{printable_name}: is {kind}, expected the files of a calibration")
     if not name.isprintable() or not is_inside(result, name):
-        raise InputError(f"the command left a file named '{shown}', expected a name of printable characters")
-    if name.count("/") >= DEEPEST:
-        raise InputError(f"${RESULT}/{shown}: is nested too deeply, expected the files of a calibration")
+        raise InputError(f"the command left a file named '{printable_name}', expected a name of printable characters")
+    if name.count("/") >= MAX_DEPTH:
+        raise InputError(f"${RESULT}/{printable_name}: is nested too deeply, expected the files of a calibration")

@@ -1,4 +1,4 @@
-"""Evaluate a calibrator on a suite: run its command on each set without the truth, and score its result."""
+"""Evaluate a calibrator on a suite: run its command on each set without the ground truth, and score its results."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from mirrorcam.bench.calibrator_run import (
     COVARIANCE,
     LOG,
     RESULT,
-    calibration_of,
+    calibration_path,
+    copy_result,
     run_calibrator,
-    take_result,
     write_blind_set,
 )
 from mirrorcam.bench.score_request import EvaluationRequest, Reading
@@ -40,15 +40,15 @@ from mirrorcam.core.values import Value
 
 RESULTS = "results"
 READING_S = 10.0
-"""Minimum time limit to read and score a result."""
+"""Minimum time limit for reading and scoring a result."""
 RESERVED_BYTES, RESERVED_BYTES_PER_SET = 1_000_000, 200_000
 """Disk space reserved for the files of an evaluation, in case a command fills the disk."""
-WATCHED = "rms_px"
-"""The figure that is compared with an earlier evaluation."""
+COMPARED = "rms_px"
+"""The figure that is compared with the baseline."""
 
 
 class Change(Value):
-    """Change of a set's figure from an earlier evaluation."""
+    """Change of a set's figure from the baseline, an earlier evaluation; `most` is the maximum factor allowed."""
 
     set: str
     figure: str
@@ -59,12 +59,12 @@ class Change(Value):
 
     @property
     def factor(self) -> float:
-        """Ratio of the figure to the earlier one."""
+        """Ratio of the figure to the baseline's."""
         return self.now / self.before if self.before > 0.0 else (1.0 if self.now == 0.0 else float("inf"))
 
 
 class Evaluation(Value):
-    """The content of `evaluation.json`."""
+    """Content of `evaluation.json`."""
 
     schema_id: Literal["mirrorcam.evaluation/1"] = Field(default="mirrorcam.evaluation/1", alias="schema")
     suite: str
@@ -78,12 +78,12 @@ class Evaluation(Value):
     @property
     def failures(self) -> dict[str, str]:
         """Reasons for missing scores, by the names of the sets."""
-        return {each.name: each.failure for each in self.tried if each.failure}
+        return {tried.name: tried.failure for tried in self.tried if tried.failure}
 
     @property
     def scored(self) -> dict[str, ScoredSet]:
         """The scores, by the names of the sets."""
-        return {} if self.scores is None else {each.name: each for each in self.scores.sets}
+        return {} if self.scores is None else {scored.name: scored for scored in self.scores.sets}
 
     def text(self) -> str:
         """Return the JSON."""
@@ -91,12 +91,12 @@ class Evaluation(Value):
 
 
 class EvaluationStopped(InputError):
-    """An evaluation that stopped because the disk is full or a folder was removed; the message states the reason.
+    """An evaluation stopped because the disk is full or a folder was removed; the message states the reason.
 
     Attributes
     ----------
     evaluation, scores
-        As returned by `evaluate`; sets not reached are failures.
+        As returned by `evaluate`; sets that were not reached are failures.
     """
 
     def __init__(self, reason: str, evaluation: Evaluation, scores: dict[str, CalibrationScore]) -> None:
@@ -141,27 +141,28 @@ def evaluate(
                 if not stopped:
                     seconds, failure = _run(request, set_folder, results)
                 if not failure:
-                    reads = _Reading(entry.name, set_folder, results, reading, views, limits)
-                    of_set, score = _scored(worker, reads, max(READING_S, request.timeout_s - seconds))
-                    scored.append(of_set)
+                    task = _ScoringTask(entry.name, set_folder, results, reading, views, limits)
+                    scored_set, score = _score_in(worker, task, max(READING_S, request.timeout_s - seconds))
+                    scored.append(scored_set)
                     scores[entry.name] = score
             except _NoScore as error:
                 failure = str(error)
             except OSError as error:
                 stopped = f"{error.filename or results}: {error.strerror or error}"
-                failure = f"not kept: {stopped}"
+                failure = f"not saved: {stopped}"
             tried.append(_tried_set(entry, seconds, failure))
             progress(done, len(suite.folders))
     finally:
         worker.close()
         reserve.unlink()
     report = report_of(scored, list(scores.values()), limits) if scored else None
-    changes = changes_of(baseline, request.worse_by, suite, {each.name: each for each in scored})
-    passed = len(scored) == len(tried) and (report is None or report.passed) and all(each.passed for each in changes)
+    changes = changes_of(baseline, request.worse_by, suite, {scored_set.name: scored_set for scored_set in scored})
+    passed = len(scored) == len(tried) and (report is None or report.passed)
+    passed = passed and all(change.passed for change in changes)
     evaluation = Evaluation(
         suite=suite.manifest.name,
         version=suite.manifest.version,
-        command=_line(request.command),
+        command=_one_line(request.command),
         tried=tuple(tried),
         scores=report,
         changes=changes,
@@ -175,22 +176,22 @@ def evaluate(
 def changes_of(
     baseline: Evaluation | None, worse_by: float | None, suite: FinishedSuite, scored: Mapping[str, ScoredSet]
 ) -> tuple[Change, ...]:
-    """Return the change of the watched figure for each set that the baseline has with the same checksum."""
+    """Return the change of the compared figure for each set that the baseline has with the same checksum."""
     if baseline is None:
         return ()
-    before = baseline.scored
-    checksums = {each.name: each.dataset_sha256 for each in baseline.tried}
-    found = []
+    earlier = baseline.scored
+    checksums = {tried.name: tried.dataset_sha256 for tried in baseline.tried}
+    changes = []
     for entry in suite.manifest.sets:
-        if entry.name not in scored or entry.name not in before or checksums.get(entry.name) != entry.dataset_sha256:
+        if entry.name not in scored or entry.name not in earlier or checksums.get(entry.name) != entry.dataset_sha256:
             continue
-        watched = [each[entry.name].figures[WATCHED] for each in (scored, before)]
-        if not all(figure.known for figure in watched):
+        figures = [scores[entry.name].figures[COMPARED] for scores in (scored, earlier)]
+        if not all(figure.known for figure in figures):
             continue
-        now, then = (figure.value for figure in watched)
-        passed = worse_by is None or now <= worse_by * then
-        found.append(Change(set=entry.name, figure=WATCHED, before=then, now=now, most=worse_by, passed=passed))
-    return tuple(found)
+        now, before = (figure.value for figure in figures)
+        passed = worse_by is None or now <= worse_by * before
+        changes.append(Change(set=entry.name, figure=COMPARED, before=before, now=now, most=worse_by, passed=passed))
+    return tuple(changes)
 
 
 def _tried_set(entry: SuiteSet, seconds: float, failure: str) -> TriedSet:
@@ -199,40 +200,40 @@ def _tried_set(entry: SuiteSet, seconds: float, failure: str) -> TriedSet:
         why=entry.why,
         dataset_sha256=entry.dataset_sha256,
         seconds=round(seconds, 2),
-        failure=_line(failure),
+        failure=_one_line(failure),
     )
 
 
-def _line(text: str) -> str:
+def _one_line(text: str) -> str:
     return shortened(" ".join("".join(char if char.isprintable() else " " for char in text).split()))
 
 
 def _run(request: EvaluationRequest, set_folder: Path, results: Path) -> tuple[float, str]:
-    """Run the command on one set, and keep its log and result; return its duration, and why it failed or "".
+    """Run the command on one set and save its log and result; return its duration, and why it failed or "".
 
     Raises OSError if files cannot be written.
     """
     results.mkdir(parents=True)
     with work_folder() as work:
-        seen, result = work / "set", work / "result" / results.name
-        for each in (seen, result):
-            each.mkdir(parents=True)
+        inputs, result = work / "set", work / "result" / results.name
+        for path in (inputs, result):
+            path.mkdir(parents=True)
         try:
-            write_blind_set(set_folder, seen)
+            write_blind_set(set_folder, inputs)
         except InputError as error:
             return 0.0, str(error)
-        ran = run_calibrator(request.command, seen, result, request.timeout_s)
-        failure = ran.failure
+        run = run_calibrator(request.command, inputs, result, request.timeout_s)
+        failure = run.failure
         try:
-            take_result(result, results)
+            copy_result(result, results)
         except InputError as error:
             failure = failure or str(error)
-    (results / LOG).write_bytes(ran.log)
-    return ran.seconds, failure
+    (results / LOG).write_bytes(run.log)
+    return run.seconds, failure
 
 
 @dataclass(frozen=True)
-class _Reading:
+class _ScoringTask:
     """Inputs of `score_set` for one set."""
 
     name: str
@@ -246,7 +247,7 @@ class _Reading:
         covariance = self.results / COVARIANCE
         return score_set(
             self.set_folder,
-            calibration_of(self.results),
+            calibration_path(self.results),
             self.reading,
             name=self.name,
             covariance=covariance if covariance.exists() else None,
@@ -259,26 +260,26 @@ class _NoScore(Exception):
     """A result cannot be scored; the message states why."""
 
 
-def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[ScoredSet, CalibrationScore]:
+def _score_in(worker: WorkerProcess, task: _ScoringTask, limit_s: float) -> tuple[ScoredSet, CalibrationScore]:
     """Score a command's result; raises _NoScore.
 
-    Another process reads it, which is killed after a time limit and may crash without harm to this one.
+    The worker process that reads it is killed after a time limit, and may crash without harm to this one.
     """
-    worker.send(_Reading.score, reads)  # before the timer starts, which kills the process
-    began = time.monotonic()
+    worker.send(_ScoringTask.score, task)  # before the timer starts, which kills the process
+    start_s = time.monotonic()
     timer = threading.Timer(limit_s, worker.kill)
     timer.start()
     try:
-        found: tuple[ScoredSet, CalibrationScore] = worker.answer()
-        return found
+        answer: tuple[ScoredSet, CalibrationScore] = worker.answer()
+        return answer
     except InputError as error:
-        raise _NoScore(str(error).replace(f"{reads.results}", f"${RESULT}")) from None
+        raise _NoScore(str(error).replace(f"{task.results}", f"${RESULT}")) from None
     except WorkerDied as error:
-        if time.monotonic() - began >= limit_s:
-            raise _NoScore(f"to read and score its result took longer than {limit_s:.0f} s") from None
+        if time.monotonic() - start_s >= limit_s:
+            raise _NoScore(f"reading and scoring its result took longer than {limit_s:.0f} s") from None
         raise _NoScore(f"the process that read its result ended {error}") from None
     except RuntimeError as error:  # a bug of this program must not affect the other sets
-        with (reads.results / LOG).open("a", encoding="utf-8") as log:
+        with (task.results / LOG).open("a", encoding="utf-8") as log:
             log.write(f"\n{error}")
         reason = str(error).strip().splitlines()[-1]
         raise _NoScore(f"its result could not be scored, as {LOG} explains: {reason}") from None
@@ -288,7 +289,7 @@ def _scored(worker: WorkerProcess, reads: _Reading, limit_s: float) -> tuple[Sco
 
 
 def read_evaluation(path: Path) -> Evaluation:
-    """Read an evaluation; raises InputError in one line for an invalid file.
+    """Read an evaluation; raises InputError for an invalid file.
 
     A set whose RMS error is not a number of at least 0 becomes a failure.
     """
@@ -296,11 +297,11 @@ def read_evaluation(path: Path) -> Evaluation:
     scores = tables.get("scores") if isinstance(tables, dict) else None
     sets = scores.get("sets") if isinstance(scores, dict) else None
     if isinstance(scores, dict) and isinstance(sets, list):
-        invalid = {name: why for each in sets if (name := _name_of(each)) and (why := _invalid(each))}
-        scores["sets"] = [each for each in sets if _name_of(each) not in invalid]
-        for each in tables["tried"] if isinstance(tables.get("tried"), list) else []:
-            if (name := _name_of(each)) in invalid:
-                each["failure"] = invalid[name]
+        invalid = {name: reason for table in sets if (name := _name_of(table)) and (reason := _invalid_reason(table))}
+        scores["sets"] = [table for table in sets if _name_of(table) not in invalid]
+        for table in tables["tried"] if isinstance(tables.get("tried"), list) else []:
+            if (name := _name_of(table)) in invalid:
+                table["failure"] = invalid[name]
     return model_from(Evaluation, path, tables)
 
 
@@ -310,14 +311,14 @@ def _name_of(table: Any) -> str:
     return name if isinstance(name, str) else ""
 
 
-def _invalid(scored: dict[str, Any]) -> str:
+def _invalid_reason(scored: dict[str, Any]) -> str:
     """Return why a score in a table is invalid; empty if it is valid, or the table has no figures."""
     figures = scored.get("figures")
     if not isinstance(figures, dict):
         return ""
-    figure = figures.get(WATCHED)
+    figure = figures.get(COMPARED)
     value = figure.get("value") if isinstance(figure, dict) else None
     if isinstance(value, int | float) and not isinstance(value, bool) and 0.0 <= value < math.inf:
         return ""
-    shown = shortened("".join(each for each in repr(value) if each.isprintable()), 40)
-    return f"invalid result: {WATCHED} is {shown}, expected a number from 0 on"
+    text = shortened("".join(char for char in repr(value) if char.isprintable()), 40)
+    return f"invalid result: {COMPARED} is {text}, expected a number of at least 0"

@@ -1,4 +1,4 @@
-"""The files of an evaluation: JSON, a summary, JUnit XML, and a picture of the errors of each set."""
+"""Files of an evaluation: JSON, a summary, JUnit XML, and a picture of the errors of each set."""
 
 from __future__ import annotations
 
@@ -48,19 +48,19 @@ PICTURES = "pictures"
 
 
 def summary_text(evaluation: Evaluation, *, pictures: tuple[str, ...] = ()) -> str:
-    """The summary as Markdown: failures first, a row for each set, and collapsed details.
+    """Return the summary as Markdown: failures first, a row for each set, and collapsed details.
 
     `pictures` names the sets that have a picture in the folder `pictures`; the summary includes them.
     """
     verdict, count = "passed" if evaluation.passed else "failed", len(evaluation.tried)
     header, *rows = set_rows(evaluation, COLUMNS)
-    named = [[f"`{name}`", *cells] for name, *cells in rows]
+    quoted = [[f"`{name}`", *cells] for name, *cells in rows]
     parts = [
         f"# Calibration on the suite {evaluation.suite}, version {evaluation.version}: {verdict}\n",
         f"{len(evaluation.scored)} of {count} sets scored, by `{evaluation.command.replace('`', '_')}`.\n",
         *(f"- {markdown_text(line)}" for line in failed_lines(evaluation)),
         "",
-        "\n".join(f"| {' | '.join(row)} |" for row in [header, ["---"] * len(header), *named]) + "\n",
+        "\n".join(f"| {' | '.join(row)} |" for row in [header, ["---"] * len(header), *quoted]) + "\n",
         _chart(evaluation),
         *(f"![Errors of {name} in every view]({PICTURES}/{name}.png)\n" for name in pictures),
     ]
@@ -73,7 +73,7 @@ def summary_text(evaluation: Evaluation, *, pictures: tuple[str, ...] = ()) -> s
 def set_rows(evaluation: Evaluation, columns: Mapping[str, str]) -> list[list[str]]:
     """Return the header of a table, and a row of texts for each set: name, figures, time, and change."""
     scored = evaluation.scored
-    factors = {each.set: f"{each.factor:.2f} \N{MULTIPLICATION SIGN}" for each in evaluation.changes}
+    factors = {change.set: f"{change.factor:.2f} \N{MULTIPLICATION SIGN}" for change in evaluation.changes}
     rows = [["set", *columns.values(), "time s", *(["RMS / baseline"] if factors else [])]]
     for tried in evaluation.tried:
         figures = scored[tried.name].figures if tried.name in scored else {}
@@ -83,8 +83,8 @@ def set_rows(evaluation: Evaluation, columns: Mapping[str, str]) -> list[list[st
 
 
 def failed_lines(evaluation: Evaluation) -> list[str]:
-    """A line for each set without a score, and for each exceeded limit."""
-    lines = [f"{name} has no score: {why}" for name, why in evaluation.failures.items()]
+    """Return a line for each set without a score, and for each exceeded limit."""
+    lines = [f"{name} has no score: {reason}" for name, reason in evaluation.failures.items()]
     over = () if evaluation.scores is None else evaluation.scores.checks_over_sets
     checked = [(name, scored.checks) for name, scored in evaluation.scored.items()]
     for name, checks in (*checked, ("over all sets", over)):
@@ -96,8 +96,8 @@ def failed_lines(evaluation: Evaluation) -> list[str]:
 
 
 def _worse(change: Change) -> str:
-    before, most = value_text(change.before), f"{change.most:g}"
-    return f"{change.figure} is {change.factor:.2f} times the {before} of the baseline, expected {most} times at most"
+    ratio = f"{change.figure} is {change.factor:.2f} times the baseline's {value_text(change.before)}"
+    return f"{ratio}, expected at most {change.most:g} times"
 
 
 def _cell(metric: Metric | None) -> str:
@@ -105,13 +105,13 @@ def _cell(metric: Metric | None) -> str:
 
 
 def _chart(evaluation: Evaluation) -> str:
-    """The RMS of every set as bars, with the baseline as a line, in Mermaid."""
-    scored = {name: each for name, each in evaluation.scored.items() if each.figures["rms_px"].known}
+    """Return a Mermaid chart: the RMS of every set as bars, the baseline's as a line."""
+    scored = {name: score for name, score in evaluation.scored.items() if score.figures["rms_px"].known}
     if not scored:
         return ""
     names = ", ".join(f'"{name}"' for name in scored)
     values = [scored[name].figures["rms_px"].value for name in scored]
-    before = {each.set: each.before for each in evaluation.changes}
+    before = {change.set: change.before for change in evaluation.changes}
     lines = [
         "```mermaid",
         "xychart-beta",
@@ -125,23 +125,25 @@ def _chart(evaluation: Evaluation) -> str:
 
 
 def junit_text(evaluation: Evaluation) -> str:
-    """JUnit XML: the tests of the scores, one for each set without a score, and one for each change."""
+    """Return JUnit XML: the tests of the scores, one for each set without a score, and one for each change."""
     report = evaluation.scores
     if report is None:
         report = ScoreReport(sets=(), over_sets={}, checks_over_sets=(), passed=False)
     root = fromstring(junit(report))
     root.set("name", f"mirrorcam score suite {evaluation.suite}")
-    others = {f"{name}: scored": why for name, why in evaluation.failures.items()}
-    others |= {f"{each.set}: against the baseline": "" if each.passed else _worse(each) for each in evaluation.changes}
-    if others:
-        failed = sum(map(bool, others.values()))
-        counts = {"tests": f"{len(others)}", "failures": f"{failed}", "errors": "0", "skipped": "0", "time": "0"}
+    cases = {f"{name}: scored": reason for name, reason in evaluation.failures.items()}
+    cases |= {
+        f"{change.set}: against the baseline": "" if change.passed else _worse(change) for change in evaluation.changes
+    }
+    if cases:
+        failed = sum(map(bool, cases.values()))
+        counts = {"tests": f"{len(cases)}", "failures": f"{failed}", "errors": "0", "skipped": "0", "time": "0"}
         suite = SubElement(root, "testsuite", {"name": "evaluation", **counts})
-        for name, failure in others.items():
+        for name, failure in cases.items():
             case = SubElement(suite, "testcase", classname="mirrorcam.score", name=name, time="0")
             if failure:
                 SubElement(case, "failure", message=failure, type="evaluation").text = failure
-        root.set("tests", f"{int(root.get('tests', '0')) + len(others)}")
+        root.set("tests", f"{int(root.get('tests', '0')) + len(cases)}")
         root.set("failures", f"{int(root.get('failures', '0')) + failed}")
     indent(root)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, encoding="unicode")}\n'
@@ -150,43 +152,41 @@ def junit_text(evaluation: Evaluation) -> str:
 def score_figure(score: CalibrationScore, truth: Layout, path: Path, *, title: str) -> None:
     """Write a PNG: the error of the calibration in every view at the working distance, in px, as map and arrows."""
     views = view_errors(score)
-    wide, high = np.diff(panel_extent(truth, views), axis=0)[0]
-    height_in = PANEL_IN * float(np.clip(high / wide, *HEIGHT_RATIO)) + ROW_IN + HEAD_IN
+    width, height = np.diff(panel_extent(truth, views), axis=0)[0]
+    height_in = PANEL_IN * float(np.clip(height / width, *HEIGHT_RATIO)) + ROW_IN + HEAD_IN
     figure = Figure(figsize=(PANEL_IN + BAR_IN, height_in), layout="constrained")
     axes = figure.subplots()
     lengths = [view.length_px for view in views]
-    shown = draw_map(axes, truth, views, lengths, max(float(length.max()) for length in lengths))
-    longest_px = draw_arrows(axes, views)
-    axes.set_title(
-        f"{title}: error in px at {score.distance_mm:.0f} mm\n(RMS of each view; arrow: {longest_px:.2g} px)"
-    )
-    figure.colorbar(shown, ax=axes, label="px", fraction=0.03, pad=0.01)
+    image = draw_map(axes, truth, views, lengths, max(float(length.max()) for length in lengths))
+    arrow_px = draw_arrows(axes, views)
+    axes.set_title(f"{title}: error in px at {score.distance_mm:.0f} mm\n(RMS of each view; arrow: {arrow_px:.2g} px)")
+    figure.colorbar(image, ax=axes, label="px", fraction=0.03, pad=0.01)
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic(path) as temporary:
         figure.savefig(temporary, dpi=100, metadata={"Software": None})
 
 
 def view_errors(score: CalibrationScore) -> list[ViewDifference]:
-    """Pixels of the calibration minus those of the true device, for each view, at the working distance."""
-    found = []
-    for gauge in score.placed:
+    """Return the pixels of the calibration minus those of the true device, by view, at the working distance."""
+    differences = []
+    for gauge in score.aligned:
         points = gauge.points
         error = gauge.pixels - points.pixels
         for view in gauge.views:
-            at = (points.view == view.view) & points.at_distance & np.isfinite(error).all(axis=1)
-            count = int(at.sum())
+            used = (points.view == view.view) & points.at_distance & np.isfinite(error).all(axis=1)
+            count = int(used.sum())
             if not count:
                 continue
             zeros = np.zeros((count, 2, 2))
-            found.append(
-                ViewDifference(view.view, points.pixels[at], error[at], np.zeros(count), zeros, np.zeros(count))
+            differences.append(
+                ViewDifference(view.view, points.pixels[used], error[used], np.zeros(count), zeros, np.zeros(count))
             )
-    return found
+    return differences
 
 
 EVALUATION, SUMMARY, JUNIT = "evaluation.json", "summary.md", "junit.xml"
 FILES = (EVALUATION, SUMMARY, JUNIT, f"{PICTURES}/*.png", f"{RESULTS}/**/*")
-"""All files, as patterns of `Path.glob`."""
+"""Patterns of all files, for `Path.glob`."""
 
 
 def write_evaluation(

@@ -1,4 +1,4 @@
-"""A leaderboard from `evaluation.json` files, written as files."""
+"""A leaderboard: read from `evaluation.json` files, and written as a page, Markdown and JSON."""
 
 from __future__ import annotations
 
@@ -34,47 +34,47 @@ from mirrorcam.core.names import LONGEST
 
 FILES = ("leaderboard.html", "leaderboard.md", "leaderboard.json")
 """Names of the files of a leaderboard."""
-MOST_CHARS = 500
+MAX_CHARS = 500
 
 
 def read_leaderboard(evaluations: Sequence[str], not_run: Sequence[str] = ()) -> Leaderboard:
-    """Read a leaderboard of evaluations (`NAME=FILE`, joined by name) and of calibrators not run (`NAME=WHY`).
+    """Read a leaderboard from evaluations (`NAME=FILE`, joined by name) and calibrators not run (`NAME=WHY`).
 
-    Raises InputError in one line for a file that is not an evaluation, or for inconsistent results.
+    Raises InputError for a file that is not an evaluation, or for inconsistent results.
     """
     attempts: dict[str, list[Attempt]] = {}
     commands: dict[str, list[str]] = {}
-    for given in evaluations:
-        name, file = _pair(given, "NAME=FILE")
+    for option in evaluations:
+        name, file = _pair(option, "NAME=FILE")
         evaluation = read_evaluation(Path(file))
         attempts.setdefault(name, []).extend(attempts_of(evaluation))
         tried = commands.setdefault(name, [])
         if evaluation.command not in tried:
             tried.append(evaluation.command)
-    skipped = dict(_pair(given, "NAME=WHY") for given in not_run)
+    skipped = dict(_pair(option, "NAME=WHY") for option in not_run)
     if both := sorted(skipped.keys() & attempts.keys()):
         raise InputError(f"--not-run: {both[0]} has an evaluation, expected none")
-    lines = {name: shortened("; ".join(tried), MOST_CHARS - 10) for name, tried in commands.items()}
+    lines = {name: shortened("; ".join(tried), MAX_CHARS - 10) for name, tried in commands.items()}
     return leaderboard(attempts, lines, skipped)
 
 
 def attempts_of(evaluation: Evaluation) -> list[Attempt]:
-    """Outcome of each set; raises InputError for one with neither a score nor a failure."""
-    scored, found = evaluation.scored, []
-    for each in evaluation.tried:
-        if (each.name in scored) == bool(each.failure):
-            raise InputError(f"{each.name}: expected either a score or a failure")
-        figures = {} if each.failure else scored[each.name].figures
-        found.append(Attempt(**each.model_dump(), figures=figures))
-    return found
+    """Return the outcome of each set; raises InputError for one that has not exactly one of score and failure."""
+    scored, attempts = evaluation.scored, []
+    for tried in evaluation.tried:
+        if (tried.name in scored) == bool(tried.failure):
+            raise InputError(f"{tried.name}: expected either a score or a failure")
+        figures = {} if tried.failure else scored[tried.name].figures
+        attempts.append(Attempt(**tried.model_dump(), figures=figures))
+    return attempts
 
 
-def _pair(given: str, form: str) -> tuple[str, str]:
-    name, _, rest = given.partition("=")
+def _pair(option: str, form: str) -> tuple[str, str]:
+    name, _, rest = option.partition("=")
     if not rest or not name or len(name) > LONGEST or not name.isprintable() or not rest.isprintable():
-        raise InputError(f"{shortened(given, 80)!r}: expected {form}, NAME with 1 to {LONGEST} printable characters")
-    if form.endswith("WHY") and len(rest) > MOST_CHARS:
-        raise InputError(f"--not-run {name}: {len(rest)} characters, expected {MOST_CHARS} at most")
+        raise InputError(f"{shortened(option, 80)!r}: expected {form}, NAME with 1 to {LONGEST} printable characters")
+    if form.endswith("WHY") and len(rest) > MAX_CHARS:
+        raise InputError(f"--not-run {name}: {len(rest)} characters, expected at most {MAX_CHARS}")
     return name, rest
 
 
@@ -87,9 +87,9 @@ def write_leaderboard(board: Leaderboard, folder: Path) -> None:
 TEMPLATES = Path(__file__).parent
 WIDTH, ROW, TOP, BOTTOM, EDGE = 480.0, 46.0, 8.0, 46.0, 14.0
 """Size of the drawing: narrow, so that its text is legible on a phone."""
-LONGEST_LABEL = 44
-SMALLEST_PX = 1e-6
-"""Smaller errors are drawn at this value, as the axis is logarithmic."""
+MAX_LABEL = 44
+MIN_PX = 1e-6
+"""Smaller errors are drawn at this value, because the axis is logarithmic."""
 
 
 def leaderboard_page(board: Leaderboard) -> str:
@@ -99,17 +99,17 @@ def leaderboard_page(board: Leaderboard) -> str:
         TEMPLATES,
         "leaderboard_page.html",
         title="Leaderboard of calibrators",
-        lead=f"{count}, each run on rendered sets of pictures without their ground truth, and compared with it.",
+        lead=f"{count}, each run on rendered sets without their ground truth, and compared with that truth.",
         tiles=_tiles(board),
         table=Table(*_split(board_rows(board)), style="figures"),
         how_to_read=HOW_TO_READ,
         common=common_text(board),
         chart=rms_chart(board),
         sets=_set_table(board),
-        reasons=[(calibrator, ", ".join(names), why) for calibrator, why, names in reasons(board)],
+        reasons=[(calibrator, ", ".join(names), reason) for calibrator, reason, names in reasons(board)],
         not_run=tuple(board.not_run.items()),
         commands=[(row.calibrator, row.command) for row in board.rows],
-        about=[(each.name, each.why) for each in board.sets],
+        about=[(board_set.name, board_set.why) for board_set in board.sets],
     )
 
 
@@ -130,42 +130,39 @@ def _tiles(board: Leaderboard) -> list[Tile]:
 
 
 def _set_table(board: Leaderboard) -> Table:
-    """RMS px of every set and calibrator, the best of a set in bold, and failures marked."""
+    """Return the table of RMS px by set and calibrator, with the best of each set in bold, and failures marked."""
     header, *_ = set_rows(board)
     rows: list[tuple[str | Markup, ...]] = []
-    for each in board.sets:
-        errors = [row.rms_px[each.name] for row in board.rows if each.name in row.rms_px]
+    for name in (board_set.name for board_set in board.sets):
+        errors = [row.rms_px[name] for row in board.rows if name in row.rms_px]
         best = min(errors) if len(errors) > 1 else None
-        rows.append((each.name, *(_cell(row, each.name, best) for row in board.rows)))
+        rows.append((name, *(_cell(row, name, best) for row in board.rows)))
     return Table(header, rows, style="figures")
 
 
 def _cell(row: BoardRow, name: str, best: float | None) -> str | Markup:
-    shown = set_text(row, name)
+    cell = set_text(row, name)
     if name in row.failures:
-        return Markup('<b class="fail" title="{}">{}</b>').format(row.failures[name], shown)
-    return Markup("<b>{}</b>").format(shown) if best is not None and row.rms_px.get(name) == best else shown
+        return Markup('<b class="fail" title="{}">{}</b>').format(row.failures[name], cell)
+    return Markup("<b>{}</b>").format(cell) if best is not None and row.rms_px.get(name) == best else cell
 
 
 def rms_chart(board: Leaderboard) -> Markup:
-    """Draw the RMS error of each calibrator: a dot per set, and a bar to the mean over common sets, if any.
-
-    The axis is logarithmic.
-    """
-    shown = [row for row in board.rows if row.rms_px]
-    if not shown:
+    """Draw each calibrator's RMS error on a logarithmic axis: a dot per set, a bar up to the mean over common sets."""
+    rows = [row for row in board.rows if row.rms_px]
+    if not rows:
         return Markup()
-    logs = [_log(value) for row in shown for value in row.rms_px.values()]
+    logs = [_log(value) for row in rows for value in row.rms_px.values()]
     x = Scale(math.floor(min(logs)), max(math.ceil(max(logs)), math.floor(min(logs)) + 1), EDGE, WIDTH - EDGE)
-    end = TOP + ROW * len(shown)
+    end = TOP + ROW * len(rows)
     parts = []
     for power in range(int(x.low), int(x.high) + 1):
         parts.append(line(x(power), TOP, x(power), end, "grid"))
         parts.append(text(x(power), end + 18, f"{10.0**power:g}", style="tick"))
     parts.append(text((x.start + x.end) / 2, end + 38, "RMS error, px", style="name"))
-    for number, row in enumerate(shown):
+    for number, row in enumerate(rows):
         y = TOP + ROW * number + 14
-        label = row.calibrator if len(row.calibrator) <= LONGEST_LABEL else f"{row.calibrator[: LONGEST_LABEL - 1]}…"
+        label = row.calibrator if len(row.calibrator) <= MAX_LABEL else f"{row.calibrator[: MAX_LABEL - 1]}…"
         mean = row.over_common.get(RANKED)
         if mean is not None:
             size = f'x="{x.start:g}" y="{y + 8:g}" width="{coordinate(x(_log(mean)) - x.start)}" height="14"'
@@ -180,4 +177,4 @@ def rms_chart(board: Leaderboard) -> Markup:
 
 
 def _log(value: float) -> float:
-    return math.log10(max(abs(value), SMALLEST_PX))
+    return math.log10(max(abs(value), MIN_PX))

@@ -1,4 +1,4 @@
-"""`mirrorcam score`: calibrations of rendered sets against their truth; calibrators, alone and compared."""
+"""`mirrorcam score`: calibrations of rendered sets against their ground truth; calibrators, alone and compared."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from mirrorcam.bench.evaluation import Evaluation
     from mirrorcam.bench.scores.score_report import ScoredSet, ScoreReport
 
-LEFT_OUT = ("median_px", "bias_x_px", "bias_y_px")
-"""Figures of views that do not fit on a terminal; the report's files have them."""
+OMITTED = ("median_px", "bias_x_px", "bias_y_px")
+"""Figures of views that do not fit on a terminal; the report's files contain them."""
 OutputFolder = Annotated[Path, Parameter(help="output folder")]
 
 app = App(name="score")
@@ -37,7 +37,7 @@ def score(
 ) -> int:
     """Score anyone's calibrations of rendered sets.
 
-    Compares calibrations of Kalibr, OpenCV, ROS, COLMAP, mrcal, Anipose or MirrorCam with the truth of the sets. Writes
+    Compares calibrations of Kalibr, OpenCV, ROS, COLMAP, mrcal, Anipose or MirrorCam with the ground truth. Writes
     score.json, score.md, and the limits as tests in junit.xml. Exit code 1: a figure exceeds its limit.
 
     Examples:
@@ -59,7 +59,7 @@ def score(
         _print_means(report)
     say("score", f"{', '.join(str(out / name) for name in FILES)} written")
     if reading.limits is not None:
-        say("score", "passed" if report.passed else "failed: a figure exceeds its limit, or is not given")
+        say("score", "passed" if report.passed else "failed: a figure exceeds its limit, or is missing")
     return 0 if report.passed else 1
 
 
@@ -67,7 +67,7 @@ def score(
 def suite(
     rendered: Annotated[
         Path,
-        Parameter(name="SUITE", help="NAME.suite.json that mirrorcam suite wrote, or the folder that holds no other"),
+        Parameter(name="SUITE", help="NAME.suite.json that mirrorcam suite wrote, or a folder that contains just one"),
     ],
     /,
     *,
@@ -78,8 +78,8 @@ def suite(
 ) -> int:
     """Run a calibrator on every set of a suite, and score its results.
 
-    The calibrator does not see the truth. Writes evaluation.json, summary.md, junit.xml, and pictures/ and results/ of
-    the sets. Exit code 1: a set has no score, or a figure exceeds its limit.
+    The calibrator does not see the ground truth. Writes evaluation.json, summary.md, junit.xml, and pictures/ and
+    results/ of the sets. Exit code 1: a set has no score, or a figure exceeds its limit.
 
     Examples:
         mirrorcam score suite suites --command 'python calibrate.py' --limits limits.toml
@@ -145,13 +145,13 @@ def leaderboard(
         output.refuse_others(*FILES)
         with output.staged(result="leaderboard.json") as folder:
             write_leaderboard(board, folder)
-    heads, *rows = board_rows(board)
-    shown = [
-        column for column, head in enumerate(heads) if head in ("calibrator", "sets scored", "NEES") or "px" in head
+    header, *rows = board_rows(board)
+    columns = [
+        column for column, title in enumerate(header) if title in ("calibrator", "sets scored", "NEES") or "px" in title
     ]
-    print_table([heads[column] for column in shown], [[row[column] for column in shown] for row in rows])
-    for calibrator, why, names in reasons(board):
-        say("leaderboard", f"{calibrator} failed on {', '.join(names)}: {why}")
+    print_table([header[column] for column in columns], [[row[column] for column in columns] for row in rows])
+    for calibrator, reason, names in reasons(board):
+        say("leaderboard", f"{calibrator} failed on {', '.join(names)}: {reason}")
     say("leaderboard", f"{out / 'leaderboard.html'} written")
     return 0
 
@@ -159,22 +159,22 @@ def leaderboard(
 def _print_sets(evaluation: Evaluation) -> None:
     from mirrorcam.bench.evaluation_files import SHORT_COLUMNS, failed_lines, set_rows
 
-    heads, *rows = set_rows(evaluation, SHORT_COLUMNS)
-    print_table(heads, rows)
+    header, *rows = set_rows(evaluation, SHORT_COLUMNS)
+    print_table(header, rows)
     for line in failed_lines(evaluation):
         say("score", line)
 
 
 def _print(scored: ScoredSet) -> None:
-    """The scored calibration, the figures of each view, and the figures over all views."""
+    """Print the scored calibration, the figures of each view, and the figures over all views."""
     from mirrorcam.bench.scores.report_texts import VIEW_COLUMNS, rows_of, summary, value_text
 
     say("score", f"{scored.name}: {summary(scored)}")
     for note in scored.notes:
         say("score", note)
     if scored.missing:
-        say("score", f"no camera of {', '.join(scored.missing)}")
-    names = [name for name in VIEW_COLUMNS if name not in LEFT_OUT]
+        say("score", f"no camera for {', '.join(scored.missing)}")
+    names = [name for name in VIEW_COLUMNS if name not in OMITTED]
     rows = []
     for view in scored.views:
         metrics = [scored.figures.get(f"{view}_{name}") for name in names]

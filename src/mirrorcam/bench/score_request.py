@@ -20,7 +20,7 @@ WORSE_BY = Bounds(1.0, 1000.0)
 
 @Parameter(name="*")
 class Reading(Value):
-    """How to read calibrations, if their files do not state it, and limits of their figures."""
+    """How to read calibrations, where their files do not state it, and limits of their figures."""
 
     format: Format | None = Field(
         default=None, description="format of the calibrations. [default: as their content states]"
@@ -47,7 +47,7 @@ class ScoreRequest(Value):
 
     calibration: Annotated[tuple[Path, ...], Parameter(metavar="FILE|FOLDER...")] = Field(
         min_length=1,
-        description="the calibration of each set; or one folder with one for each, by the name of the set",
+        description="the calibration of each set; or a folder with one for each set, by the set's name",
     )
     covariance: Annotated[tuple[Path, ...], Parameter(metavar="FILE...")] = Field(
         default=(),
@@ -62,11 +62,11 @@ class EvaluationRequest(Value):
 
     command: str = Field(
         min_length=1,
-        description="a line for the shell that calibrates one set: it reads the folder $MIRRORCAM_SET, and writes its "
-        "calibration, and if it has one covariance.json, into the folder $MIRRORCAM_RESULT",
+        description="a shell command that calibrates one set: it reads the folder $MIRRORCAM_SET, and writes its "
+        "calibration, and its covariance.json if it has one, into the folder $MIRRORCAM_RESULT",
     )
     timeout_s: float = TIMEOUT_S.field(
-        600.0, "most seconds for one set, including the time to read and score its result"
+        600.0, "maximum seconds for one set, including the time to read and score its result"
     )
     baseline: Annotated[Path | None, Parameter(metavar="FILE")] = Field(
         default=None, description="evaluation.json of an earlier run, to show the change against"

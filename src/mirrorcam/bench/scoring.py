@@ -27,17 +27,17 @@ from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout
 
 FILES = ("score.json", "score.md", "junit.xml")
 """Names of the files of a report."""
-SUSPECT_PX, FAR_BETTER = 5.0, 0.2
-"""Scores above the first are repeated with other flips; an improvement by the second factor is reported."""
-OTHERS: tuple[PictureFlip, ...] = ("left-right", "top-bottom", "as-is")
+SUSPECT_PX, MUCH_BETTER = 5.0, 0.2
+"""RMS errors above the first are repeated with other flips; a reduction to less than the second factor is reported."""
+OTHER_FLIPS: tuple[PictureFlip, ...] = ("left-right", "top-bottom", "as-is")
 
 
 def score(sets: Sequence[Path], request: ScoreRequest, reading: Reading) -> ScoreReport:
-    """Score the calibrations of sets, or of folders of sets; raises InputError in one line if one cannot be scored."""
+    """Score the calibrations of sets, or of folders of sets; raises InputError if one cannot be scored."""
     folders = sets_in(sets)
-    calibrations = for_each(request.calibration, folders, "--calibration")
-    stated = for_each(request.covariance, folders, "--covariance") if request.covariance else ()
-    covariances = stated or (None,) * len(folders)
+    calibrations = files_by_set(request.calibration, folders, "--calibration")
+    given_covariances = files_by_set(request.covariance, folders, "--covariance") if request.covariance else ()
+    covariances = given_covariances or (None,) * len(folders)
     names = _names(folders)
     views = None if reading.views is None else ViewsFile.load(reading.views)
     limits = NO_LIMITS if reading.limits is None else Limits.load(reading.limits)
@@ -69,10 +69,7 @@ def score_set(
     limits: Limits,
     distance_mm: float | None = None,
 ) -> tuple[ScoredSet, CalibrationScore]:
-    """Score one set at a working distance, by default its layout's.
-
-    Raises InputError in one line where it cannot be scored.
-    """
+    """Score one set at a working distance, by default its layout's; raises InputError if it cannot be scored."""
     rig = read_rig(calibration, reading.format, reading.unit)
     if covariance is not None:
         rig = with_covariance(rig, covariance)
@@ -80,16 +77,16 @@ def score_set(
     distance_mm = distance_mm or working_distance_mm(nominal)
     if distance_mm is None:
         raise InputError(f"{folder}: its layout states no working distance, expected --distance-mm MM")
-    found = _score(calibration, rig, truth, nominal, distance_mm, views, reading.flip)
+    result = _score(calibration, rig, truth, nominal, distance_mm, views, reading.flip)
     scored = scored_set(
-        found,
+        result,
         name=name,
         calibration=calibration.name[:LONGEST],
         format=rig.format,
         layout=truth.identity,
         limits=limits,
     )
-    return scored, found
+    return scored, result
 
 
 def _score(
@@ -101,78 +98,80 @@ def _score(
     views: ViewsFile | None,
     flip: PictureFlip | None,
 ) -> CalibrationScore:
-    def scored(pictures: PictureFlip | None) -> CalibrationScore:
+    def score_with(pictures: PictureFlip | None) -> CalibrationScore:
         return score_calibration(rig, truth, nominal, distance_mm, views=views, pictures=pictures)
 
     try:
-        found = scored(flip)
+        result = score_with(flip)
     except InputError as error:
-        raise InputError("; ".join([f"{calibration}: {error}", *_better_pictures(rig, scored, np.inf)])) from None
-    rms_px = found.figures["rms_px"].value
-    return replace(found, notes=(*found.notes, *_better_pictures(rig, scored, rms_px)))
+        raise InputError("; ".join([f"{calibration}: {error}", *_better_flip(rig, score_with, np.inf)])) from None
+    rms_px = result.figures["rms_px"].value
+    return replace(result, notes=(*result.notes, *_better_flip(rig, score_with, rms_px)))
 
 
-def _better_pictures(
-    rig: CameraRig, scored: Callable[[PictureFlip], CalibrationScore], rms_px: float
+def _better_flip(
+    rig: CameraRig, score_with: Callable[[PictureFlip], CalibrationScore], rms_px: float
 ) -> tuple[str, ...]:
-    """A remark if another flip of the pictures improves a bad score much, unless the file states the flip."""
+    """Return a note if another flip of the pictures improves a bad score greatly, unless the file states the flip."""
     if rig.pictures is not None or rms_px < SUSPECT_PX:
         return ()
     others = {}
-    for pictures in OTHERS:
+    for pictures in OTHER_FLIPS:
         with suppress(InputError):
-            others[pictures] = scored(pictures).figures["rms_px"].value
+            others[pictures] = score_with(pictures).figures["rms_px"].value
     best = min(others, key=lambda pictures: others[pictures], default=None)
-    if best is None or others[best] > FAR_BETTER * min(rms_px, SUSPECT_PX / FAR_BETTER):
+    if best is None or others[best] > MUCH_BETTER * min(rms_px, SUSPECT_PX / MUCH_BETTER):
         return ()
     return (f"with --flip {best} it scores {others[best]:.3g} px RMS",)
 
 
 def sets_in(paths: Sequence[Path]) -> tuple[Path, ...]:
-    """The sets among folders and their subfolders; raises InputError for a folder without a rendered set."""
-    found: list[Path] = []
+    """Return the sets among folders and their subfolders; raises InputError for a folder without a rendered set."""
+    folders: list[Path] = []
     for path in paths:
         if not path.is_dir():
-            raise InputError(f"{path}: no folder, expected a set that mirrorcam render wrote")
-        inner = (
+            raise InputError(f"{path}: is not a folder, expected a set that mirrorcam render wrote")
+        inside = (
             [path]
             if (path / TRUE_LAYOUT).is_file()
-            else sorted(each.parents[1] for each in path.glob(f"*/{TRUE_LAYOUT}"))
+            else sorted(truth.parents[1] for truth in path.glob(f"*/{TRUE_LAYOUT}"))
         )
-        if not inner:
+        if not inside:
             raise InputError(
-                f"{path}: no {TRUE_LAYOUT} in it or its subfolders, expected a rendered set with its truth"
+                f"{path}: no {TRUE_LAYOUT} in it or its subfolders, expected a rendered set with its ground truth"
             )
-        found += inner
-    return tuple(found)
+        folders += inside
+    return tuple(folders)
 
 
-def for_each(given: Sequence[Path], folders: Sequence[Path], option: str) -> tuple[Path, ...]:
-    """The calibration of each set: listed in order, or found in one folder by the names of the sets."""
+def files_by_set(given: Sequence[Path], folders: Sequence[Path], option: str) -> tuple[Path, ...]:
+    """Return the file of each set: listed in order, or found in one folder by the names of the sets."""
     if len(given) == len(folders):
         return tuple(given)
     if len(given) != 1 or not given[0].is_dir():
-        raise InputError(f"{option}: {len(given)} for {len(folders)} sets, expected one for each, or a folder of them")
-    found = []
+        raise InputError(
+            f"{option}: {len(given)} for {len(folders)} sets, expected one for each set, or a folder of them"
+        )
+    files = []
     for folder in folders:
         name = folder.resolve().name
-        fitting = [
+        matches = [
             path for path in (given[0] / name, *sorted(given[0].glob(f"{glob.escape(name)}.*"))) if path.exists()
         ]
-        if len(fitting) != 1:
-            raise InputError(f"{given[0]}: {len(fitting)} files or folders named {name[:60]}, expected one for the set")
-        found.append(fitting[0])
-    return tuple(found)
+        if len(matches) != 1:
+            raise InputError(f"{given[0]}: {len(matches)} files or folders named {name[:60]}, expected one for the set")
+        files.append(matches[0])
+    return tuple(files)
 
 
 def _names(folders: Sequence[Path]) -> tuple[str, ...]:
-    """Names of sets in reports: their folders' names, with the parent folder if two are equal."""
+    """Return the names of sets in reports: their folders' names, with the parent folder if two are equal."""
     names = tuple(folder.resolve().name[:LONGEST] for folder in folders)
     if len(set(names)) < len(names):
         names = tuple("/".join(folder.resolve().parts[-2:])[-LONGEST:] for folder in folders)
-    refused = next((name for name in names if not name.isprintable() or not name), None)
-    if refused is not None:
-        raise InputError(f"set name {refused[:40]!r}, expected 1 to {LONGEST} printable characters")
+    invalid = next((name for name in names if not name.isprintable() or not name), None)
+    if invalid is not None:
+        raise InputError(f"set name {invalid[:40]!r}, expected 1 to {LONGEST} printable characters")
     if len(set(names)) < len(names):
         raise InputError("sets share a name, expected folders of different names")
     return names

@@ -32,26 +32,28 @@ def suite(
     name: Annotated[
         str | None,
         Parameter(
-            name="NAME|FILE", help="smoke, standard, or a TOML file like them. [default: list the built-in suites]"
+            name="NAME|FILE", help="smoke, standard, or a TOML file of a suite. [default: list the built-in suites]"
         ),
     ] = None,
     /,
     *,
     copies: Annotated[int, bounded(COPIES, "number of copies of each set, which differ only in their seeds")] = 1,
     plan: Annotated[
-        bool, Parameter(help="render nothing; list the sets, which are finished, and the cost of the others")
+        bool, Parameter(help="render nothing; list the sets, their states, and the cost of the unfinished ones")
     ] = False,
     workers: Workers = None,
     scheduler: Scheduler = None,
     fetch: Annotated[
         str | None,
-        Parameter(metavar="URL", help="copy sets from a folder, s3://bucket/prefix, ..., instead of rendering them"),
+        Parameter(metavar="URL", help="copy sets from a folder, s3://bucket/prefix, ..., instead of rendering"),
     ] = None,
     publish: Annotated[
-        str | None, Parameter(metavar="URL", help="copy the rendered suite there; existing sets are not replaced")
+        str | None,
+        Parameter(metavar="URL", help="copy the rendered suite to this address; existing sets are kept"),
     ] = None,
     out: Annotated[
-        Path, Parameter(help="folder that suites share, for their sets and manifests; an interrupted suite is resumed")
+        Path,
+        Parameter(help="folder for the sets and manifests of suites, shared by them; an interrupted suite is resumed"),
     ] = Path("output/suites"),
 ) -> int:
     """Render the sets of a suite: many cameras, boards and hard cases.
@@ -68,9 +70,9 @@ def suite(
         if plan:
             raise InputError("--plan: expected the name of a suite, or a .toml file")
         return show_suites()
-    chosen = suite_of(name, copies)
+    chosen = read_copies(name, copies)
     require("render", *(["cluster"] if scheduler is not None else []))
-    from mirrorcam.bench.suite_run import planned, workers_here, workers_of
+    from mirrorcam.bench.suite_run import make_plan, workers_here, workers_of
     from mirrorcam.bench.suite_store import Store
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.core.processes.worker_pool import cores
@@ -80,28 +82,28 @@ def suite(
     source = None if fetch is None else Store(fetch)
     target = None if publish is None else Store(publish)
     if plan:
-        found = planned(chosen, out, choose_variant(), source)
-        print_table(("set", "mirrors", "camera", "pictures", "MB", "s", ""), plan_rows(found))
-        say("suite", plan_text(found, count))
+        chosen_plan = make_plan(chosen, out, choose_variant(), source)
+        print_table(("set", "mirrors", "camera", "pictures", "MB", "s", ""), plan_rows(chosen_plan))
+        say("suite", plan_text(chosen_plan, count))
         return 0
     renderers = workers_here(count) if count is not None else workers_of(f"{scheduler}")
     workers_text = f"the workers of {scheduler}" if count is None else count_text(count, "worker")
     with output_folder(out, "suite") as output:
-        found = planned(chosen, out, choose_variant(), source)
-        say("suite", plan_text(found, count))
-        return render_planned(found, output, renderers, workers_text, source, target)
+        chosen_plan = make_plan(chosen, out, choose_variant(), source)
+        say("suite", plan_text(chosen_plan, count))
+        return render_planned(chosen_plan, output, renderers, workers_text, source, target)
 
 
 def render_planned(
     plan: Plan, output: OutputFolder, workers: Renderers, workers_text: str, source: Store | None, target: Store | None
 ) -> int:
-    """Fetch, design and render the missing sets, report outcomes, and publish them; returns 1 if a set is missing."""
-    from mirrorcam.bench.suite_run import fetched, layouts_of, render_suite
+    """Fetch, design and render the missing sets, and publish the suite; returns 1 if a set is still missing."""
+    from mirrorcam.bench.suite_run import fetch_stored, layouts_of, render_suite
     from mirrorcam.bench.suite_store import publish
 
     if source is not None:
         with long_work("fetch", source.url, "sets") as advance:
-            plan = fetched(plan, source, advance)
+            plan = fetch_stored(plan, source, advance)
     layouts = {}
     if plan.specs:
         with long_work("design", f"{count_text(len(plan.specs), 'design')}, {workers_text}", "designs") as advance:
@@ -115,11 +117,11 @@ def render_planned(
     if target is not None:
         with long_work("publish", target.url, "sets") as advance:
             copied = publish(rendered.manifest, output.path, target, advance)
-        say("publish", f"{count_text(copied, 'set')} copied, {len(rendered.manifest.sets) - copied} there before")
+        say("publish", f"{count_text(copied, 'set')} copied, {len(rendered.manifest.sets) - copied} already there")
     return 1 if rendered.failures else 0
 
 
-def suite_of(name: str, copies: int) -> Suite:
+def read_copies(name: str, copies: int) -> Suite:
     """Read a suite by name or file, with copies of each set; raises InputError for too many copies."""
     from mirrorcam.render_scenes.suites.suite import read_suite
 
@@ -150,47 +152,47 @@ def show_suites() -> int:
 
 
 def plan_rows(plan: Plan) -> list[tuple[str, ...]]:
-    """A row of texts for each set: name, mirrors, camera, pictures, MB, processor seconds, state."""
+    """Return a row for each set: name, mirrors, camera, pictures, MB, processor seconds, state."""
     return [
         (
-            each.recipe.name,
-            str(each.recipe.mirrors),
-            each.recipe.camera.name,
-            str(each.cost.pictures),
-            f"{each.cost.stored_bytes / 1e6:.0f}",
-            f"{each.cost.seconds:.0f}",
-            each.state,
+            entry.recipe.name,
+            str(entry.recipe.mirrors),
+            entry.recipe.camera.name,
+            str(entry.cost.pictures),
+            f"{entry.cost.stored_bytes / 1e6:.0f}",
+            f"{entry.cost.seconds:.0f}",
+            entry.state,
         )
-        for each in plan.sets
+        for entry in plan.sets
     ]
 
 
 def plan_text(plan: Plan, workers: int | None) -> str:
-    """Cost of a suite: sets, pictures, size, and time on this machine's workers, or on one core of a cluster."""
+    """State the cost of a suite: sets, pictures, size, and time on this machine's workers, or on one cluster core."""
     from mirrorcam.render_scenes.suites.suite import design_seconds, elapsed_s, slowness
 
     suite, missing = plan.suite, plan.unfinished
-    states = Counter(each.state for each in plan.sets)
-    there = ", ".join(f"{states[state]} {state}" for state in ("finished", "stored") if states[state])
-    total = f"{suite.name} {suite.version}: {count_text(len(plan.sets), 'set')}{there and f', {there}'}"
+    states = Counter(entry.state for entry in plan.sets)
+    states_text = ", ".join(f"{states[state]} {state}" for state in ("finished", "stored") if states[state])
+    total = f"{suite.name} {suite.version}: {count_text(len(plan.sets), 'set')}{states_text and f', {states_text}'}"
     if not missing:
         return total
-    pictures = sum(each.cost.pictures for each in missing)
-    size = sum(each.cost.stored_bytes for each in missing)
-    designs, sets = [design_seconds(spec) for spec in plan.specs], [each.cost.seconds for each in missing]
-    slow = slowness()
+    pictures = sum(entry.cost.pictures for entry in missing)
+    size = sum(entry.cost.stored_bytes for entry in missing)
+    designs, sets = [design_seconds(spec) for spec in plan.specs], [entry.cost.seconds for entry in missing]
+    factor = slowness()
     if workers is None:
-        took = f"{time_text(slow * (sum(designs) + sum(sets)))} of a core like this machine's"
+        time = f"{time_text(factor * (sum(designs) + sum(sets)))} of a core like this machine's"
     else:
-        took = time_text(elapsed_s(designs, workers, slow) + elapsed_s(sets, workers, slow))
-    return f"{total}; to render: {pictures} pictures, about {size_text(size)} and {took}"
+        time = time_text(elapsed_s(designs, workers, factor) + elapsed_s(sets, workers, factor))
+    return f"{total}; to render: {pictures} pictures, about {size_text(size)} and {time}"
 
 
 def size_text(size: float) -> str:
     """Format a number of bytes: 3 MB, 1.2 GB."""
-    for unit, of_one in (("TB", 1e12), ("GB", 1e9)):
-        if size >= of_one:
-            return f"{size / of_one:.1f} {unit}"
+    for unit, unit_bytes in (("TB", 1e12), ("GB", 1e9)):
+        if size >= unit_bytes:
+            return f"{size / unit_bytes:.1f} {unit}"
     return f"{size / 1e6:.0f} MB"
 
 

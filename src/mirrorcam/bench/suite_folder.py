@@ -28,9 +28,9 @@ State = Literal["finished", "begun", "missing", "stored"]
 
 
 class SuiteSet(Value):
-    """A finished set: its folder, relative to the manifest's, and the sha256 of its `dataset.json`.
+    """A finished set: its folder, relative to the manifest's, and the SHA-256 of its `dataset.json`.
 
-    `dataset.json` has the sha256 of every other file of the set.
+    `dataset.json` states the SHA-256 of every other file of the set.
     """
 
     name: Slug
@@ -45,7 +45,7 @@ class SuiteManifest(Value):
     Attributes
     ----------
     renderer : str
-        Variant of Mitsuba, which the bytes depend on.
+        Variant of Mitsuba, on which the bytes depend.
     made_with : dict of str to str
         Digest of the code, and versions of the libraries, that made the sets.
     sets : tuple of SuiteSet
@@ -80,44 +80,44 @@ class FinishedSuite:
 def read_finished(path: Path) -> FinishedSuite:
     """Read a suite's manifest by its path, or by a folder with only one.
 
-    Raises InputError in one line for no or several manifests, and for a set that is missing or differs.
+    Raises InputError for no or several manifests, and for a set that is missing or differs.
     """
     if path.is_dir():
-        found = sorted(path.glob(f"*{SUFFIX}"))
-        if len(found) != 1:
-            names = ", ".join(each.name for each in found) or "none"
+        manifests = sorted(path.glob(f"*{SUFFIX}"))
+        if len(manifests) != 1:
+            names = ", ".join(manifest.name for manifest in manifests) or "none"
             raise InputError(f"{path}: expected the manifest of one suite (NAME{SUFFIX}), found {names}")
-        path = found[0]
+        path = manifests[0]
     manifest = read_model(SuiteManifest, path, LARGEST_LAYOUT_BYTES)
-    folders = tuple(inside(path.parent, each.folder) for each in manifest.sets)
-    for folder, each in zip(folders, manifest.sets, strict=True):
+    folders = tuple(inside(path.parent, entry.folder) for entry in manifest.sets)
+    for folder, entry in zip(folders, manifest.sets, strict=True):
         dataset = folder / MANIFEST
-        if not dataset.is_file() or file_digest(dataset) != each.dataset_sha256:
-            raise InputError(f"{dataset}: is not the set {each.name} of {path.name}, expected it as it was rendered")
+        if not dataset.is_file() or file_digest(dataset) != entry.dataset_sha256:
+            raise InputError(f"{dataset}: is not the set {entry.name} of {path.name}, expected the file as rendered")
     return FinishedSuite(manifest, tuple(folder.absolute() for folder in folders))
 
 
 def state_of(folder: Path) -> State:
-    """State of a set: finished, begun or missing; raises InputError if it is foreign or altered."""
+    """Return the state of a set: finished, begun or missing; raises InputError if it is foreign or altered."""
     if os.path.lexists(folder) and (folder.is_symlink() or not folder.is_dir()):
-        raise InputError(f"{folder}: is no folder, expected one of a set, or nothing")
+        raise InputError(f"{folder}: is not a folder, expected that of a set, or nothing")
     if not (folder / MANIFEST).is_file():
-        other = (
+        foreign = (
             next((path for path in folder.iterdir() if not path.name.startswith(".")), None)
             if folder.exists()
             else None
         )
-        if other is not None:
+        if foreign is not None:
             raise InputError(
-                f"{folder}: has {other.name!r} but no {MANIFEST}, expected a set of this suite, or nothing"
+                f"{folder}: has {foreign.name!r} but no {MANIFEST}, expected a set of this suite, or nothing"
             )
         return "missing"
-    found = check_set(folder)
-    if found.altered:
+    check = check_set(folder)
+    if check.altered:
         raise InputError(
-            f"{folder / found.altered[0]}: was changed since it was written, expected it unchanged or removed"
+            f"{folder / check.altered[0]}: was changed since it was written, expected it unchanged or removed"
         )
-    return "finished" if found.passed else "begun"
+    return "finished" if check.passed else "begun"
 
 
 def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> None:
@@ -125,8 +125,8 @@ def put_set(folder: Path, dataset: Dataset, write: Callable[[Path], None]) -> No
 
     Raises InputError if the set is incomplete, a file differs from `dataset`, or the folder contains other files.
     """
-    if other := sorted(dataset.files.keys() - set(dataset.planned_names)):
-        raise InputError(f"{folder.name}: lists {other[0][:80]!r}, expected the files of a set alone")
+    if unknown := sorted(dataset.files.keys() - set(dataset.planned_names)):
+        raise InputError(f"{folder.name}: lists {unknown[0][:80]!r}, expected only the files of a set")
     if not dataset.complete:
         raise InputError(f"{folder.name}: lacks {dataset.missing[0]}, expected a complete set")
 

@@ -1,6 +1,6 @@
-"""Render a suite: list finished and missing sets and their cost, then make the designs and the sets.
+"""Render a suite: list finished and missing sets and their cost, then solve the designs and render the sets.
 
-One worker renders a complete set: planning and ground truth take time, too, and no two processes share a folder.
+One worker renders a complete set: planning and ground truth take time too, and no two processes share a folder.
 """
 
 from __future__ import annotations
@@ -46,13 +46,13 @@ from mirrorcam.render_scenes.suites.set_work import (
 from mirrorcam.render_scenes.suites.suite import Cost, Suite, set_cost
 
 SetRunner = Callable[[Sequence[str]], Iterator[tuple[int, SetResult | Died]]]
-LARGEST_ANSWER_BYTES = 1_000_000_000
-"""Largest set, in bytes, that a worker of a cluster sends back."""
+MAX_ANSWER_BYTES = 1_000_000_000
+"""Maximum size of a set that a worker of a cluster sends back."""
 
 
 @dataclass(frozen=True)
 class Workers:
-    """Runners of designs and renderings, on this machine, where each writes its set's folder, or on a cluster."""
+    """Runners of designs and renderings: on this machine, where each writes its set's folder, or on a cluster."""
 
     design: Runner
     render: SetRunner
@@ -60,7 +60,7 @@ class Workers:
 
 
 def workers_here(count: int) -> Workers:
-    """Return runners in processes of this machine, each on one core."""
+    """Return runners in processes on this machine, each on one core."""
     return Workers(
         partial(design_locally, workers=count),
         partial(run_local, workers=count, work=render_on_one_core),
@@ -98,19 +98,19 @@ class Plan:
     @property
     def unfinished(self) -> tuple[PlannedSet, ...]:
         """The sets to render."""
-        return tuple(each for each in self.sets if each.state in ("begun", "missing"))
+        return tuple(entry for entry in self.sets if entry.state in ("begun", "missing"))
 
     @property
     def specs(self) -> tuple[DesignSpec, ...]:
         """The distinct designs of the unfinished sets."""
-        specs = (each.recipe.spec for each in self.unfinished)
+        specs = (entry.recipe.spec for entry in self.unfinished)
         return tuple(dict.fromkeys(spec for spec in specs if spec is not None))
 
 
-def planned(suite: Suite, folder: Path, variant: str, store: Store | None = None) -> Plan:
+def make_plan(suite: Suite, folder: Path, variant: str, store: Store | None = None) -> Plan:
     """Look for the sets of a suite in a folder and, if missing, in a store.
 
-    Raises InputError if a set's folder contains something else, or a set that was changed since it was written.
+    Raises InputError if a set's folder contains something else, or a set that has changed since it was written.
     """
     sets = []
     for recipe in suite.sets:
@@ -122,20 +122,20 @@ def planned(suite: Suite, folder: Path, variant: str, store: Store | None = None
     return Plan(suite, variant, tuple(sets))
 
 
-def fetched(plan: Plan, store: Store, progress: Progress = no_progress) -> Plan:
+def fetch_stored(plan: Plan, store: Store, progress: Progress = no_progress) -> Plan:
     """Download the stored sets of a plan, and return the plan with these sets finished."""
-    queued = [each for each in plan.sets if each.state == "stored"]
-    for done, each in enumerate(queued):
+    queued = [entry for entry in plan.sets if entry.state == "stored"]
+    for done, entry in enumerate(queued):
         progress(done, len(queued))
-        fetch_set(store, each.recipe, each.folder)
+        fetch_set(store, entry.recipe, entry.folder)
     progress(len(queued), len(queued))
-    sets = (replace(each, state="finished") if each.state == "stored" else each for each in plan.sets)
+    sets = (replace(entry, state="finished") if entry.state == "stored" else entry for entry in plan.sets)
     return replace(plan, sets=tuple(sets))
 
 
 @dataclass(frozen=True)
-class Rendered:
-    """A suite's manifest, its file, and by name the reasons for missing sets and the seconds for the others."""
+class RenderedSuite:
+    """A suite's manifest, its file, and, by set name, the reasons for missing sets and the seconds for the others."""
 
     manifest: SuiteManifest
     path: Path
@@ -153,7 +153,7 @@ def layouts_of(plan: Plan, folder: Path, run: Runner, progress: Progress = no_pr
         outcomes = sweep(specs, designs, run, progress)
     for outcome in outcomes:
         if outcome.status != "solved":
-            name = next(each.recipe.name for each in plan.unfinished if each.recipe.spec == outcome.spec)
+            name = next(entry.recipe.name for entry in plan.unfinished if entry.recipe.spec == outcome.spec)
             raise InputError(f"set {name}: design {outcome.status}: {outcome.constraint} {outcome.finding}")
     return {spec: Layout.load(folder / DESIGNS / layout_name(spec)) for spec in specs}
 
@@ -164,13 +164,13 @@ def render_suite(
     workers: Workers,
     layouts: Mapping[DesignSpec, Layout],
     progress: Progress = no_progress,
-) -> Rendered:
+) -> RenderedSuite:
     """Render the unfinished sets of a plan, and write the manifest of the suite.
 
     Parameters
     ----------
     plan
-        The plan, from `planned`.
+        The plan, from `make_plan`.
     output
         The folder, locked by the caller.
     workers
@@ -189,64 +189,64 @@ def render_suite(
     output.grouped(name).refuse_others(name)
     if not workers.share_the_folder:
         _refuse_large(plan)
-    # Long ones first, so that all workers finish at about the same time.
-    queued = sorted(plan.unfinished, key=lambda each: -each.cost.seconds)
-    failures, seconds = _rendered(queued, layouts, plan.variant, workers, progress)
+    # Long sets first, so that all workers finish at about the same time.
+    queued = sorted(plan.unfinished, key=lambda entry: -entry.cost.seconds)
+    failures, seconds = _render_sets(queued, layouts, plan.variant, workers, progress)
     manifest = _manifest(plan, failures)
     with output.grouped(name).staged() as staged:
         write_text(staged / name, manifest.text)
-    return Rendered(manifest, output.path / name, failures, seconds)
+    return RenderedSuite(manifest, output.path / name, failures, seconds)
 
 
 def _refuse_large(plan: Plan) -> None:
-    for each in plan.unfinished:
-        if each.cost.stored_bytes > LARGEST_ANSWER_BYTES:
-            size = f"{each.cost.stored_bytes / 1e9:.1f} GB"
+    for entry in plan.unfinished:
+        if entry.cost.stored_bytes > MAX_ANSWER_BYTES:
+            size = f"{entry.cost.stored_bytes / 1e9:.1f} GB"
             raise InputError(
-                f"set {each.recipe.name}: takes about {size}, expected 1 GB or less of a worker of --scheduler: "
+                f"set {entry.recipe.name}: takes about {size}, expected at most 1 GB from a worker of --scheduler: "
                 "fewer frames, or maps = false"
             )
 
 
-def _rendered(
+def _render_sets(
     queued: Sequence[PlannedSet],
     layouts: Mapping[DesignSpec, Layout],
     variant: str,
     workers: Workers,
     progress: Progress,
 ) -> tuple[dict[str, str], dict[str, float]]:
-    """Return reasons of failures, and seconds for the other sets, by name."""
+    """Return, by set name, the reasons for failures, and the seconds for the other sets."""
     tasks = [
         SetTask(
-            recipe=each.recipe,
-            designed=None if each.recipe.spec is None else layouts[each.recipe.spec],
+            recipe=entry.recipe,
+            designed=None if entry.recipe.spec is None else layouts[entry.recipe.spec],
             variant=variant,
-            folder=each.folder.absolute() if workers.share_the_folder else None,
+            folder=entry.folder.absolute() if workers.share_the_folder else None,
         ).model_dump_json()
-        for each in queued
+        for entry in queued
     ]
     failures: dict[str, str] = {}
     seconds: dict[str, float] = {}
     progress(0, len(queued))
     for done, (number, result) in enumerate(workers.render(tasks), 1):
-        each = queued[number]
+        entry = queued[number]
         failure = result.reason if isinstance(result, Died) else result.failure
         if isinstance(result, SetResult) and not failure:
-            failure = _store(each, result)
-            seconds[each.recipe.name] = result.seconds
+            failure = _store(entry, result)
+            seconds[entry.recipe.name] = result.seconds
         if failure:
-            failures[each.recipe.name] = shortened(failure)
+            failures[entry.recipe.name] = shortened(failure)
         progress(done, len(queued))
     return failures, seconds
 
 
-def _store(each: PlannedSet, result: SetResult) -> str:
-    """Move the files of a result into place; return the reason of a failure, or an empty string."""
+def _store(entry: PlannedSet, result: SetResult) -> str:
+    """Move the files of a result into place; return the reason for a failure, or an empty string."""
     if other := differing_keys(result.made_with, program_of(*CODE)):
         return f"{other[0]} of a worker differs from this machine's, expected the same everywhere"
     try:
         if result.files:
-            put_files(each.folder, dict(result.files))
+            put_files(entry.folder, dict(result.files))
     except InputError as error:
         return str(error)
     return ""
@@ -262,13 +262,13 @@ def _manifest(plan: Plan, failures: dict[str, str]) -> SuiteManifest:
         made_with=program_of(*CODE),
         sets=tuple(
             SuiteSet(
-                name=each.recipe.name,
-                folder=f"{SETS}/{each.folder.name}",
-                dataset_sha256=file_digest(each.folder / MANIFEST),
-                why=each.recipe.why,
+                name=entry.recipe.name,
+                folder=f"{SETS}/{entry.folder.name}",
+                dataset_sha256=file_digest(entry.folder / MANIFEST),
+                why=entry.recipe.why,
             )
-            for each in plan.sets
-            if each.recipe.name not in failures
+            for entry in plan.sets
+            if entry.recipe.name not in failures
         ),
-        missing=tuple(each.recipe.name for each in plan.sets if each.recipe.name in failures),
+        missing=tuple(entry.recipe.name for entry in plan.sets if entry.recipe.name in failures),
     )

@@ -1,8 +1,8 @@
 """Suites in object storage, or any other file system of fsspec: upload and download sets, and verify checksums.
 
 A store has the layout of the folder of suites: `sets/NAME-DIGEST/` and `NAME.suite.json`. A set is complete once it has
-`dataset.json`, which is written last. It never changes, because its name follows from its content. A new version of a
-suite replaces the manifest. Nothing is deleted.
+`dataset.json`, which is written last. It never changes, because its name is derived from its content. A new version of
+a suite replaces the manifest. Nothing is deleted.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from mirrorcam.render_scenes.suites.recipe import SetRecipe
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem
 
-LARGEST_STORED_BYTES = 2_000_000_000
-"""Largest file to download, in bytes: more than the maps of any camera."""
+MAX_STORED_BYTES = 2_000_000_000
+"""Maximum size of a file to download: more than the maps of any camera."""
 
 
 class Store:
-    """A location for fsspec: a bucket and a prefix, a folder, or a server.
+    """A location of fsspec: a bucket and a prefix, a folder, or a server.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Store:
     Raises
     ------
     InputError
-        From every method, in one line, if the store does not answer or refuses access.
+        From every method, if the store does not answer or refuses access.
     """
 
     def __init__(self, url: str) -> None:
@@ -48,31 +48,31 @@ class Store:
         from fsspec.core import url_to_fs
 
         self.url = re.sub(r"//[^/@]+@", "//", url)
-        with self._named():
-            found: tuple[AbstractFileSystem, str] = url_to_fs(url)
-        self._files, self._root = found[0], found[1].rstrip("/")
+        with self._naming_errors():
+            location: tuple[AbstractFileSystem, str] = url_to_fs(url)
+        self._files, self._root = location[0], location[1].rstrip("/")
 
     def has(self, name: str) -> bool:
         """Return whether a file exists."""
-        with self._named(name):
+        with self._naming_errors(name):
             return bool(self._files.isfile(self._path(name)))
 
-    def read(self, name: str, most: int = LARGEST_FILE_BYTES) -> bytes:
-        """Read a file of at most `most` bytes."""
-        self._refuse_large(name, most)
-        with self._named(name):
+    def read(self, name: str, max_bytes: int = LARGEST_FILE_BYTES) -> bytes:
+        """Read a file of at most `max_bytes` bytes."""
+        self._refuse_large(name, max_bytes)
+        with self._naming_errors(name):
             return bytes(self._files.cat_file(self._path(name)))
 
     def get(self, name: str, path: Path) -> None:
         """Copy a file from the store."""
-        self._refuse_large(name, LARGEST_STORED_BYTES)
+        self._refuse_large(name, MAX_STORED_BYTES)
         path.parent.mkdir(parents=True, exist_ok=True)
-        with self._named(name):
+        with self._naming_errors(name):
             self._files.get_file(self._path(name), str(path))
 
     def put(self, path: Path, name: str) -> None:
         """Copy a file to the store, replacing one from an interrupted upload."""
-        with self._named(name):
+        with self._naming_errors(name):
             self._files.makedirs(self._path(name).rpartition("/")[0], exist_ok=True)
             self._files.put_file(str(path), self._path(name))
             stored = self._files.size(self._path(name))
@@ -81,7 +81,7 @@ class Store:
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file atomically."""
-        with self._named(name):
+        with self._naming_errors(name):
             self._files.makedirs(self._path(name).rpartition("/")[0], exist_ok=True)
             with self._files.transaction, self._files.open(self._path(name), "wb") as stream:
                 stream.write(content)
@@ -89,24 +89,24 @@ class Store:
     def _path(self, name: str) -> str:
         return f"{self._root}/{name}"
 
-    def _refuse_large(self, name: str, most: int) -> None:
-        with self._named(name):
+    def _refuse_large(self, name: str, max_bytes: int) -> None:
+        with self._naming_errors(name):
             size = self._files.size(self._path(name))
-        if size is None or size > most:
-            raise InputError(f"{self.url}: {name} has {size} bytes, expected {most} or fewer")
+        if size is None or size > max_bytes:
+            raise InputError(f"{self.url}: {name} has {size} bytes, expected {max_bytes} or fewer")
 
     @contextmanager
-    def _named(self, name: str = "") -> Iterator[None]:
+    def _naming_errors(self, name: str = "") -> Iterator[None]:
         """Convert a backend's errors to an InputError that names the store."""
-        what = f"{self.url}: {name}: " if name else f"{self.url}: "
+        where = f"{self.url}: {name}: " if name else f"{self.url}: "
         try:
             yield
         except FileNotFoundError:
-            raise InputError(f"{what}does not exist") from None
+            raise InputError(f"{where}does not exist") from None
         except ImportError as error:
-            raise InputError(f"{what}{error}") from None
+            raise InputError(f"{where}{error}") from None
         except Exception as error:  # each backend has errors of its own
-            raise InputError(f"{what}{type(error).__name__}: {error}") from error
+            raise InputError(f"{where}{type(error).__name__}: {error}") from error
 
 
 def is_stored(store: Store, folder: Path) -> bool:
@@ -140,9 +140,9 @@ def publish(manifest: SuiteManifest, folder: Path, store: Store, progress: Progr
     if store.has(name):
         _refuse_other(store, name, manifest)
     copied = 0
-    for done, each in enumerate(manifest.sets):
+    for done, entry in enumerate(manifest.sets):
         progress(done, len(manifest.sets))
-        copied += _publish_set(inside(folder, each.folder), store)
+        copied += _publish_set(inside(folder, entry.folder), store)
     progress(len(manifest.sets), len(manifest.sets))
     if not manifest.missing:
         store.write(name, manifest.text.encode())
@@ -154,16 +154,18 @@ def _refuse_other(store: Store, name: str, manifest: SuiteManifest) -> None:
     try:
         stored = model_from(SuiteManifest, name, json_of(name, raw))
     except InputError:
-        raise InputError(f"{store.url}: {name} is no manifest of a suite, expected one, or nothing") from None
+        raise InputError(f"{store.url}: {name} is not a suite manifest, expected one, or nothing") from None
     if stored.name != manifest.name:
-        raise InputError(f"{store.url}: {name} is of the suite {stored.name}, expected {manifest.name}")
+        raise InputError(f"{store.url}: {name} belongs to the suite {stored.name}, expected {manifest.name}")
 
 
 def _publish_set(folder: Path, store: Store) -> bool:
     manifest = read_bytes(folder / MANIFEST)
     if is_stored(store, folder):
         if store.read(_dataset_name(folder)) != manifest:
-            raise InputError(f"{store.url}: {_dataset_name(folder)} is of another set, expected the set of {folder}")
+            raise InputError(
+                f"{store.url}: {_dataset_name(folder)} belongs to a different set, expected that of {folder}"
+            )
         return False
     for name in Dataset.load(folder).files:
         store.put(inside(folder, name), f"{SETS}/{folder.name}/{name}")
@@ -174,14 +176,14 @@ def _publish_set(folder: Path, store: Store) -> bool:
 def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
     """Copy the set of a recipe from a store into its folder.
 
-    Raises InputError if the stored set has another recipe, unknown files or wrong checksums; the folder is then
-    unchanged.
+    Raises InputError, and leaves the folder unchanged, if the stored set has a different recipe, unknown files or wrong
+    checksums.
     """
     name = _dataset_name(folder)
     where = f"{store.url}: {name}"
     dataset = model_from(Dataset, where, json_of(where, store.read(name)))
-    if other := differing_keys(_requested(recipe), _stated(dataset)):
-        raise InputError(f"{store.url}: {name} has another {other[0]}, expected the one of the set {recipe.name}")
+    if other := differing_keys(_requested_by(recipe), _stated_by(dataset)):
+        raise InputError(f"{store.url}: {name} has a different {other[0]}, expected that of the set {recipe.name}")
 
     def download(staging: Path) -> None:
         for file in dataset.files:
@@ -190,8 +192,8 @@ def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
     put_set(folder, dataset, download)
 
 
-def _requested(recipe: SetRecipe) -> dict[str, object]:
-    """Return the properties of a set that its manifest states, too."""
+def _requested_by(recipe: SetRecipe) -> dict[str, object]:
+    """Return the properties of a recipe that a manifest also states."""
     camera = recipe.camera
     return {
         "frames": recipe.frames,
@@ -205,7 +207,7 @@ def _requested(recipe: SetRecipe) -> dict[str, object]:
     }
 
 
-def _stated(dataset: Dataset) -> dict[str, object]:
+def _stated_by(dataset: Dataset) -> dict[str, object]:
     names = ("frames", "base_frames", "width_px", "height_px", "target", "tolerances", "settings", "rate_hz")
     return {name: getattr(dataset, name) for name in names}
 

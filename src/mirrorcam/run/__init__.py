@@ -1,1 +1,1 @@
-"""The command run, from design to depth, and doctor, which checks the installation."""
+"""The commands run, from design to depth, and doctor, which checks the installation."""

@@ -1,4 +1,4 @@
-"""The installation: this program, the libraries of each extra with the tested versions, other programs."""
+"""The installation: this program, the libraries of each extra with their tested versions, and other programs."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class Installation(Value):
 
 def installation() -> Installation:
     """Inspect this installation without importing a library."""
-    tested = versions_tested()
+    tested = tested_versions()
     return Installation(
         version=mirrorcam.__version__,
         folder=str(Path(mirrorcam.__file__).parent),
@@ -88,8 +88,8 @@ def installation() -> Installation:
     )
 
 
-def versions_tested() -> dict[str, str]:
-    """Versions with which the tests passed, by normalised name of the distribution: `constraints.txt`."""
+def tested_versions() -> dict[str, str]:
+    """Return the versions with which the tests passed, by normalised distribution name, from `constraints.txt`."""
     folder = Path(mirrorcam.__file__).parent
     files = (folder / CONSTRAINTS, folder.parents[1] / CONSTRAINTS)  # in a wheel, in a checkout
     text = next(file for file in files if file.is_file()).read_text(encoding="utf-8")
@@ -99,7 +99,7 @@ def versions_tested() -> dict[str, str]:
 def _extra(name: str, tested: dict[str, str]) -> Extra:
     base = required(PACKAGE, frozenset())
     names = base if name == BASE else required(PACKAGE, frozenset({name})) - base
-    packages = tuple(Package(name=each, installed=_version(each), tested=tested.get(each)) for each in sorted(names))
+    packages = tuple(Package(name=name, installed=_version(name), tested=tested.get(name)) for name in sorted(names))
     if name == BASE:
         missing = tuple(package.name for package in packages if package.installed is None)
     else:
@@ -118,5 +118,5 @@ def _program(name: str) -> Program:
     commands, purpose = PROGRAMS[name]
     # If Python was started by its path, the folder of its scripts may be missing from PATH.
     search_path = os.pathsep.join((sysconfig.get_path("scripts"), os.environ.get("PATH", "")))
-    found = (path for command in commands if (path := shutil.which(command, path=search_path)))
-    return Program(name=name, purpose=purpose, path=next(found, None))
+    paths = (path for command in commands if (path := shutil.which(command, path=search_path)))
+    return Program(name=name, purpose=purpose, path=next(paths, None))

@@ -1,4 +1,4 @@
-"""The pipeline: design, parts, synthetic set, blind calibration checked against truth, light field, page."""
+"""The pipeline: design, parts, synthetic set, blind calibration checked against the ground truth, light field, page."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.run.run_page import read_metrics, write_page, write_pictures
 
 # Index of the frame that the page shows decoded.
-SHOWN = 0
+SHOWN_FRAME = 0
 # Maps of all pixels take 18 MB per frame, and no stage reads them.
 SETTINGS = RenderSettings(maps=False)
 
@@ -45,20 +45,20 @@ class Recipe:
     seed: int
     small: bool
     adapter: str = "none"
-    """The back that carries the device, by its kind."""
+    """Kind of the back to which the device is attached."""
     mounting: Literal["glue", "screws"] = "glue"
     """How the mirrors are mounted."""
 
 
 def full_recipe(seed: int) -> Recipe:
-    """The nominal 3x3 camera at 1920x1080 with 20 frames."""
+    """Return the nominal 3x3 camera at 1920x1080 with 20 frames."""
     return Recipe(DesignSpec(), default_board(), frames=20, base_frames=10, settings=SETTINGS, seed=seed, small=False)
 
 
 def quick_recipe(seed: int) -> Recipe:
-    """A small example: 2x2 mirrors, a camera of half the resolution, a board with larger squares, few frames.
+    """Return a small example: 2x2 mirrors, a camera of half the resolution, a board with larger squares, few frames.
 
-    It meets the limits of the full run with a margin of about two, whatever the seed.
+    It meets the limits of the full run by a factor of about two, whatever the seed.
     """
     spec = DesignSpec(camera=Camera.c920().binned(0.5), rows=2, cols=2)
     target = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
@@ -66,9 +66,9 @@ def quick_recipe(seed: int) -> Recipe:
 
 
 def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
-    """The steps of a run into `root`, in order."""
+    """Return the stages of a run into `root`, in order."""
     nominal, synthetic = root / "design" / "layout.json", root / "set"
-    shown = synthetic / "frames" / f"{SHOWN:04d}{recipe.settings.suffix}"
+    frame = synthetic / "frames" / f"{SHOWN_FRAME:04d}{recipe.settings.suffix}"
     calibrated = root / "validation" / "layout.json"
 
     def design(folder: Path, progress: Progress) -> None:
@@ -102,10 +102,10 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         write_validation(validate(synthetic, progress), folder, command="mirrorcam run")
 
     def decode(folder: Path, progress: Progress) -> None:
-        decode_picture(shown, Decoder(Layout.load(calibrated)), folder)
+        decode_picture(frame, Decoder(Layout.load(calibrated)), folder)
 
     def pictures(folder: Path, progress: Progress) -> None:
-        write_pictures(shown, root / "light_field" / f"{shown.stem}_views.png", folder)
+        write_pictures(frame, root / "light_field" / f"{frame.stem}_views.png", folder)
 
     return (
         Stage(
@@ -129,7 +129,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             "set",
             render,
             "mirrorcam.render_scenes.sets.render_set",
-            doing=f"{recipe.frames} frames through the mirrors and {recipe.base_frames} without",
+            doing=f"{recipe.frames} frames via the mirrors and {recipe.base_frames} without",
             unit="frames",
             parameters={
                 "target": recipe.target.model_dump(mode="json"),
@@ -145,7 +145,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             "validation",
             check,
             "mirrorcam.calibration.validation",
-            doing="blind calibration, comparison with the truth",
+            doing="blind calibration, comparison with the ground truth",
             reads=(synthetic,),
             unit="pictures",
         ),
@@ -155,14 +155,14 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             "mirrorcam.lightfield.decoding",
             doing="views of one frame",
             unit="frames",
-            reads=(calibrated, shown),
+            reads=(calibrated, frame),
         ),
         Stage(
             "page",
             pictures,
             "mirrorcam.run.run_page",
             doing="pictures for the page",
-            reads=(shown, root / "light_field" / f"{shown.stem}_views.png"),
+            reads=(frame, root / "light_field" / f"{frame.stem}_views.png"),
         ),
     )
 
@@ -174,10 +174,10 @@ def _slicer() -> str:
 
 
 def finish(stage: Stage, output: OutputFolder, reporter: Reporter = SILENT) -> None:
-    """Do a stage, unless its subfolder holds valid results."""
+    """Perform a stage, unless its subfolder holds valid results."""
     reason = staleness(stage, output.root)
     if not reason:
-        reporter.note(stage.name, "nothing changed, re-used")
+        reporter.note(stage.name, "nothing changed, reused")
         return
     if (output.root / stage.name).exists():
         reporter.note(stage.name, f"done again: {reason}")
@@ -187,7 +187,7 @@ def finish(stage: Stage, output: OutputFolder, reporter: Reporter = SILENT) -> N
 
 @dataclass(frozen=True)
 class RunFigures:
-    """Figures of a run by name: design, parts, and calibration against the truth."""
+    """Figures of a run by name: design, parts, and calibration against the ground truth."""
 
     design: Mapping[str, Metric]
     parts: Mapping[str, Metric]
@@ -196,13 +196,15 @@ class RunFigures:
     @property
     def passed(self) -> bool:
         """True if every figure is within its limit."""
-        return all(m.passed for metrics in (self.design, self.parts, self.validation) for m in metrics.values())
+        return all(
+            metric.passed for metrics in (self.design, self.parts, self.validation) for metric in metrics.values()
+        )
 
 
 def run_all(
     recipe: Recipe, root: Path, command: str, reporter: Reporter = SILENT, *, force: bool = False
 ) -> RunFigures:
-    """Do the stages whose results in `root` are missing or stale, then write `metrics.json` and `index.html`.
+    """Perform the stages whose results in `root` are missing or stale, then write `metrics.json` and `index.html`.
 
     The page states `command`. Raises InputError before any work if an extra is missing and, without `force`, if a file
     to replace was not written by a run or was changed since.
@@ -214,18 +216,18 @@ def run_all(
         for stage in stages(recipe, root):
             finish(stage, output, reporter)
         figures = _figures(root)
-        named = {"design": figures.design, "cad": figures.parts, "validation": figures.validation}
+        groups = {"design": figures.design, "cad": figures.parts, "validation": figures.validation}
         with output.staged(result="metrics.json") as folder:
             write_metrics(
                 folder / "metrics.json",
-                {f"{stage}.{name}": metric for stage, metrics in named.items() for name, metric in metrics.items()},
+                {f"{stage}.{name}": metric for stage, metrics in groups.items() for name, metric in metrics.items()},
             )
             write_page(root, folder / "index.html", command=command, small=recipe.small)
     return figures
 
 
 def _figures(root: Path) -> RunFigures:
-    """Read the figures that the stages of a run wrote."""
+    """Read the figures written by the stages of a run."""
     return RunFigures(
         Layout.load(root / "design" / "layout.json").metrics,
         read_metrics(root / "cad" / "checks.json"),

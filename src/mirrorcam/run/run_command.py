@@ -26,7 +26,7 @@ def run(
     mounting: Mounting = "glue",
     seed: Annotated[int, bounded(SEED, "seed of poses, tolerances and noise")] = 0,
     out: Annotated[
-        Path | None, Parameter(help="output folder; valid results in it are re-used [default: output/default or quick]")
+        Path | None, Parameter(help="output folder; valid results in it are reused [default: output/default or quick]")
     ] = None,
     force: Force = False,
 ) -> int:
@@ -41,7 +41,7 @@ def run(
         mirrorcam run design.toml --adapter tripod --mounting screws --out output/mine
     """
     if quick and design is not None:
-        raise InputError(f"--quick and {design}: expected one of the two")
+        raise InputError(f"--quick and {design}: expected at most one of the two")
     from mirrorcam.designs.design_files import read_request
     from mirrorcam.run.pipeline import full_recipe, quick_recipe, run_all
 
@@ -50,10 +50,10 @@ def run(
         recipe = replace(recipe, spec=read_request(design).spec)
     recipe = replace(recipe, adapter=adapter, mounting=mounting)
     out = out or Path("output/quick" if quick else "output/default")
-    stated = f" {design.name}" if design else " --quick" if quick else ""
-    stated += "" if adapter == "none" else f" --adapter {adapter}"
-    stated += "" if mounting == "glue" else f" --mounting {mounting}"
-    figures = run_all(recipe, out, f"mirrorcam run{stated} --seed {seed}", TERMINAL, force=force)
+    options = f" {design.name}" if design else " --quick" if quick else ""
+    options += "" if adapter == "none" else f" --adapter {adapter}"
+    options += "" if mounting == "glue" else f" --mounting {mounting}"
+    figures = run_all(recipe, out, f"mirrorcam run{options} --seed {seed}", TERMINAL, force=force)
     failed = {name: metric for name, metric in figures.parts.items() if not metric.passed}
     limited = {name: metric for name, metric in figures.validation.items() if metric.limit is not None}
     print_metrics({"measured": failed | limited})

@@ -23,7 +23,7 @@ from mirrorcam.render_scenes.sets.dataset import Dataset
 TEMPLATES = Path(__file__).parent
 HEADLINES = {
     "normal_error_max_deg": "is the largest angle between a calibrated and a true mirror normal",
-    "decoded_corner_rms_px": "is the RMS distance of decoded corners from their predictions by true positions",
+    "decoded_corner_rms_px": "is the RMS distance of decoded corners from those predicted by the true positions",
 }
 
 
@@ -52,7 +52,7 @@ class Report:
 
     @property
     def limited(self) -> dict[str, Metric]:
-        """Figures with a limit, of the parts and against the truth."""
+        """Figures with a limit: of the parts, and against the ground truth."""
         return {name: metric for name, metric in {**self.checks, **self.truth}.items() if metric.limit is not None}
 
     @property
@@ -67,7 +67,7 @@ class Report:
 
 
 def design_table(parabola: Layout, optimised: Layout) -> Table:
-    """The figures of the optimised layout next to the parabola's."""
+    """Return the figures of the optimised layout next to the parabola's."""
     rows = []
     for name, metric in optimised.metrics.items():
         before = parabola.metrics.get(name)
@@ -77,19 +77,19 @@ def design_table(parabola: Layout, optimised: Layout) -> Table:
 
 
 def highlights(report: Report) -> list[Tile]:
-    """Headline figures, as far as they were measured."""
+    """Return the headline figures that were measured."""
     width, height = report.view_size_px
     tiles = [Tile(report.layout.arrangement.text.replace("x", TIMES), f"views of {width} {TIMES} {height} px")]
     # A camera with an aperture can use only unvignetted pixels.
-    prefix, share = "pixel_efficiency_", "of the sensor"
+    prefix, subject = "pixel_efficiency_", "of the sensor"
     if report.layout.camera.aperture_mm > 0.0:
-        prefix, share = "usable_efficiency_", "of the sensor, unvignetted,"
+        prefix, subject = "usable_efficiency_", "of the sensor, unvignetted,"
     for name, metric in report.layout.metrics.items():
         if name.startswith(prefix) and metric.known:
             before = report.parabola.metrics.get(name)
             versus = f", parabola {before.value:.0%}" if before and before.known else ""
             depth = name.removeprefix(prefix).replace("mm", " mm")
-            tiles.append(Tile(f"{metric.value:.0%}", f"{share} shows the common scene at {depth}{versus}"))
+            tiles.append(Tile(f"{metric.value:.0%}", f"{subject} shows the common scene at {depth}{versus}"))
     for name, text in HEADLINES.items():
         if name in report.truth and report.truth[name].known:
             tiles.append(Tile(value_text(report.truth[name], digits=2), text))
@@ -97,7 +97,7 @@ def highlights(report: Report) -> list[Tile]:
 
 
 def verdict_text(report: Report) -> str:
-    """The verdict in words, with the names of the failed checks."""
+    """Return the verdict in words, with the names of the failed checks."""
     count = len(report.limited)
     if not report.failed:
         return f"All {count} checks pass"
@@ -128,15 +128,15 @@ PICTURE_WIDTH_PX = 1600
 
 
 class _Metrics(RootModel[dict[str, Metric]]):
-    """The content of `metrics.json`."""
+    """Content of `metrics.json`."""
 
 
 def read_metrics(path: Path) -> dict[str, Metric]:
-    """Read `metrics.json`, or raise InputError in one line."""
+    """Read `metrics.json`; raise InputError if it is invalid."""
     return read_model(_Metrics, path, LARGEST_LAYOUT_BYTES).root
 
 
-def _at_most(image: NDArray[np.uint8], width_px: int) -> NDArray[np.uint8]:
+def _limit_width(image: NDArray[np.uint8], width_px: int) -> NDArray[np.uint8]:
     height, width = image.shape[:2]
     if width <= width_px:
         return image
@@ -145,9 +145,9 @@ def _at_most(image: NDArray[np.uint8], width_px: int) -> NDArray[np.uint8]:
 
 
 def write_pictures(frame: Path, views: Path, out: Path) -> None:
-    """Write frame.jpg and views.jpg at the size at which the page shows them."""
+    """Write frame.jpg and views.jpg in the size in which the page shows them."""
     for path, name in ((frame, "frame.jpg"), (views, "views.jpg")):
-        write_image(out / name, _at_most(read_image(path), PICTURE_WIDTH_PX))
+        write_image(out / name, _limit_width(read_image(path), PICTURE_WIDTH_PX))
 
 
 def _picture(root: Path, path: str, opens: str, alt: str) -> PagePicture:
@@ -156,26 +156,26 @@ def _picture(root: Path, path: str, opens: str, alt: str) -> PagePicture:
 
 
 def _focus_picture(root: Path) -> PagePicture | None:
-    """The picture of the depth of field; None for a pinhole."""
+    """Return the picture of the depth of field; None for a pinhole."""
     if not (root / "design/focus.png").exists():
         return None
     return _picture(
         root,
         "design/focus.png",
         "design/focus.png",
-        "Circles of confusion over depth through each mirror, as focused and with the best focus",
+        "Circles of confusion over depth via each mirror, as focused and with the best focus",
     )
 
 
 def gather(root: Path, *, command: str, small: bool) -> Report:
-    """The report of the finished stages below `root`."""
+    """Return the report of the finished stages in `root`."""
     layout = Layout.load(root / "design" / "layout.json")
     dataset = Dataset.load(root / "set")
-    shown = next((root / "light_field").glob("*.npz"))
-    with np.load(shown, allow_pickle=False) as light_field:
+    decoded = next((root / "light_field").glob("*.npz"))
+    with np.load(decoded, allow_pickle=False) as light_field:
         height, width = light_field["weights"].shape[2:]
-    frame = next(f"set/{name}" for name in dataset.frame_names if Path(name).stem == shown.stem)
-    views = f"light_field/{shown.stem}_views.png"
+    frame = next(f"set/{name}" for name in dataset.frame_names if Path(name).stem == decoded.stem)
+    views = f"light_field/{decoded.stem}_views.png"
     tolerances = dataset.tolerances
     return Report(
         command=command,
@@ -207,7 +207,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             root,
             "validation/residuals.png",
             "validation/report.html",
-            "Mean residuals as arrows over the sensor, by view, and the distribution of all",
+            "Mean residuals as arrows over the sensor, by view, and the distribution of all residuals",
         ),
         part_files=tuple(
             PageFile(f"cad/{name}", purpose)
@@ -223,8 +223,8 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             PageFile("validation/layout.json", "the calibrated layout, with its uncertainty"),
             PageFile("validation/report.html", "how well the calibration fits, its uncertainty, and its checks"),
             PageFile("metrics.json", "every figure on this page, with its unit and limit"),
-            PageFile("set/dataset.json", "the synthetic set; its truth is in set/truth"),
-            PageFile(shown.relative_to(root).as_posix(), "one light field: samples, weights, view positions"),
+            PageFile("set/dataset.json", "the synthetic set; its ground truth is in set/truth"),
+            PageFile(decoded.relative_to(root).as_posix(), "one light field: samples, weights, view positions"),
         ),
     )
 

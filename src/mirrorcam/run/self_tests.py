@@ -1,4 +1,4 @@
-"""A short test of each part of an installation, on synthetic data, in a process of its own.
+"""A short test of each part of an installation, on synthetic data, each in its own process.
 
 Each test returns a sentence with its measurement, and raises if that is wrong. A library that crashes ends only its
 own process.
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.run.installation import Installation
 
-LONGEST_S = 300.0
+TIMEOUT_S = 300.0
 """Each test takes less than ten seconds on two idle cores, or 20 the first time, when loops are compiled."""
 WIDTH_PX, HEIGHT_PX, FOCAL_PX = 640, 360, 453.0
 PLANE_MM = 300.0
 
 
 class SelfTest(Value):
-    """The result of a test: its finding or the reason of its failure (`said`), and its duration in s."""
+    """The result of a test: its finding or the reason for its failure (`said`), and its duration, s."""
 
     name: str
     passed: bool
@@ -45,17 +45,17 @@ class SelfTest(Value):
     seconds: float
 
 
-def parts_to_test(found: Installation) -> tuple[str, ...]:
-    """The tests of the parts that are installed, in the order of `TESTS`."""
-    lacking = {extra.name for extra in found.extras if extra.missing}
+def parts_to_test(installed: Installation) -> tuple[str, ...]:
+    """Return the names of the tests of installed parts, in the order of `TESTS`."""
+    missing = {extra.name for extra in installed.extras if extra.missing}
     # Finite elements need the solids of `cad` and the program gmsh.
-    if "cad" in lacking or any(program.name == "gmsh" and program.path is None for program in found.programs):
-        lacking.add("fe")
-    return tuple(name for name in TESTS if name not in lacking)
+    if "cad" in missing or any(program.name == "gmsh" and program.path is None for program in installed.programs):
+        missing.add("fe")
+    return tuple(name for name in TESTS if name not in missing)
 
 
 def self_tests(names: tuple[str, ...]) -> Iterator[SelfTest]:
-    """Run tests by their names in `TESTS`, one after the other, each in a process of its own."""
+    """Run tests by their names in `TESTS`, one after another, each in its own process."""
     source = str(Path(mirrorcam.__file__).parents[1])  # so that this `mirrorcam` is tested, not another one
     inherited = [path for path in [os.environ.get("PYTHONPATH")] if path]
     # One thread per library: on a busy machine, their threads wait for each other.
@@ -63,24 +63,24 @@ def self_tests(names: tuple[str, ...]) -> Iterator[SelfTest]:
     environment = os.environ | threads | {"PYTHONPATH": os.pathsep.join([source, *inherited])}
     for name in names:
         code = f"from mirrorcam.run.self_tests import report; report({name!r})"
-        began = time.monotonic()
+        start_s = time.monotonic()
         try:
-            done = run_program([sys.executable, "-P", "-c", code], timeout_s=LONGEST_S, environment=environment)
+            process = run_program([sys.executable, "-P", "-c", code], timeout_s=TIMEOUT_S, environment=environment)
         except subprocess.TimeoutExpired:
-            passed, finding = False, f"took longer than {LONGEST_S:g} s"
+            passed, finding = False, f"took longer than {TIMEOUT_S:g} s"
         else:
-            passed, finding = done.returncode == 0, _finding(done)
-        yield SelfTest(name=name, passed=passed, said=finding, seconds=time.monotonic() - began)
+            passed, finding = process.returncode == 0, _finding(process)
+        yield SelfTest(name=name, passed=passed, said=finding, seconds=time.monotonic() - start_s)
 
 
-def _finding(done: subprocess.CompletedProcess[bytes]) -> str:
-    """The sentence of a test that passed; for a failed one, the missing system library, the last line of its traceback,
-    or its exit code."""
-    lines = (done.stderr if done.returncode else done.stdout).decode("utf-8", "replace").strip().splitlines()
-    if done.returncode == 0:
+def _finding(process: subprocess.CompletedProcess[bytes]) -> str:
+    """Return the sentence of a passed test; for a failed one, the missing system library, the last line of its
+    traceback, or its exit code."""
+    lines = (process.stderr if process.returncode else process.stdout).decode("utf-8", "replace").strip().splitlines()
+    if process.returncode == 0:
         return str(json.loads(lines[-1]))
-    lacking = missing_library("\n".join(lines))
-    return lacking or (lines[-1] if lines else f"ended with exit code {done.returncode}")
+    missing = missing_library("\n".join(lines))
+    return missing or (lines[-1] if lines else f"ended with exit code {process.returncode}")
 
 
 def report(name: str) -> None:
@@ -89,32 +89,32 @@ def report(name: str) -> None:
 
 
 def expect(correct: bool, finding: str) -> str:
-    """Return the finding, or raise ValueError with it if it is not correct."""
+    """Return the finding, or raise ValueError with it if it is wrong."""
     if not correct:
         raise ValueError(finding)
     return finding
 
 
 def _small_layout() -> Layout:
-    """Four mirrors designed for a small camera."""
+    """Design four mirrors for a small camera."""
     import mirrorcam
 
-    middle = {"cx_px": (WIDTH_PX - 1) / 2, "cy_px": (HEIGHT_PX - 1) / 2}
-    camera = mirrorcam.Camera(width_px=WIDTH_PX, height_px=HEIGHT_PX, fx_px=FOCAL_PX, fy_px=FOCAL_PX, **middle)
+    centre = {"cx_px": (WIDTH_PX - 1) / 2, "cy_px": (HEIGHT_PX - 1) / 2}
+    camera = mirrorcam.Camera(width_px=WIDTH_PX, height_px=HEIGHT_PX, fx_px=FOCAL_PX, fy_px=FOCAL_PX, **centre)
     return mirrorcam.design(mirrorcam.DesignSpec(camera=camera, rows=2, cols=2))
 
 
 def _frame(
     layout: Layout, texture: NDArray[np.uint8], texel_mm: float, rig_from_sheet: NDArray[np.float64], *, mirrored: bool
 ) -> NDArray[np.uint8]:
-    """The camera's picture (h, w) of a printed sheet, through the mirrors or without them."""
+    """Return the camera's picture (h, w) of a printed sheet, via the mirrors if `mirrored`, or without them."""
     import cv2
     import numpy as np
 
     camera = layout.camera
     u, v = np.meshgrid(np.arange(camera.width_px, dtype=float), np.arange(camera.height_px, dtype=float))
     rays = camera.unproject(np.stack([u, v], axis=-1))
-    turn, shift = rig_from_sheet[:3, :3], rig_from_sheet[:3, 3]
+    rotation, shift = rig_from_sheet[:3, :3], rig_from_sheet[:3, 3]
     picture = np.full(rays.shape[:2], 60, dtype=np.uint8)
     for mirror in layout.mirrors if mirrored else (None,):
         inside = np.ones(picture.shape, dtype=np.uint8)
@@ -124,15 +124,16 @@ def _frame(
             corners = camera.pixels_from_normalized(mirror.outline_normalized)
             cv2.fillConvexPoly(inside, np.rint(corners).astype(np.int32), 1)
             start, directions = mirror.virtual_centre_in_rig_mm, rays @ mirror.reflection
-        along = (shift - start) @ turn[:, 2] / (directions @ turn[:, 2])
-        on_sheet = ((start + along[..., None] * directions - shift) @ turn[:, :2] / texel_mm - 0.5).astype(np.float32)
-        seen = cv2.remap(texture, on_sheet[..., 0], on_sheet[..., 1], cv2.INTER_LINEAR, borderValue=(200,))
-        picture = np.where(inside.astype(bool) & (along > 0), seen, picture)
+        length = (shift - start) @ rotation[:, 2] / (directions @ rotation[:, 2])
+        points = start + length[..., None] * directions - shift
+        on_sheet = (points @ rotation[:, :2] / texel_mm - 0.5).astype(np.float32)
+        sheet = cv2.remap(texture, on_sheet[..., 0], on_sheet[..., 1], cv2.INTER_LINEAR, borderValue=(200,))
+        picture = np.where(inside.astype(bool) & (length > 0), sheet, picture)
     return cv2.GaussianBlur(picture, (0, 0), 0.8).astype(np.uint8)
 
 
 def _pose(layout: Layout, *, mirrored: bool) -> NDArray[np.float64]:
-    """rig_from_sheet (4, 4) of a sheet, centred on its origin, that faces the views or the camera itself."""
+    """Return rig_from_sheet (4, 4) of a sheet whose origin is in front of the views, or of the camera itself."""
     import numpy as np
 
     pose = np.eye(4)
@@ -163,16 +164,16 @@ def _calibrate() -> str:
     board = mirrorcam.Charuco(cols=9, rows=7, square_mm=20.0, marker_mm=15.0)
     texture = board.image(32)
     pictures: dict[bool, list[Any]] = {True: [], False: []}
-    for mirrored, taken in pictures.items():
-        for turns in ((0, 0, 0), (30, 0, 0), (-30, 10, 0), (0, 30, 5), (0, -30, -5), (20, 20, 90), (-20, -25, 45)):
+    for mirrored, group in pictures.items():
+        for angles in ((0, 0, 0), (30, 0, 0), (-30, 10, 0), (0, 30, 5), (0, -30, -5), (20, 20, 90), (-20, -25, 45)):
             pose = _pose(nominal, mirrored=mirrored)
-            pose[:3, :3] @= Rotation.from_euler("xyz", turns, degrees=True).as_matrix()
+            pose[:3, :3] @= Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
             pose[:3, 3] -= pose[:3, :3] @ board.corners_in_board_mm.mean(axis=0)
-            taken.append(_frame(built, texture, board.square_mm / 32, pose, mirrored=mirrored))
-    found = mirrorcam.calibrate(pictures[True], pictures[False], nominal, board, model=RequestedModel())
-    pairs = zip(found.layout.mirrors, built.mirrors, strict=True)
+            group.append(_frame(built, texture, board.square_mm / 32, pose, mirrored=mirrored))
+    calibration = mirrorcam.calibrate(pictures[True], pictures[False], nominal, board, model=RequestedModel())
+    pairs = zip(calibration.layout.mirrors, built.mirrors, strict=True)
     worst = np.rad2deg(max(np.linalg.norm(np.cross(a.normal_in_rig, b.normal_in_rig)) for a, b in pairs))
-    return expect(bool(worst < 0.05), f"normals of {len(built.mirrors)} mirrors found to {worst:.3f} deg")
+    return expect(bool(worst < 0.05), f"normals of {len(built.mirrors)} mirrors calibrated to {worst:.3f} deg")
 
 
 def _decode() -> str:
@@ -189,8 +190,10 @@ def _decode() -> str:
     pose[:3, 3] -= pose[:3, :3] @ [300.0, 300.0, 0.0]
     frame = np.repeat(_frame(layout, texture, 0.5, pose, mirrored=True)[..., None], 3, axis=2)
     depth = mirrorcam.estimate_depth(mirrorcam.Decoder(layout).decode(frame), near_mm=200.0, far_mm=600.0)
-    found = float(np.nanmedian(depth.depth_mm))
-    return expect(abs(found - PLANE_MM) < 0.02 * PLANE_MM, f"a plane at {PLANE_MM:g} mm measured at {found:.1f} mm")
+    median_mm = float(np.nanmedian(depth.depth_mm))
+    return expect(
+        abs(median_mm - PLANE_MM) < 0.02 * PLANE_MM, f"a plane at {PLANE_MM:g} mm measured at {median_mm:.1f} mm"
+    )
 
 
 def _cad() -> str:
@@ -207,9 +210,9 @@ def _cad() -> str:
         write_stl(Path(folder, "box.stl"), part)
         facet = np.dtype([("numbers", "<f4", (4, 3)), ("attribute", "<u2")])
         corners = np.fromfile(Path(folder, "box.stl"), facet, offset=84)["numbers"][:, 1:].astype(float)
-    meshed = float(np.linalg.det(corners).sum() / 6.0)
-    right = bool(abs(meshed - 5000.0) < 0.01 and abs(part.volume - 5000.0) < 1e-6)
-    return expect(right, f"a solid of {part.volume:.1f} mm3, its mesh of {meshed:.1f} mm3")
+    mesh_mm3 = float(np.linalg.det(corners).sum() / 6.0)
+    correct = bool(abs(mesh_mm3 - 5000.0) < 0.01 and abs(part.volume - 5000.0) < 1e-6)
+    return expect(correct, f"a solid of {part.volume:.1f} mm3, its mesh of {mesh_mm3:.1f} mm3")
 
 
 def _render() -> str:
@@ -222,8 +225,8 @@ def _render() -> str:
         dataset = mirrorcam.render_set(request, Path(folder, "set"))
         picture = mirrorcam.read_image(Path(folder, "set", dataset.frame_names[0]))
     spread = float(picture.std())
-    right = picture.shape == (HEIGHT_PX, WIDTH_PX, 3) and spread > 10.0
-    return expect(right, f"a frame whose levels spread by {spread:.0f}")
+    correct = picture.shape == (HEIGHT_PX, WIDTH_PX, 3) and spread > 10.0
+    return expect(correct, f"a frame whose levels spread by {spread:.0f}")
 
 
 def _fe() -> str:
@@ -242,8 +245,8 @@ def _cluster() -> str:
     from distributed import Client
 
     with Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client:
-        answer = client.submit(sum, [1, 2, 3]).result(timeout=LONGEST_S)
-    return expect(answer == 6, f"a worker of this process answered {answer}")
+        answer = client.submit(sum, [1, 2, 3]).result(timeout=TIMEOUT_S)
+    return expect(answer == 6, f"a worker in this process answered {answer}")
 
 
 def _remote() -> str:
@@ -252,8 +255,8 @@ def _remote() -> str:
     with fsspec.open("memory://mirrorcam-doctor/part", "wb") as file:
         file.write(b"stored")
     with fsspec.open("memory://mirrorcam-doctor/part", "rb") as file:
-        back = file.read()
-    return expect(back == b"stored", f"{len(back)} bytes stored in memory and read")
+        content = file.read()
+    return expect(content == b"stored", f"{len(content)} bytes stored in memory and read")
 
 
 def _parquet() -> str:
@@ -262,8 +265,8 @@ def _parquet() -> str:
 
     stored = pa.BufferOutputStream()
     pq.write_table(pa.table({"value": [1.5, 2.5]}), stored)
-    back = pq.read_table(pa.BufferReader(stored.getvalue()))["value"].to_pylist()
-    return expect(back == [1.5, 2.5], f"{len(back)} rows written and read")
+    content = pq.read_table(pa.BufferReader(stored.getvalue()))["value"].to_pylist()
+    return expect(content == [1.5, 2.5], f"{len(content)} rows written and read")
 
 
 def _robot() -> str:
@@ -274,8 +277,8 @@ def _robot() -> str:
     light_field = mirrorcam.Decoder(_small_layout()).decode(np.full((HEIGHT_PX, WIDTH_PX, 3), 90, dtype=np.uint8))
     with TemporaryDirectory() as folder:
         mirrorcam.write_light_field(Path(folder, "a.mcap"), light_field, "mcap")
-        back = mirrorcam.open_light_field(Path(folder, "a.mcap"))
-    return expect(bool(np.array_equal(back.samples, light_field.samples)), "a ROS 2 bag written and read")
+        content = mirrorcam.open_light_field(Path(folder, "a.mcap"))
+    return expect(bool(np.array_equal(content.samples, light_field.samples)), "a ROS 2 bag written and read")
 
 
 def _view() -> str:
@@ -314,4 +317,4 @@ TESTS: dict[str, Callable[[], str]] = {
     "view": _view,
     "studio": _studio,
 }
-"""Tests by name: of the base installation first, then one for each extra."""
+"""Tests by name: those of the base installation first, then one for each extra."""

@@ -1,1 +1,1 @@
-"""The commands render and scene: frames with known truth."""
+"""The commands render and scene: synthetic frames with ground truth."""

@@ -1,4 +1,4 @@
-"""`mirrorcam render`: a synthetic calibration set with ground truth; and the check of a set by its checksums."""
+"""`mirrorcam render`: a synthetic calibration set with ground truth, and the check of a set by its checksums."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ def render(
     check_executor(workers, scheduler)
     from mirrorcam.optics.geometry.layout import Layout
 
-    device = Layout.load(layout)
-    requested = request.read(device)
+    nominal = Layout.load(layout)
+    requested = request.read(nominal)
     require("render")
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.core.processes.worker_pool import cores
@@ -53,15 +53,15 @@ def render(
     from mirrorcam.simulation.rendering import in_workers, on_cluster
 
     count = workers or cores()
-    run_there = in_workers(count) if scheduler is None else on_cluster(scheduler)
+    run = in_workers(count) if scheduler is None else on_cluster(scheduler)
     workers_text = count_text(count, "worker") if scheduler is None else f"the workers of {scheduler}"
     with (
         output_folder(out, "render"),
         long_work("render", f"{requested.settings.renderer}, {workers_text}", "frames") as advance,
     ):
-        dataset = render_set(requested, out, run=run_there, progress=advance)
-    say("coverage", coverage_text(dataset, device.cols))
-    say("coverage", reach_text(dataset, device.mirror_names))
+        dataset = render_set(requested, out, run=run, progress=advance)
+    say("coverage", coverage_text(dataset, nominal.cols))
+    say("coverage", depth_range_text(dataset, nominal.mirror_names))
     say("render", f"{out / MANIFEST} written; {out / 'truth'} is for mirrorcam validate only")
     return 0
 
@@ -79,31 +79,31 @@ def verify(
     """
     from mirrorcam.simulation.rendering import check_set
 
-    found = check_set(rendered)
-    for state, names in (("altered", found.altered), ("missing", found.lost)):
+    check = check_set(rendered)
+    for state, names in (("altered", check.altered), ("missing", check.missing)):
         for name in names:
             say("verify", f"{rendered / name} is {state}")
-    if found.unfinished:
-        say("verify", f"{count_text(len(found.unfinished), 'file')} not rendered yet, {found.unfinished[0]} first")
-    if found.passed:
-        say("verify", f"{count_text(found.files, 'file')} as rendered")
-    return 0 if found.passed else 1
+    if check.unfinished:
+        say("verify", f"{count_text(len(check.unfinished), 'file')} not rendered yet, {check.unfinished[0]} first")
+    if check.passed:
+        say("verify", f"{count_text(check.files, 'file')} as rendered")
+    return 0 if check.passed else 1
 
 
 def coverage_text(dataset: Dataset, cols: int) -> str:
-    """Percentage of each sub-image, row by row, and of the base picture, that corners cover."""
-    percent = [f"{100.0 * part:.0f}" for part in dataset.coverage]
+    """State the percentage of each sub-image, row by row, and of the base frames, that corners cover."""
+    percent = [f"{100.0 * fraction:.0f}" for fraction in dataset.coverage]
     rows = [" ".join(percent[begin : begin + cols]) for begin in range(0, len(percent), cols)]
     mirrors = f"corners cover {' / '.join(rows)} % of the sub-images"
     return f"{mirrors}, {100.0 * dataset.base_coverage:.0f} % of base frames" if dataset.base_frames else mirrors
 
 
-def reach_text(dataset: Dataset, mirrors: Sequence[str]) -> str:
-    """Distances and tilts of the boards visible in every mirror."""
-    reaches = dataset.reaches
-    blind = [name for name, reach in zip(mirrors, reaches, strict=True) if reach.farthest_mm == 0]
+def depth_range_text(dataset: Dataset, mirrors: Sequence[str]) -> str:
+    """State the distances and tilts of the boards visible in every mirror."""
+    ranges = dataset.reaches
+    blind = [name for name, depths in zip(mirrors, ranges, strict=True) if depths.farthest_mm == 0]
     if blind:
         return f"mirror {', '.join(blind)} shows too few corners in every frame"
-    nearest, farthest = max(reach.nearest_mm for reach in reaches), min(reach.farthest_mm for reach in reaches)
-    tilt = min(reach.tilt_deg for reach in reaches)
+    nearest, farthest = max(depths.nearest_mm for depths in ranges), min(depths.farthest_mm for depths in ranges)
+    tilt = min(depths.tilt_deg for depths in ranges)
     return f"every mirror shows boards from {nearest} to {farthest} mm away and tilted by up to {tilt}°"

@@ -1,4 +1,4 @@
-"""Requests for rendered sets and scenes, from options and the files that they name."""
+"""Requests for rendered sets and scenes, from options and the files named in them."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ from mirrorcam.render_scenes.settings import POSES_HZ, RATE_HZ, SENSORS, Rendere
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.layout import Layout
     from mirrorcam.render_scenes.sets.set_request import SetRequest
-    from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh
+    from mirrorcam.render_scenes.tabletop.tabletop import UserMesh
     from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest
 
 
-def tolerances_of(given: Any) -> Any:
-    """Parse tolerances from a text like tilt_deg=0.3,offset_mm=0.3, the others by default; "none" is a perfect device.
+def tolerances_of(value: Any) -> Any:
+    """Parse tolerances from text like tilt_deg=0.3,offset_mm=0.3; others keep defaults. "none" is a perfect device.
 
-    Anything but a text is returned as it is.
+    Anything but text is returned unchanged.
     """
-    if not isinstance(given, str):
-        return given
-    if given == "none":
+    if not isinstance(value, str):
+        return value
+    if value == "none":
         return Tolerances.none()
-    parts = [part.partition("=") for part in given.split(",") if part]
+    parts = [part.partition("=") for part in value.split(",") if part]
     names = [name for name in Tolerances.model_fields if not name.startswith("distortion")]
     for name, _, _ in parts:
         if name not in names:
-            raise ValueError(f"no tolerance {name}, expected {', '.join(names)}")
+            raise ValueError(f"{name} is not a tolerance, expected {', '.join(names)}")
     try:
         return Tolerances().replaced(**{name: value for name, _, value in parts})
     except InvalidValue as error:
@@ -45,16 +45,16 @@ def tolerances_of(given: Any) -> Any:
         raise ValueError(f"{name}: {error.reason}") from None
 
 
-def sensor_of(given: Any) -> Any:
-    """Read a sensor model: a preset by its name, or a TOML file. Anything but a text is returned as it is."""
-    if not isinstance(given, str):
-        return given
+def sensor_of(value: Any) -> Any:
+    """Read a sensor model: a preset by its name, or a TOML file. Anything but text is returned unchanged."""
+    if not isinstance(value, str):
+        return value
     presets = {str(name): model for name, model in SENSORS.items()}
-    if given in presets:
-        return presets[given]
-    if not given.endswith(".toml"):
+    if value in presets:
+        return presets[value]
+    if not value.endswith(".toml"):
         raise ValueError(f"expected {', '.join(presets)} or a .toml file")
-    return read_model(SensorModel, Path(given))
+    return read_model(SensorModel, Path(value))
 
 
 AsBuilt = Annotated[
@@ -75,7 +75,7 @@ SENSOR = "lens and sensor: ideal, c920, poor, webcam, or a .toml file"
 
 
 class PosesFile(Value):
-    """Poses of the board: rig_from_board (n, 4, 4) in mm, and the number that a motion passes per second."""
+    """Poses (n, 4, 4) of the board in the rig frame, mm, and the number of them that a motion passes per second."""
 
     poses: Annotated[FloatArray, Shaped((None, 4, 4), largest=DEPTH_MM.max)]
     poses_hz: float = POSES_HZ.field(1.0)
@@ -85,8 +85,8 @@ class PosesFile(Value):
         if not 1 <= len(self.poses) <= PICTURES.max:
             raise ValueError(f"{len(self.poses)} poses, expected 1 to {PICTURES.max}")
         for number, pose in enumerate(self.poses):
-            turn = pose[:3, :3]
-            if not np.allclose(turn @ turn.T, np.eye(3), rtol=0.0, atol=1e-6) or np.linalg.det(turn) < 0.0:
+            rotation = pose[:3, :3]
+            if not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0.0, atol=1e-6) or np.linalg.det(rotation) < 0.0:
                 raise ValueError(f"pose {number} has a matrix that is not a rotation")
             if tuple(pose[3]) != (0.0, 0.0, 0.0, 1.0):
                 raise ValueError(f"pose {number} has the last row {pose[3].tolist()}, expected 0, 0, 0, 1")
@@ -97,8 +97,8 @@ class PosesFile(Value):
 class RenderRequest(Value):
     """Options of `mirrorcam render`: pictures of a board."""
 
-    frames: int = PICTURES.narrowed(min=1).field(20, "frames of the board through the mirrors")
-    base_frames: int = PICTURES.field(10, "frames of the board by the camera without mirrors")
+    frames: int = PICTURES.narrowed(min=1).field(20, "frames of the board via the mirrors")
+    base_frames: int = PICTURES.field(10, "frames of the board with the camera alone, without mirrors")
     seed: int = SEED.field(0, "seed of poses, tolerances and noise; the same seed gives the same bytes")
     renderer: RendererName | None = Field(
         default=None,
@@ -113,7 +113,7 @@ class RenderRequest(Value):
     )
     board: Path | None = Field(default=None, description="board.toml of the target. [default: the default board]")
     poses: Path | None = Field(
-        default=None, description="JSON file of poses, rig_from_board in mm. [default: planned ones]"
+        default=None, description="JSON file of poses, rig_from_board in mm. [default: planned poses]"
     )
     rate_hz: float | None = RATE_HZ.field(
         None, "frame rate of one smooth motion through the poses", unset="separate poses"
@@ -131,7 +131,7 @@ class RenderRequest(Value):
         settings = RenderSettings() if self.settings is None else read_model(RenderSettings, self.settings)
         chosen = {"renderer": self.renderer, "sensor": self.sensor}
         try:
-            settings = settings.replaced(**{name: value for name, value in chosen.items() if value is not None})
+            settings = settings.replaced(**{name: option for name, option in chosen.items() if option is not None})
         except InvalidValue as error:
             raise InputError(error.reason) from None
         if settings.video is not None and self.rate_hz is None:
@@ -163,7 +163,7 @@ class SceneRequest(Value):
     )
     mesh: Annotated[tuple[str, ...], Parameter(metavar="FILE[:x,y,z]...")] = Field(
         default=(),
-        description="meshes to put on the table (STL, PLY or OBJ, in mm, z up), each with the middle of its base in "
+        description="meshes to put on the table (STL, PLY or OBJ, in mm, z up), each with the centre of its base in "
         "view axes",
     )
     seed: int = SEED.field(0, "seed of objects, tolerances and noise; the same seed gives the same bytes")
@@ -184,15 +184,15 @@ class SceneRequest(Value):
         )
 
 
-def mesh_from_text(text: str) -> NamedMesh:
-    """Parse a mesh and its position from a text like vase.stl:10,-30,350, or from a file name alone."""
-    from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh
+def mesh_from_text(text: str) -> UserMesh:
+    """Parse a mesh and its position from text like vase.stl:10,-30,350, or from a file name alone."""
+    from mirrorcam.render_scenes.tabletop.tabletop import UserMesh
 
-    name, colon, place = text.rpartition(":")
-    numbers = place.split(",")
+    name, colon, position = text.rpartition(":")
+    numbers = position.split(",")
     if not colon or len(numbers) != 3:
-        return NamedMesh(file=Path(text))
+        return UserMesh(file=Path(text))
     try:
-        return NamedMesh(file=Path(name), place_in_view_mm=[float(number) for number in numbers])
+        return UserMesh(file=Path(name), position_in_view_mm=[float(number) for number in numbers])
     except ValueError:
         raise InputError(f"--mesh {text}: expected FILE or FILE:x,y,z in mm, view axes") from None

@@ -1,4 +1,4 @@
-"""Render sets and scenes into files, with processes of this machine or the workers of a cluster."""
+"""Render sets and scenes into files, with processes on this machine or the workers of a cluster."""
 
 from __future__ import annotations
 
@@ -19,39 +19,39 @@ from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.frame_task import FrameTask, render_frame_in_turn, render_frame_on_one_core
-from mirrorcam.render_scenes.sets.render_set import Run
+from mirrorcam.render_scenes.sets.render_set import RenderTasks
 from mirrorcam.render_scenes.tabletop.tabletop_set import TabletopRequest, TabletopSet, read_map, render_tabletop
 
 OVERVIEW = "truth/overview.jpg"
 
 
-def in_workers(workers: int) -> Run:
-    """Render frames in a number of processes of this machine, each on one core."""
-    return partial(finished_frames, partial(run_local, workers=workers, work=render_frame_on_one_core))
+def in_workers(workers: int) -> RenderTasks:
+    """Render frames in a number of processes on this machine, each on one core."""
+    return partial(yield_frames, partial(run_local, workers=workers, work=render_frame_on_one_core))
 
 
-def on_cluster(address: str) -> Run:
+def on_cluster(address: str) -> RenderTasks:
     """Render frames on the workers of a Dask scheduler."""
-    return partial(finished_frames, partial(run_cluster, address=address, work=render_frame_in_turn))
+    return partial(yield_frames, partial(run_cluster, address=address, work=render_frame_in_turn))
 
 
-def finished_frames(
+def yield_frames(
     run: Callable[[Sequence[str]], Iterator[tuple[int, dict[str, bytes] | Died]]], tasks: Sequence[str]
 ) -> Iterator[tuple[int, dict[str, bytes]]]:
-    """Yield index and files of each frame as `run` finishes it.
+    """Yield the index and files of each frame as `run` finishes it.
 
     Raises InputError for a frame that crashed every worker that tried it.
     """
-    for number, got in run(tasks):
-        if isinstance(got, Died):
-            raise InputError(f"frame {FrameTask.model_validate_json(tasks[number]).name}: {got.reason}")
-        yield number, got
+    for number, files in run(tasks):
+        if isinstance(files, Died):
+            raise InputError(f"frame {FrameTask.model_validate_json(tasks[number]).name}: {files.reason}")
+        yield number, files
 
 
 def write_scene(request: TabletopRequest, folder: Path, progress: Progress = no_progress) -> None:
-    """Render a tabletop scene with its truth into a folder, and an overview of both.
+    """Render a tabletop scene with its ground truth into a folder, and an overview of both.
 
-    Raises InputError if a file to replace is not of the scene, or was changed since.
+    Raises InputError if a file to be replaced does not belong to the scene, or was changed since.
     """
     with output_folder(folder, "scene") as output:
         output.refuse_others(OVERVIEW)
@@ -62,16 +62,16 @@ def write_scene(request: TabletopRequest, folder: Path, progress: Progress = no_
 
 @dataclass(frozen=True)
 class SetCheck:
-    """Comparison of a set with its checksums: altered, missing and not yet rendered files."""
+    """Comparison of a set with its checksums: number of files; names of altered, missing and not yet rendered ones."""
 
     files: int
     altered: tuple[str, ...]
-    lost: tuple[str, ...]
+    missing: tuple[str, ...]
     unfinished: tuple[str, ...]
 
     @property
     def passed(self) -> bool:
-        return not (self.altered or self.lost or self.unfinished)
+        return not (self.altered or self.missing or self.unfinished)
 
 
 def check_set(folder: Path) -> SetCheck:
@@ -81,7 +81,7 @@ def check_set(folder: Path) -> SetCheck:
     return SetCheck(
         files=len(dataset.files),
         altered=tuple(name for name in damaged if (folder / name).exists()),
-        lost=tuple(name for name in damaged if not (folder / name).exists()),
+        missing=tuple(name for name in damaged if not (folder / name).exists()),
         unfinished=tuple(dataset.missing),
     )
 
@@ -112,20 +112,21 @@ def overview(folder: Path) -> NDArray[np.uint8]:
     manifest = TabletopSet.load(folder)
     t, s = manifest.central_view
     frame, view = (
-        _for_screens(read_image(folder / name)) for name in (manifest.frame_name, f"truth/views/{t}_{s}.png")
+        _gamma_encoded(read_image(folder / name)) for name in (manifest.frame_name, f"truth/views/{t}_{s}.png")
     )
-    nearness = 1.0 / read_map(folder / f"truth/depth/{t}_{s}.exr", "depth")
-    low, high = float(nearness.min()), float(nearness.max())
-    grey = np.rint(255.0 * (nearness - low) / max(high - low, 1e-12)).astype(np.uint8)
-    near = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_TURBO))[..., ::-1]
+    inverse_depth = 1.0 / read_map(folder / f"truth/depth/{t}_{s}.exr", "depth")
+    low, high = float(inverse_depth.min()), float(inverse_depth.max())
+    grey = np.rint(255.0 * (inverse_depth - low) / max(high - low, 1e-12)).astype(np.uint8)
+    depth_picture = np.asarray(cv2.applyColorMap(grey, cv2.COLORMAP_TURBO))[..., ::-1]
     height, width = (HEIGHT_PX - GAP_PX) // 2, round((HEIGHT_PX - GAP_PX) / 2 * view.shape[1] / view.shape[0])
-    small = [np.asarray(cv2.resize(image, (width, height))) for image in (view, near)]
-    wide = round(HEIGHT_PX * frame.shape[1] / frame.shape[0])
-    large = np.asarray(cv2.resize(frame, (wide, HEIGHT_PX), interpolation=cv2.INTER_AREA))
-    picture = np.full((HEIGHT_PX, wide + GAP_PX + width, 3), 255, dtype=np.uint8)
-    picture[:, :wide], picture[:height, wide + GAP_PX :], picture[-height:, wide + GAP_PX :] = large, *small
+    small = [np.asarray(cv2.resize(image, (width, height))) for image in (view, depth_picture)]
+    frame_width = round(HEIGHT_PX * frame.shape[1] / frame.shape[0])
+    large = np.asarray(cv2.resize(frame, (frame_width, HEIGHT_PX), interpolation=cv2.INTER_AREA))
+    picture = np.full((HEIGHT_PX, frame_width + GAP_PX + width, 3), 255, dtype=np.uint8)
+    right = slice(frame_width + GAP_PX, None)
+    picture[:, :frame_width], picture[:height, right], picture[-height:, right] = large, *small
     return picture
 
 
-def _for_screens(linear: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _gamma_encoded(linear: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return np.rint(255.0 * (linear / 255.0) ** (1.0 / 2.2)).astype(np.uint8)

@@ -16,7 +16,7 @@ from mirrorcam.studio.design_work import at_low_priority
 
 if TYPE_CHECKING:
     from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame
-    from mirrorcam.render_scenes.preview.seen_by import SeenBy
+    from mirrorcam.render_scenes.preview.products import PreviewProducts
 
 Subject = Literal["tabletop", "board"]
 WIDTH_PX = 640
@@ -46,7 +46,7 @@ class Decoded(Value):
 
 MAX_CACHED = 12
 _frame: tuple[str, PreviewFrame] | None = None
-_cached: OrderedDict[str, SeenBy] = OrderedDict()
+_cached: OrderedDict[str, PreviewProducts] = OrderedDict()
 """The last decoded frames by name: several open pages may show different designs."""
 
 
@@ -69,13 +69,13 @@ def frame(layout: Layout, subject: Subject) -> Frame:
 
 def decoded(layout: Layout, subject: Subject) -> Decoded:
     """Return views, a refocused picture and depth of a frame. Raises InputError if the views have no common field."""
-    from mirrorcam.render_scenes.preview.seen_by import seen_in
+    from mirrorcam.render_scenes.preview.products import preview_products
 
     name = _name(layout, subject)
     if _frame is None or _frame[0] != name:
         frame(layout, subject)
     assert _frame is not None
-    products = seen_in(_frame[1])
+    products = preview_products(_frame[1])
     _cached.pop(name, None)
     _cached[name] = products
     while len(_cached) > MAX_CACHED:

@@ -1,4 +1,4 @@
-"""An attempt is a set that was tried, and the figures of its score."""
+"""An attempt is per set that was tried, and the figures of its score."""
 
 from __future__ import annotations
 

@@ -235,5 +235,5 @@ def test_layouts_of_different_devices_are_refused() -> None:
     other = device().nominal.replaced(rows=1, mirrors=device().nominal.mirrors[:3], spec=None)
     with pytest.raises(InputError, match="different devices"):
         replace(device(), nominal=other).score(true_rig(device().truth))
-    with pytest.raises(InputError, match="the calibration has 1 x 3 mirrors, expected 2 x 3 as the set"):
+    with pytest.raises(InputError, match="the calibration has 1 x 3 mirrors, expected 2 x 3 like the set"):
         device().score(rig_of(other))

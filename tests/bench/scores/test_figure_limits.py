@@ -26,13 +26,13 @@ def test_limits_of_sets_and_of_means(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("rmspx = 0.1", "no figure 'rmspx', did you mean rms_px?"),
-        ("zzz = 0.1", "no figure 'zzz', expected a figure of `mirrorcam score`, such as rms_px"),
+        ("rmspx = 0.1", "'rmspx' is not a figure, did you mean rms_px?"),
+        ("zzz = 0.1", "'zzz' is not a figure, expected a figure of `mirrorcam score`, such as rms_px"),
         (f"rms_px = 1{'0' * 40}\nnees = -1", "nees: '-1', expected a limit of 0 or more"),
         (f"rms_px = 1{'0' * 400}", "an integer of more than 300 digits"),
         ("rms_px = inf", "rms_px: 'inf', expected a limit"),
         (f"{'.'.join('a' * 100_000)} = 1", "a key of more than"),
-        ("view_0_0_nees = 1", "no figure 'view_0_0_nees'"),
+        ("view_0_0_nees = 1", "'view_0_0_nees' is not a figure"),
         ("rms_px = -1", "rms_px: '-1', expected a limit of 0 or more"),
         ("rms_px = true", "rms_px: 'True', expected a limit"),
         ("rms_px = inf", "rms_px: 'inf', expected a limit"),

@@ -28,7 +28,7 @@ def test_the_motion_is_that_of_the_rig() -> None:
     np.testing.assert_allclose(gauge.rig_from_true, motion, atol=1e-9)
     assert gauge.scale == pytest.approx(1.0)
     np.testing.assert_allclose(gauge.pixels, gauge.points.pixels, atol=1e-9)
-    np.testing.assert_allclose(gauge.by_point, gauge.points.by_point, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(gauge.d_point, gauge.points.d_point, rtol=1e-5, atol=1e-6)
 
 
 def test_one_camera_that_is_wrong_does_not_move_it() -> None:

@@ -27,7 +27,7 @@ def test_a_calibrator_has_a_row() -> None:
         "triangulation mm": "-",
         "focal length %": "-",
         "NEES": "1 [0.32, 2.05]",
-        "s a set": "2.0",
+        "s per set": "2.0",
     }
     assert second[:3] == ["bad|<b>", "1 of 3", "0.5"]
 

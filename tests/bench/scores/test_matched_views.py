@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.bench.scores.matched_views import Place, ViewsFile, matched_views, view_of
+from mirrorcam.bench.scores.matched_views import ViewPosition, ViewsFile, matched_views, view_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, RigCamera
 from mirrorcam.optics.camera_files.write.pose_cameras import pose_cameras
@@ -34,7 +34,7 @@ def test_names_of_mirrors(name: str, view: int) -> None:
 
 @pytest.mark.parametrize("name", ["left", "cam6", "view_2_0", "view_0_3", "view_0_0 view_0_1", ""])
 def test_names_of_no_mirror(name: str) -> None:
-    with pytest.raises(InputError, match="is of no mirror, expected view_0_0 to view_1_2, a number to 5, or --views"):
+    with pytest.raises(InputError, match="names no mirror, expected view_0_0 to view_1_2, 0 to 5, or --views"):
         view_of(name, device().nominal)
 
 
@@ -53,9 +53,7 @@ def test_a_file_of_views_names_them(tmp_path: Path) -> None:
     assert score.views == {"view_0_0": "a", "view_0_1": "b"}  # those that it names
     assert score.figures["max_px"].value < EXACT
     path.write_text('[cameras]\nz = "view_0_0"\n')
-    with pytest.raises(
-        InputError, match="camera 'z' of the file of views is not in the calibration, which has a, b, c"
-    ):
+    with pytest.raises(InputError, match="camera 'z' of the views file is not in the calibration, which has a, b, c"):
         device().score(rig, views=ViewsFile.load(path))
     path.write_text('[camera]\na = "view_0_0"\n')
     with pytest.raises(InputError, match="camera: not known, did you mean cameras"):
@@ -92,12 +90,12 @@ def test_pictures_that_the_user_cuts_are_placed_by_the_file_of_views() -> None:
     lens = lens_of(rig.cameras[1])
     cropped = lens.replaced(width_px=400, height_px=300, cx_px=lens.cx_px - 250, cy_px=lens.cy_px - 10)
     rig = changed(rig, 1, lens=cropped, size_px=(400, 300))
-    places: dict[str, str | Place] = {camera.name: camera.name for camera in rig.cameras}
-    places["view_0_1"] = Place(view="view_0_1", x=250, y=10)
+    places: dict[str, str | ViewPosition] = {camera.name: camera.name for camera in rig.cameras}
+    places["view_0_1"] = ViewPosition(view="view_0_1", x=250, y=10)
     assert device().score(rig, views=ViewsFile(cameras=places)).figures["max_px"].value < EXACT
     with pytest.raises(InputError, match="pictures of 400x300 px, expected the frame's 960x600, the view's"):
         device().score(rig)
-    places["view_0_1"] = Place(view="view_0_1", x=600, y=10)
+    places["view_0_1"] = ViewPosition(view="view_0_1", x=600, y=10)
     with pytest.raises(InputError, match=r"400x300 px at \(600, 10\) is beyond the frame of 960x600"):
         device().score(rig, views=ViewsFile(cameras=places))
 
@@ -111,7 +109,9 @@ def test_pictures_of_another_camera_are_refused() -> None:
 def test_what_a_file_says_of_its_pictures_is_not_overridden_unnoticed() -> None:
     rig = replace(true_rig(device().truth), pictures="top-bottom")
     assert device().score(rig, pictures="flipped").figures["max_px"].value < EXACT  # the same here
-    with pytest.raises(InputError, match="--flip as-is, but the calibration is of pictures top-bottom"):
+    with pytest.raises(
+        InputError, match="--flip as-is: the calibration states top-bottom, expected the same or no --flip"
+    ):
         device().score(rig, pictures="as-is")
 
 

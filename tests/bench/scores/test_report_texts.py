@@ -69,7 +69,7 @@ def test_markdown_has_a_row_for_every_figure_and_view() -> None:
     assert sum(line.startswith("| `rms_px` |") for line in lines) == 3
     assert "| `nees` | not given: the calibration has no covariance | at most 2 | **failed** |" in lines
     assert "| `shown_share` | 1 | at least 1 | passed |" in lines
-    assert "- no camera of view_0_0" in lines
+    assert "- no camera for view_0_0" in lines
     tables = [line.count("|") for line in lines if line.startswith("|")]
     assert set(tables) == {5, 11, 7}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.bench.scores.gauge import score_points, shown_by_all, with_slopes
+from mirrorcam.bench.scores.gauge import project_with_gradient, score_points, visible_in_all
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import VOLUME
 from tests.optics.camera_files.rigs import DISTANCE_MM, device
@@ -31,7 +31,7 @@ def test_points_are_where_the_true_device_shows_them() -> None:
 def test_slopes_are_the_derivatives_of_the_camera() -> None:
     camera = device().truth.camera
     points = np.random.default_rng(0).uniform([-50.0, -50.0, 300.0], [50.0, 50.0, 500.0], (20, 3))
-    pixels, slopes = with_slopes(camera.project, points)
+    pixels, slopes = project_with_gradient(camera.project, points)
     expected, by_point, _ = camera.project_with_jacobians(points)
     np.testing.assert_allclose(pixels, expected, atol=1e-9)
     np.testing.assert_allclose(slopes, by_point, rtol=1e-6, atol=1e-7)
@@ -40,9 +40,9 @@ def test_slopes_are_the_derivatives_of_the_camera() -> None:
 def test_points_that_all_show_are_in_every_outline() -> None:
     truth = device().truth
     points = score_points(truth, range(6), DISTANCE_MM).points_in_rig
-    shown = shown_by_all(truth, range(6), points)
+    shown = visible_in_all(truth, range(6), points)
     assert 4 < shown.sum() < len(shown)
-    assert shown.sum() < shown_by_all(truth, [0, 1], points).sum()
+    assert shown.sum() < visible_in_all(truth, [0, 1], points).sum()
 
 
 def test_a_mirror_beyond_the_sensor_is_refused() -> None:

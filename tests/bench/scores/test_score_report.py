@@ -66,7 +66,7 @@ def test_a_limit_of_a_view_that_is_missing_fails() -> None:
     score = device().score(replace(rig, cameras=rig.cameras[1:]))
     found = report([score], Limits(each={"view_0_0_rms_px": 1.0, "view_0_1_rms_px": 1.0}, over_sets={}))
     assert [(check.passed, check.reason) for check in found.sets[0].checks] == [
-        (False, "no camera of view_0_0"),
+        (False, "no camera for view_0_0"),
         (True, ""),
     ]
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.bench.scores.consistency import by_parameters, checked_root, with_covariance
-from mirrorcam.bench.scores.gauge import project_each, score_points
+from mirrorcam.bench.scores.consistency import covariance_root, d_parameters, with_covariance
+from mirrorcam.bench.scores.gauge import project_by_view, score_points
 from mirrorcam.bench.scores.matched_views import matched_views
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.read.registry import rig_of
@@ -30,11 +30,11 @@ def test_derivatives_are_what_changes_do(tmp_path: Path) -> None:
     rig = with_covariance(true_rig(device().truth), written(tmp_path / "c.json", names, np.eye(5).tolist()))
     views = matched_views(rig, device().truth, device().nominal)
     points = score_points(device().truth, range(6), DISTANCE_MM)
-    found = by_parameters(rig, views, points.view, points.points_in_rig)
+    found = d_parameters(rig, views, points.view, points.points_in_rig)
 
     def pixels(of: object) -> np.ndarray:
         matched = matched_views(of, device().truth, device().nominal)  # type: ignore[arg-type]
-        return project_each(matched, points.view, points.points_in_rig)[0]
+        return project_by_view(matched, points.view, points.points_in_rig)[0]
 
     base, step = pixels(rig), 1e-5
     longer = rig
@@ -86,11 +86,11 @@ def test_a_root_is_one_and_what_has_none_is_refused() -> None:
     random = np.random.default_rng(0)
     half = random.normal(size=(4, 4)) * np.array([1e-6, 1.0, 100.0, 1e-3])[:, None]
     covariance = half @ half.T
-    root = checked_root(Uncertainty(parameters=tuple("abcd"), covariance=covariance))
+    root = covariance_root(Uncertainty(parameters=tuple("abcd"), covariance=covariance))
     np.testing.assert_allclose(root @ root.T, covariance, rtol=1e-6, atol=1e-20)
     for wrong in (np.diag([1.0, -1.0]), np.array([[1.0, 2.0], [2.0, 1.0]]), np.array([[1.0, 0.5], [0.0, 1.0]])):
         with pytest.raises(InputError, match="the covariance "):
-            checked_root(Uncertainty(parameters=("a", "b"), covariance=wrong))
+            covariance_root(Uncertainty(parameters=("a", "b"), covariance=wrong))
 
 
 def test_parameters_of_another_layout_are_refused() -> None:
@@ -99,4 +99,4 @@ def test_parameters_of_another_layout_are_refused() -> None:
     layout = device().truth.replaced(uncertainty=rig.uncertainty)
     points = score_points(device().truth, [0], DISTANCE_MM)
     with pytest.raises(InputError, match="'mirror 9 x_mm'"):
-        by_parameters(replace(rig, layout=layout), (), points.view, points.points_in_rig)
+        d_parameters(replace(rig, layout=layout), (), points.view, points.points_in_rig)

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.calibrators import mrcal_joint
 from benchmarks.calibrators.mrcal_joint import calibrate_set, covariance_of, left_jacobian
-from benchmarks.calibrators.set_corners import SeenBoard, SetCorners
+from benchmarks.calibrators.set_corners import DetectedBoard, SetCorners
 from benchmarks.referees.mrcal_runner import python_with_mrcal
 from mirrorcam.bench.scores.calibration_score import score_calibration
 from mirrorcam.bench.scores.consistency import with_covariance
@@ -73,7 +73,7 @@ def seen_corners() -> SetCorners:
             inside = ((pixels >= 0.0) & (pixels < [CAMERA.width_px, CAMERA.height_px])).all(axis=1)
             if inside.sum() >= 12:
                 noisy = pixels[inside] + random.normal(0.0, NOISE_PX, (int(inside.sum()), 2))
-                seen[frame, number] = SeenBoard(np.flatnonzero(inside), noisy)
+                seen[frame, number] = DetectedBoard(np.flatnonzero(inside), noisy)
     return SetCorners(
         names=tuple(view.name for view in views),
         flip=views[0].flip,

@@ -10,12 +10,12 @@ import pytest
 
 from benchmarks.robustness import guard
 from benchmarks.robustness.__main__ import categories
-from benchmarks.robustness.guard import Category, tally, watched
+from benchmarks.robustness.guard import Category, run_monitored, tally
 
 
 @pytest.mark.slow
 def test_errors_hangs_and_memory_are_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard, "LARGEST_BYTES", 50_000_000)
+    monkeypatch.setattr(guard, "MAX_MEMORY_BYTES", 50_000_000)
 
     def fails(seed: int, folder: Path) -> str:
         raise KeyError("no such key")
@@ -28,9 +28,9 @@ def test_errors_hangs_and_memory_are_wrong(monkeypatch: pytest.MonkeyPatch) -> N
         np.ones(1_000_000_000 // 8).sum()
         return ""
 
-    assert watched(fails, 0) == "traceback: KeyError: 'no such key'"
-    assert watched(hangs, 0, 0.2) == "took longer than 0.2 s"
-    assert "MB of memory" in watched(grows, 0)
+    assert run_monitored(fails, 0) == "traceback: KeyError: 'no such key'"
+    assert run_monitored(hangs, 0, 0.2) == "took longer than 0.2 s"
+    assert "MB of memory" in run_monitored(grows, 0)
 
 
 def test_files_elsewhere_are_wrong(tmp_path: Path) -> None:
@@ -38,7 +38,7 @@ def test_files_elsewhere_are_wrong(tmp_path: Path) -> None:
         (tmp_path / "file").write_text("x")
         return ""
 
-    assert watched(writes, 0) == f"writes {tmp_path / 'file'}"
+    assert run_monitored(writes, 0) == f"writes {tmp_path / 'file'}"
 
 
 def faulty(seed: int, folder: Path) -> str:
@@ -55,5 +55,5 @@ def test_attempts_are_made_in_processes_and_tallied_by_seed() -> None:
 @pytest.mark.parametrize("name", categories())
 def test_a_part_of_every_category_has_no_wrong_outcome(name: str) -> None:
     category = categories()[name]
-    outcomes = {seed: watched(category.attempt, seed, category.longest_s) for seed in range(category.tested)}
+    outcomes = {seed: run_monitored(category.attempt, seed, category.max_s) for seed in range(category.tested)}
     assert {seed: outcome for seed, outcome in outcomes.items() if outcome} == {}

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from benchmarks.robustness import names
-from benchmarks.robustness.guard import watched
+from benchmarks.robustness.guard import run_monitored
 from mirrorcam.core.disk import fingerprint
 
 
 def wrong(use: Callable[[Path, np.random.Generator], str], monkeypatch: pytest.MonkeyPatch) -> str:
     monkeypatch.setattr(names, "USES", (use,))
-    return " ".join(watched(names.attempt, seed) for seed in range(60))
+    return " ".join(run_monitored(names.attempt, seed) for seed in range(60))
 
 
 def unchecked(folder: Path, name: str) -> Path:

@@ -8,7 +8,7 @@ from typing import Any
 import av
 import pytest
 
-from benchmarks.robustness.guard import watched
+from benchmarks.robustness.guard import run_monitored
 from benchmarks.robustness.native_opens import AUDITED
 from benchmarks.robustness.playlists import attempt, listening
 
@@ -21,15 +21,15 @@ def test_a_reader_that_opens_other_files_is_wrong(monkeypatch: pytest.MonkeyPatc
         settings["options"] = {}
         return whole(file if isinstance(file, str) else str(file.name), **settings)
 
-    assert [watched(attempt, seed) for seed in range(40)] == [""] * 40
+    assert [run_monitored(attempt, seed) for seed in range(40)] == [""] * 40
     monkeypatch.setattr(av, "open", by_name)
-    assert any("opens place/other" in watched(attempt, seed) for seed in range(40))
+    assert any("opens place/other" in run_monitored(attempt, seed) for seed in range(40))
 
 
 def test_a_reader_that_asks_a_server_is_seen() -> None:
-    with listening() as (port, asked):
+    with listening() as (port, connections):
         socket.create_connection(("127.0.0.1", port)).close()
-    assert len(asked) == 1
-    with listening() as (_, asked):
+    assert len(connections) == 1
+    with listening() as (_, connections):
         pass
-    assert asked == []
+    assert connections == []

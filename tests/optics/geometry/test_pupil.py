@@ -8,7 +8,7 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import HalfPlanes, disc_part, outline_aperture, segment_fraction
-from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.light_rays import trace_via_mirror
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 
 FOCUS_MM = 450.0
@@ -28,7 +28,7 @@ def test_half_planes_hold_the_rays_that_meet_the_mirror(default_layout: Layout, 
     mirror = default_layout.mirrors[index]
     origin = np.column_stack([places, np.zeros(len(places))])
     rays = np.column_stack([chief, np.ones(len(chief))]) - origin / FOCUS_MM
-    entry, *_ = reflected(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True), None, origin)
+    entry, *_ = trace_via_mirror(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True), None, origin)
     planes = outline_aperture(mirror, chief, FOCUS_MM)
     inside = ((planes.direction * places[:, None]).sum(axis=-1) + planes.distance >= 0.0).all(axis=1)
     np.testing.assert_array_equal(inside, np.isfinite(entry))

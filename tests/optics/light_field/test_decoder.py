@@ -23,7 +23,7 @@ from mirrorcam.optics.light_field.decoder import (
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
-from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.light_rays import trace_via_mirror
 from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer, pupil_maps
 from tests.nightly import a_few
 from tests.optics.light_field.photographs import letter, photographed, seen_by_pinholes, waves
@@ -75,7 +75,7 @@ def test_sheets_decode_exactly_at_the_reference_plane_and_approximately_elsewher
     frame = np.zeros((camera.height_px, camera.width_px), dtype=np.float32)
     for mirror in slabs:
         # Traced from face to face, by code that decoding does not use.
-        _, leaves, along, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+        _, leaves, along, _ = trace_via_mirror(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
         hit = np.isfinite(leaves[..., 0])
         start, turned = leaves[hit] @ layout.view_from_rig.T, along[hit] @ layout.view_from_rig.T
         points = start + turned * ((depth_mm - start[:, 2]) / turned[:, 2])[:, None]

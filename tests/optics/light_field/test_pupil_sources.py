@@ -11,7 +11,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.light_field.decoder import MAX_CROSSTALK, MIN_PUPIL_FRACTION, Decoder, choose_views, pupil_sources
-from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.light_rays import trace_via_mirror
 from mirrorcam.render_scenes.truth.pupil_maps import sunflower
 from tests.nightly import a_few
 
@@ -55,7 +55,7 @@ def traced(layout: Layout, index: int, pixels: FloatArray) -> Traced:
         rays = chief - origin / FOCUS_MM
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         for number, mirror in enumerate(layout.mirrors):
-            _, start, along, path_mm = reflected(mirror, rays, None, origin)
+            _, start, along, path_mm = trace_via_mirror(mirror, rays, None, origin)
             met = np.isfinite(path_mm)
             if number != index:
                 others += met

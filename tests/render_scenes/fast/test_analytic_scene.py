@@ -18,7 +18,7 @@ from mirrorcam.render_scenes.lens import true_camera
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
-from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.corners import CornerProjector
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 from tests.render_scenes.corners import MARGIN_PX, TARGET, errors_by_mirror, photographed, tilted_board, windows
 
@@ -32,25 +32,25 @@ def xp(request: pytest.FixtureRequest) -> Arithmetic:
     return DrJitArithmetic()
 
 
-def test_operations_are_those_of_single_floats(xp: Arithmetic) -> None:
+def test_operations_are_those_of_float32(xp: Arithmetic) -> None:
     a, b = np.array([[0.25, 4.0, 2.75], [1.0, 1.0, 9.0]], dtype=np.float32)
-    x, y = xp.loaded(a), xp.loaded(b)
+    x, y = xp.load(a), xp.load(b)
     np.testing.assert_array_equal(np.array(xp.minimum(x, y)), np.minimum(a, b))
     np.testing.assert_array_equal(np.array(xp.maximum(x, y)), np.maximum(a, b))
     np.testing.assert_array_equal(np.array(xp.sqrt(x)), np.sqrt(a))
     np.testing.assert_array_equal(np.array(xp.where(x > y, x, 0.0)), [0.0, 4.0, 0.0])
-    np.testing.assert_array_equal(np.array(xp.truncated(x)), [0, 4, 2])
-    np.testing.assert_array_equal(np.array(xp.real(xp.truncated(x))), [0.0, 4.0, 2.0])
-    (half,) = xp.numbers([0.5])
+    np.testing.assert_array_equal(np.array(xp.truncate(x)), [0, 4, 2])
+    np.testing.assert_array_equal(np.array(xp.to_float(xp.truncate(x))), [0.0, 4.0, 2.0])
+    (half,) = xp.scalars([0.5])
     np.testing.assert_array_equal(np.array(x * half), a / 2)
 
 
-def test_values_are_taken_from_tables_and_put_into_canvases(xp: Arithmetic) -> None:
-    table = xp.loaded(np.array([10.0, 20.0, 30.0], dtype=np.float32))
-    index = xp.loaded(np.array([2, 0], dtype=np.uint32))
-    canvas = xp.canvas(4)
-    xp.put(canvas, index + xp.index(1), xp.take(table, index))
-    np.testing.assert_array_equal(xp.finished(canvas), [0.0, 10.0, 0.0, 30.0])
+def test_values_are_gathered_and_scattered(xp: Arithmetic) -> None:
+    table = xp.load(np.array([10.0, 20.0, 30.0], dtype=np.float32))
+    index = xp.load(np.array([2, 0], dtype=np.uint32))
+    canvas = xp.zeros(4)
+    xp.scatter(canvas, index + xp.index(1), xp.gather(table, index))
+    np.testing.assert_array_equal(xp.to_numpy(canvas), [0.0, 10.0, 0.0, 30.0])
 
 
 SETTINGS = RenderSettings(renderer="fast", sensor=SENSORS["ideal"])
@@ -111,8 +111,8 @@ def test_a_real_lens_moves_corners_as_traced_rays_do(distorted_layout: Layout, f
     settings = SETTINGS.replaced(sensor=SENSORS["ideal"].replaced(**flaw))
     real = distorted_layout.replaced(camera=true_camera(distorted_layout.camera, settings.sensor))
     pupil = settings.sensor.pupil
-    moved = Oracle(real, TARGET, pupil=pupil).via_mirrors(pose)[0]
-    assert np.sqrt(np.nanmean((moved - Oracle(distorted_layout, TARGET).via_mirrors(pose)[0]) ** 2)) > 0.7
+    shift = CornerProjector(real, TARGET, pupil=pupil).via_mirrors(pose)[0]
+    assert np.sqrt(np.nanmean((shift - CornerProjector(distorted_layout, TARGET).via_mirrors(pose)[0]) ** 2)) > 0.7
     fast = FastScene(real.camera, real.mirrors, TARGET, settings)
     reference = BoardScene(real.camera, real.mirrors, TARGET, settings)
     for scene in (fast, reference):
@@ -190,7 +190,7 @@ def test_a_moving_board_is_sheared_by_a_rolling_shutter(small_layout: Layout, sm
         np.testing.assert_allclose(rolling[row], scene.render()[row], atol=2e-3)
 
 
-def test_no_frame_compiles_anything_but_the_first(small_layout: Layout, small_board: Charuco) -> None:
+def test_only_the_first_frame_compiles(small_layout: Layout, small_board: Charuco) -> None:
     import drjit as dr
 
     scene = FastScene(small_layout.camera, small_layout.mirrors, small_board, SETTINGS)

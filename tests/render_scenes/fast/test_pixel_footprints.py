@@ -34,11 +34,11 @@ def test_plates_agree_with_rays_traced_surface_by_surface(plates: Layout, small_
             to_print.depth @ rays
         )
         at = board[:2] @ np.vstack([texels, np.ones(texels.shape[1])])
-        same = truth["mirror"].ravel()[footprints.square] == footprints.view
-        same &= np.isfinite(truth["board.x"].ravel()[footprints.square])
-        assert same.sum() > 0.5 * len(footprints.square)
+        same = truth["mirror"].ravel()[footprints.subpixel] == footprints.view
+        same &= np.isfinite(truth["board.x"].ravel()[footprints.subpixel])
+        assert same.sum() > 0.5 * len(footprints.subpixel)
         for name, found in zip(("board.x", "board.y"), at, strict=True):
-            np.testing.assert_allclose(found[same], truth[name].ravel()[footprints.square][same], atol=2e-4)
+            np.testing.assert_allclose(found[same], truth[name].ravel()[footprints.subpixel][same], atol=2e-4)
     # The front reflects about 5 % and transmits the rest, and reflects the same share again from within.
     for passed, low, high in ((ghost, 0.03, 0.08), (picture, 0.75, 0.9), (twice, 0.02, 0.07), (thrice, 0.001, 0.005)):
         weights = np.concatenate([footprints.weight for footprints in passed])
@@ -55,16 +55,16 @@ def test_no_subpixel_of_a_view_is_shown_twice(distorted_layout: Layout, pupil: P
     assert len(views) == 9
     filled = np.zeros(built.camera.width_px * built.camera.height_px)
     for parts in views:
-        squares = np.concatenate([footprints.square for footprints in parts])
-        assert len(np.unique(squares)) == len(squares)
-        np.add.at(filled, squares, np.concatenate([footprints.weight for footprints in parts]))
+        indices = np.concatenate([footprints.subpixel for footprints in parts])
+        assert len(np.unique(indices)) == len(indices)
+        np.add.at(filled, indices, np.concatenate([footprints.weight for footprints in parts]))
     assert filled.max() <= 1.0 + 1e-6
 
 
 def test_the_bare_camera_covers_every_subpixel_once(small_layout: Layout) -> None:
     camera = small_layout.camera
     ((footprints,),) = pixel_footprints(camera, (), 2, np.zeros(0), Pupil())
-    np.testing.assert_array_equal(footprints.square, np.arange(4 * camera.width_px * camera.height_px))
+    np.testing.assert_array_equal(footprints.subpixel, np.arange(4 * camera.width_px * camera.height_px))
     assert (footprints.weight == 1.0).all()
     assert not footprints.centre_shift_mm.any()
     # The centre of the first subpixel is a quarter of a pixel to the left of the first pixel's.

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.preview.first_hits import (
     LID,
-    corner_colour,
     first_hit,
+    interpolated_colour,
     is_hidden,
     normal_at,
     texture_uv,
@@ -34,7 +34,7 @@ def hit(scene: TracedScene, start: Any, direction: Any) -> tuple[int, float, int
     return found
 
 
-def test_each_kind_is_met_where_a_formula_says() -> None:
+def test_each_kind_is_hit_where_a_formula_says() -> None:
     place = PLACE
     for kind, depth in (("rectangle", 0.0), ("sphere", 20.0), ("box", 30.0), ("cylinder", 30.0)):
         scene = scene_of(item(kind))
@@ -57,7 +57,7 @@ def test_each_kind_is_met_where_a_formula_says() -> None:
     assert part == LID
 
 
-def test_the_nearest_of_several_is_met_and_hides_the_others() -> None:
+def test_the_nearest_of_several_is_hit_and_hides_the_others() -> None:
     scene = scene_of(item("sphere", (0.0, 0.0, 400.0)), item("box", (0.0, 0.0, 300.0)))
     assert hit(scene, (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))[0] == 1
     assert hit(scene, (0.0, 0.0, 350.0), (0.0, 0.0, 1.0))[0] == 0
@@ -126,7 +126,7 @@ def test_colours_of_triangles_are_between_those_of_their_corners() -> None:
     for weights in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.2, 0.3, 0.5)):
         inside = row[:3] + weights[1] * row[3:6] + weights[2] * row[6:9]
         point = np.linalg.solve(unit[:, :3], inside - unit[:, 3])
-        found = corner_colour(scene.objects, scene.triangles, 0, 7, tuple(point))
+        found = interpolated_colour(scene.objects, scene.triangles, 0, 7, tuple(point))
         np.testing.assert_allclose(found, np.array(weights) @ row[9:18].reshape(3, 3), atol=1e-9)
 
 

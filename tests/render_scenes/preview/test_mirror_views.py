@@ -1,4 +1,4 @@
-"""Shares of mirrors and rays of pixels, against the exact ones of the fast renderer and the truth."""
+"""Pupil fractions of mirrors and rays of pixels, against the exact ones of the fast renderer and the truth."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil, clear_aperture, disc_part
 from mirrorcam.render_scenes.preview.mirror_views import (
     INDEX,
-    LEAST_SHARE,
+    MIN_PUPIL_FRACTION,
     WINDOW,
     mirror_views,
-    pupil_share,
+    pupil_fraction,
     reflectance_and_shift,
     scene_ray,
     scene_ray_step,
 )
-from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.light_rays import trace_via_mirror
 
 
 def pixels_of(layout: Layout, mirror: int, pupil: Pupil) -> tuple[np.ndarray, np.ndarray]:
@@ -31,7 +31,7 @@ def pixels_of(layout: Layout, mirror: int, pupil: Pupil) -> tuple[np.ndarray, np
 
 @pytest.mark.parametrize("pupil", [Pupil(1.8, 500.0), Pupil(6.0, 500.0)])
 @pytest.mark.parametrize("name", ["distorted_layout", "plates"])
-def test_shares_of_the_pupil_are_those_of_the_disc_that_edges_cut(
+def test_pupil_fractions_are_those_of_a_disc_divided_by_edges(
     name: str, pupil: Pupil, request: pytest.FixtureRequest
 ) -> None:
     layout: Layout = request.getfixturevalue(name)
@@ -39,7 +39,7 @@ def test_shares_of_the_pupil_are_those_of_the_disc_that_edges_cut(
     for number, mirror in enumerate(views.table[:, INDEX].astype(int)):
         _, points = pixels_of(layout, mirror, pupil)
         exact = disc_part(clear_aperture(layout.mirrors[mirror], points, pupil.focus_mm), pupil.radius_mm).fraction
-        found = np.array([pupil_share(views, number, *point) for point in points])
+        found = np.array([pupil_fraction(views, number, *point) for point in points])
         # At corners, the share is the product of two.
         assert np.abs(found - exact).max() < 0.12
         assert np.abs(found - exact).mean() < 0.005
@@ -55,18 +55,18 @@ def test_no_pixel_outside_the_window_shows_the_mirror(distorted_layout: Layout) 
     for number in range(len(views.table)):
         top, bottom, left, right = views.table[number, WINDOW : WINDOW + 4]
         outside = (rows < top) | (rows >= bottom) | (columns < left) | (columns >= right)
-        assert max(pupil_share(views, number, *point) for point in points[outside]) < LEAST_SHARE
+        assert max(pupil_fraction(views, number, *point) for point in points[outside]) < MIN_PUPIL_FRACTION
 
 
 @pytest.mark.parametrize("name", ["distorted_layout", "plates"])
-def test_rays_leave_the_mirror_as_the_truth_has_them(name: str, request: pytest.FixtureRequest) -> None:
+def test_rays_leave_the_mirror_as_in_the_ground_truth(name: str, request: pytest.FixtureRequest) -> None:
     layout: Layout = request.getfixturevalue(name)
     views = mirror_views(layout, Pupil(1.8, 500.0), 0.9)
     turn = layout.view_from_rig
     for number, mirror in enumerate(views.table[:, INDEX].astype(int)):
         _, points = pixels_of(layout, mirror, Pupil(1.8, 500.0))
         rays = np.column_stack([points, np.ones(len(points))])
-        _, leaves, out, _ = reflected(layout.mirrors[mirror], rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        _, leaves, out, _ = trace_via_mirror(layout.mirrors[mirror], rays / np.linalg.norm(rays, axis=1, keepdims=True))
         met = np.flatnonzero(np.isfinite(leaves[:, 0]))[:50]
         assert len(met) == 50
         for k in met:

@@ -34,7 +34,7 @@ from mirrorcam.render_scenes.preview.preview_frame import (
 from mirrorcam.render_scenes.preview.traced_scene import traced_tabletop
 from mirrorcam.render_scenes.preview.triangle_tree import NOTHING
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
-from mirrorcam.render_scenes.tabletop.tabletop import LEAST_ROOM, arrange_tabletop, nearest_mm
+from mirrorcam.render_scenes.tabletop.tabletop import MIN_CLEARANCE, arrange_tabletop, clear_depth_mm
 from mirrorcam.render_scenes.tabletop.tabletop_scene import TabletopScene
 from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 from mirrorcam.render_scenes.truth.pixel_maps import pixel_rays
@@ -66,18 +66,18 @@ def test_objects_of_another_layout_move_to_the_middle_of_the_field(small_layout:
         there = before.view_from_object[:3, 3] + np.array([*shift, 0.0])
         np.testing.assert_allclose(after.view_from_object[:3, 3], there)
         np.testing.assert_allclose(after.size_mm, before.size_mm)
-    np.testing.assert_allclose(moved.lit_in_view[:2], own.lit_in_view[:2] + shift)
+    np.testing.assert_allclose(moved.lamp_target_in_view_mm[:2], own.lamp_target_in_view_mm[:2] + shift)
 
 
-def test_objects_have_room_before_a_layout_that_was_designed_for_less(small_layout: Layout) -> None:
+def test_objects_have_room_in_front_of_a_layout_designed_for_nearer_ones(small_layout: Layout) -> None:
     assert small_layout.spec is not None
-    near = 0.6 * nearest_mm(small_layout)
+    near = 0.6 * clear_depth_mm(small_layout)
     close = small_layout.replaced(spec=small_layout.spec.replaced(depths_mm=(near, 1.01 * near)))
     pose = view_from_board(close, default_board())
     corners = [pose @ [x, y, 0.0, 1.0] for x in (0.0, 240.0) for y in (0.0, 168.0)]
-    assert min(corner[2] for corner in corners) > nearest_mm(close)
+    assert min(corner[2] for corner in corners) > clear_depth_mm(close)
     depths = [item.view_from_object[2, 3] for item in arranged_tabletop(close, 0).objects[2:]]
-    assert min(depths) == pytest.approx(nearest_mm(close) / (1.0 - LEAST_ROOM) + 1.0)
+    assert min(depths) == pytest.approx(clear_depth_mm(close) / (1.0 - MIN_CLEARANCE) + 1.0)
 
 
 def test_the_board_is_in_the_middle_of_the_field_and_before_the_mirrors(fold_90_layout: Layout) -> None:
@@ -86,7 +86,7 @@ def test_the_board_is_in_the_middle_of_the_field_and_before_the_mirrors(fold_90_
     middle = (pose @ [*np.array(board.size_mm) / 2.0, 0.0, 1.0])[:3]
     np.testing.assert_allclose(middle[:2], common_bounds(fold_90_layout, middle[2]).mean(axis=0))
     corners = pose @ np.array([[x, y, 0.0, 1.0] for x in (0.0, board.size_mm[0]) for y in (0.0, board.size_mm[1])]).T
-    assert corners[2].min() > nearest_mm(fold_90_layout)
+    assert corners[2].min() > clear_depth_mm(fold_90_layout)
     # The printed side is visible: z of the board points into the paper.
     assert pose[2, 2] > 0.9
 
@@ -94,7 +94,7 @@ def test_the_board_is_in_the_middle_of_the_field_and_before_the_mirrors(fold_90_
 CAMERA = Camera.c920().binned(0.25).replaced(aperture_mm=8.0, focus_mm=500.0)
 
 
-def test_what_is_in_focus_or_before_a_pinhole_stays() -> None:
+def test_a_picture_in_focus_or_of_a_pinhole_is_not_blurred() -> None:
     picture = np.random.default_rng(0).random((40, 50, 3)).astype(np.float32)
     assert out_of_focus(picture, np.full((40, 50), 500.0), CAMERA) is picture
     assert out_of_focus(picture, np.full((40, 50), 200.0), CAMERA.replaced(aperture_mm=0.0)) is picture
@@ -127,7 +127,7 @@ def small(request: pytest.FixtureRequest) -> Layout:
 
 
 @pytest.mark.slow
-def test_each_pixel_shows_what_the_reference_meets_at_its_depth_and_about_its_colour(small: Layout) -> None:
+def test_pixels_agree_with_the_reference_in_depth_and_roughly_in_colour(small: Layout) -> None:
     found = light_of(small)
     reference = TabletopScene(small, arranged_tabletop(small, 0), 0.92)
     rays = pixel_rays(small, mirrors=True, pupil=PUPIL)
@@ -135,8 +135,8 @@ def test_each_pixel_shows_what_the_reference_meets_at_its_depth_and_about_its_co
     shown = (hits.object_index != NOTHING) & (rays.mirror == found.mirror)
     # Borders of mirrors are bands in which both are visible.
     assert shown.mean() > 0.85
-    assert (hits.object_index == found.thing)[shown].mean() > 0.9999
-    same = shown & (hits.object_index == found.thing)
+    assert (hits.object_index == found.object_number)[shown].mean() > 0.9999
+    same = shown & (hits.object_index == found.object_number)
     depth = hits.points[same] @ small.view_from_rig[2]
     error = np.abs(depth - found.depth_mm[same])
     assert np.median(error) < 1e-3
@@ -150,8 +150,8 @@ def test_each_pixel_shows_what_the_reference_meets_at_its_depth_and_about_its_co
     grey = [np.clip(light, 0.0, 1.0).mean(axis=2) for light in (radiance, found.radiance)]
     assert np.corrcoef(grey[0].ravel(), grey[1].ravel())[0, 1] > 0.965
     assert grey[1][shown].mean() == pytest.approx(grey[0][shown].mean(), rel=0.05)
-    for number in np.unique(found.thing[same]):
-        of_one = same & (found.thing == number)
+    for number in np.unique(found.object_number[same]):
+        of_one = same & (found.object_number == number)
         assert grey[1][of_one].mean() == pytest.approx(grey[0][of_one].mean(), rel=0.2)
 
 
@@ -160,22 +160,22 @@ def test_gaps_between_mirrors_are_black_and_nothing_is_at_infinity(small: Layout
     gap = found.mirror == NOTHING
     assert gap.any()
     assert not found.radiance[gap].any()
-    assert (found.thing[gap] == NOTHING).all()
-    assert np.isinf(found.depth_mm[found.thing == NOTHING]).all()
-    assert np.isfinite(found.depth_mm[found.thing != NOTHING]).all()
+    assert (found.object_number[gap] == NOTHING).all()
+    assert np.isinf(found.depth_mm[found.object_number == NOTHING]).all()
+    assert np.isfinite(found.depth_mm[found.object_number != NOTHING]).all()
     # Where two mirrors share the pupil, each is darker than alone, and their sum is no brighter.
     assert np.isfinite(found.radiance).all()
 
 
 def test_edges_are_smooth(small_layout: Layout) -> None:
     found = light_of(small_layout)
-    board = found.thing == 5
+    board = found.object_number == 5
     grey = found.radiance.mean(axis=2)
     levels = np.unique(np.round(grey[board], 3))
     assert len(levels) > 100
 
 
-def test_a_preview_is_a_picture_of_the_width_asked_for_the_same_each_time(fold_90_layout: Layout) -> None:
+def test_a_preview_has_the_requested_width_and_is_reproducible(fold_90_layout: Layout) -> None:
     first, again, other = (preview_frame(fold_90_layout, width_px=320, seed=seed) for seed in (0, 0, 1))
     assert first.picture.shape == (180, 320, 3)
     assert first.picture.dtype == np.uint8
@@ -217,12 +217,12 @@ def test_objects_may_be_those_of_another_layout(fold_90_layout: Layout) -> None:
     own = preview_frame(few, width_px=320).light
     same = preview_frame(few, width_px=320, arranged_for=fold_90_layout).light
     # Pixels of the glossy ball in the middle row of mirrors.
-    ball = ((full.thing == 4) & (full.mirror >= 3) & (full.mirror < 6)).sum()
-    assert (same.thing == 4).sum() == pytest.approx(ball, rel=0.05)
-    assert (own.thing == 4).sum() != pytest.approx(ball, rel=0.05)
+    ball = ((full.object_number == 4) & (full.mirror >= 3) & (full.mirror < 6)).sum()
+    assert (same.object_number == 4).sum() == pytest.approx(ball, rel=0.05)
+    assert (own.object_number == 4).sum() != pytest.approx(ball, rel=0.05)
 
 
-def test_what_is_not_offered_is_refused(fold_90_layout: Layout) -> None:
+def test_invalid_arguments_are_refused(fold_90_layout: Layout) -> None:
     with pytest.raises(InputError, match=r"^subject is 'cat', expected tabletop or board$"):
         preview_frame(fold_90_layout, "cat")  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"^width of 8 px, expected 64 to 4096$"):

@@ -14,13 +14,13 @@ from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.preview.preview_frame import arranged_tabletop
 from mirrorcam.render_scenes.preview.traced_scene import (
-    BOUND,
+    BOUNDING_SPHERE,
     FACING,
     FIRST_SIDE,
     FLOOR_LIGHT,
-    MIDDLE,
-    PLACES,
+    LAMP_CENTRE,
     POINTS,
+    POSITIONS,
     RADIANCE,
     RADIUS,
     SECOND_SIDE,
@@ -101,18 +101,18 @@ def test_points_of_an_object_are_within_the_sphere_around_it(kind: str) -> None:
         corners[:, :2] /= np.linalg.norm(corners, axis=1, keepdims=True) if kind == "sphere" else np.sqrt(2.0)
         corners[:, 2] /= np.sqrt(3.0) if kind == "sphere" else 1.0
     points = np.linalg.solve(unit[:, :3], (corners - unit[:, 3]).T).T
-    away = np.linalg.norm(points - scene.objects[0, BOUND : BOUND + 3], axis=1)
-    assert away.max() <= scene.objects[0, BOUND + 3] + 1e-9
+    away = np.linalg.norm(points - scene.objects[0, BOUNDING_SPHERE : BOUNDING_SPHERE + 3], axis=1)
+    assert away.max() <= scene.objects[0, BOUNDING_SPHERE + 3] + 1e-9
     # The sphere is no larger than necessary.
-    assert away.max() > 0.95 * scene.objects[0, BOUND + 3]
+    assert away.max() > 0.95 * scene.objects[0, BOUNDING_SPHERE + 3]
 
 
 def test_the_light_of_the_lamp_is_that_of_its_points() -> None:
     lamp = scene_of(item("box")).lamp
-    np.testing.assert_allclose(lamp[POINTS:].mean(axis=0), lamp[MIDDLE])
+    np.testing.assert_allclose(lamp[POINTS:].mean(axis=0), lamp[LAMP_CENTRE])
     sides = lamp[[FIRST_SIDE, SECOND_SIDE]]
     np.testing.assert_allclose(sides @ lamp[FACING], 0.0, atol=1e-9)
-    assert (np.abs((lamp[POINTS:] - lamp[MIDDLE]) @ sides.T) < (sides**2).sum(axis=1)).all()
+    assert (np.abs((lamp[POINTS:] - lamp[LAMP_CENTRE]) @ sides.T) < (sides**2).sum(axis=1)).all()
     point, normal = np.array([10.0, 20.0, 310.0]), np.array([0.0, -1.0, 0.0])
     ways = lamp[POINTS:] - point
     squared = (ways**2).sum(axis=1)
@@ -127,8 +127,10 @@ def test_a_tabletop_has_its_floor_its_wall_and_balls_for_its_objects(small_layou
     scene = traced_tabletop(tabletop)
     wall, desk = tabletop.objects[:2]
     assert (wall.name, desk.name) == ("wall", "desk")
-    np.testing.assert_allclose(scene.around[PLACES, :2], [desk.view_from_object[1, 3], wall.view_from_object[2, 3]])
-    assert (scene.around[[FLOOR_LIGHT, WALL_LIGHT]] > 0.0).all()
+    np.testing.assert_allclose(
+        scene.surroundings[POSITIONS, :2], [desk.view_from_object[1, 3], wall.view_from_object[2, 3]]
+    )
+    assert (scene.surroundings[[FLOOR_LIGHT, WALL_LIGHT]] > 0.0).all()
     assert len(scene.objects) == len(tabletop.objects)
     textured = [item.texture is not None for item in tabletop.objects]
     assert ((scene.objects[:, TEXTURE] >= 0) == textured).all()
@@ -145,7 +147,7 @@ def test_a_board_lies_where_its_pose_says() -> None:
     np.testing.assert_allclose(unit @ [164.0, 112.0, 400.0, 1.0], [1.0, 1.0, 0.0], atol=1e-12)
 
 
-def test_what_cannot_be_traced_is_refused() -> None:
+def test_scenes_that_cannot_be_traced_are_refused() -> None:
     with pytest.raises(InputError, match=r"^mesh: a mesh, expected one of rectangle, sphere, cylinder, box, leaves$"):
         scene_of(item("mesh"))
     with pytest.raises(InputError, match=r"^2 objects are leaves"):

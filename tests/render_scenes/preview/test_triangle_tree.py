@@ -11,19 +11,19 @@ import pytest
 from mirrorcam.render_scenes.mesh_shapes import leaves
 from mirrorcam.render_scenes.preview.triangle_tree import (
     COUNT,
-    LEAF,
+    MAX_LEAF_TRIANGLES,
     NEXT,
     NOTHING,
-    along,
-    at,
+    add_scaled,
     cross,
     dot,
-    mapped_normal,
-    mapped_point,
-    mapped_vector,
-    minus,
+    load3,
+    map_normal,
+    map_point,
+    map_vector,
     nearest_triangle,
-    times,
+    scale,
+    subtract,
     triangle_tree,
     unit,
 )
@@ -36,29 +36,29 @@ a, b = tuple(A.tolist()), tuple(B.tolist())
 
 def test_sums_and_products_are_those_of_numpy() -> None:
     np.testing.assert_allclose(dot(a, b), A @ B)
-    np.testing.assert_allclose(along(a, 0.3, b), A + 0.3 * B)
-    np.testing.assert_allclose(minus(a, b), A - B)
-    np.testing.assert_allclose(times(a, 0.3), 0.3 * A)
+    np.testing.assert_allclose(add_scaled(a, 0.3, b), A + 0.3 * B)
+    np.testing.assert_allclose(subtract(a, b), A - B)
+    np.testing.assert_allclose(scale(a, 0.3), 0.3 * A)
     np.testing.assert_allclose(cross(a, b), np.cross(A, B))
     np.testing.assert_allclose(unit(a), A / np.linalg.norm(A))
 
 
 def test_maps_are_read_from_a_row_of_a_table() -> None:
     matrix = TABLE[1, 4:16].reshape(3, 4)
-    np.testing.assert_allclose(at(TABLE, 1, 5), TABLE[1, 5:8])
-    np.testing.assert_allclose(mapped_point(TABLE, 1, 4, a), matrix @ [*A, 1.0])
-    np.testing.assert_allclose(mapped_vector(TABLE, 1, 4, a), matrix[:, :3] @ A)
-    np.testing.assert_allclose(mapped_normal(TABLE, 1, 4, a), matrix[:, :3].T @ A)
+    np.testing.assert_allclose(load3(TABLE, 1, 5), TABLE[1, 5:8])
+    np.testing.assert_allclose(map_point(TABLE, 1, 4, a), matrix @ [*A, 1.0])
+    np.testing.assert_allclose(map_vector(TABLE, 1, 4, a), matrix[:, :3] @ A)
+    np.testing.assert_allclose(map_normal(TABLE, 1, 4, a), matrix[:, :3].T @ A)
 
 
 SURFACE = leaves(1.0, 3)
 TREE = triangle_tree(SURFACE)
 
 
-def test_every_triangle_is_in_one_box_of_few() -> None:
+def test_every_triangle_is_in_one_small_box() -> None:
     counts = TREE.boxes[:, COUNT]
     assert counts.sum() == len(SURFACE.faces) == len(TREE.triangles)
-    assert counts.max() <= LEAF
+    assert counts.max() <= MAX_LEAF_TRIANGLES
     assert TREE.boxes[0, NEXT] == len(TREE.boxes)
     made = np.sort(TREE.triangles[:, :3].sum(axis=1))
     np.testing.assert_allclose(made, np.sort(SURFACE.points[SURFACE.faces[:, 0]].sum(axis=1)), atol=1e-12)
@@ -80,7 +80,7 @@ def test_the_tree_finds_what_a_search_of_all_triangles_finds() -> None:
     assert 30 < met < 270
 
 
-def test_a_triangle_is_met_within_its_sides_and_between_the_lengths() -> None:
+def test_a_triangle_is_hit_within_its_sides_and_between_the_limits() -> None:
     corner, first, second = np.split(TREE.triangles[0, :9], 3)
     normal = np.cross(first, second)
     for u, v, least, hit in (

@@ -24,18 +24,18 @@ from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.device_bodies import (
     PLASTIC_RGB,
     BodyObstacles,
-    bodies_around,
     checksum,
     holder_from_rig,
-    moved,
+    in_camera_frame,
     parts_of,
     read_bodies,
+    read_device,
 )
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SurfaceFinish
-from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.corners import CornerProjector
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR, board_maps, pixel_rays
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 from mirrorcam.simulation.rendering import in_workers
@@ -55,7 +55,7 @@ def test_how_the_camera_sits_in_its_holder_is_found_from_the_mirrors(default_lay
     np.testing.assert_allclose(found[:3, 3], perturbations.camera_shifts_mm[0], atol=1e-9)
     np.testing.assert_allclose(found @ np.linalg.inv(found), np.eye(4), atol=1e-12)
     # A body stays where it is in the holder.
-    body = moved(box((0, 0, 0), (1, 2, 3)), found)
+    body = in_camera_frame(box((0, 0, 0), (1, 2, 3)), found)
     np.testing.assert_allclose(transform(found, body.points), box((0, 0, 0), (1, 2, 3)).points, atol=1e-9)
 
 
@@ -177,12 +177,12 @@ def test_the_files_of_a_device_are_read(tmp_path: Path, default_layout: Layout) 
     assert len(found.faces) == 12
     # A set begun with these parts is not continued with others.
     parts = parts_of(tmp_path, default_layout, default_layout)
-    assert len(bodies_around(parts)) == 1
+    assert len(read_device(parts)) == 1
     write_stl(tmp_path / "another.stl", wall)
     with pytest.raises(InputError, match="parts have changed since the set was started"):
-        bodies_around(parts)
+        read_device(parts)
     write_glb(tmp_path / "assembly.glb", {"holder": ("part", wall), "mirror_0-0": ("mirror", wall)})
-    with pytest.raises(InputError, match="parts of another layout"):
+    with pytest.raises(InputError, match="parts of a different layout"):
         parts_of(tmp_path, default_layout, default_layout)
     (holder,) = read_bodies(tmp_path)
     assert (holder.name, holder.kind, holder.rgb) == ("holder", "part", (0.25, 0.5, 0.75))
@@ -261,8 +261,8 @@ def test_rays_go_as_far_as_the_faces_of_a_box(variant: str | None) -> None:
     ways = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], sideways, [0.0, 0.0, 1.0]])
     # The fourth passes z = 100 at x = 6, the others run along z.
     expected = [100.0, 70.0, np.inf, 125.0, np.nan]
-    np.testing.assert_allclose(obstacles.free_mm(starts, ways), expected, rtol=1e-6)
-    assert obstacles.free_mm(starts[:4].reshape(2, 2, 3), ways[:4].reshape(2, 2, 3)).shape == (2, 2)
+    np.testing.assert_allclose(obstacles.distance_to_body_mm(starts, ways), expected, rtol=1e-6)
+    assert obstacles.distance_to_body_mm(starts[:4].reshape(2, 2, 3), ways[:4].reshape(2, 2, 3)).shape == (2, 2)
 
 
 def test_light_to_the_pupil_is_not_stopped_by_the_body_of_the_camera() -> None:
@@ -273,14 +273,14 @@ def test_light_to_the_pupil_is_not_stopped_by_the_body_of_the_camera() -> None:
     )
     obstacles = BodyObstacles([camera, wall])
     rays = np.array([[0.0, 0.0, 1.0], [0.0, 0.6, 0.8]])
-    np.testing.assert_allclose(obstacles.free_from_pupil_mm(rays), [80.0, np.inf], rtol=1e-6)
+    np.testing.assert_allclose(obstacles.distance_from_pupil_mm(rays), [80.0, np.inf], rtol=1e-6)
 
 
 def test_the_truth_knows_what_parts_hide(small_layout: Layout, small_board: Charuco, pose: FloatArray) -> None:
     """A wall between camera and mirror, then one between mirror and board: maps and corners against the picture."""
     middle = small_layout.mirrors[4].outline_in_rig_mm.mean(axis=0)
     seen = board_maps(pixel_rays(small_layout, mirrors=True), small_board, pose)
-    px, before = Oracle(small_layout, small_board).via_mirrors(pose)
+    px, before = CornerProjector(small_layout, small_board).via_mirrors(pose)
     free = scene_of(small_layout, small_board, pose).render(spp=16, seed=1)
     walls = (0.6 * middle, [3.0, 3.0, 0.1]), (middle + 120.0 * small_layout.view_from_rig[2], [4.0, 0.1, 4.0])
     for kept, (at, half) in enumerate(walls):
@@ -298,7 +298,7 @@ def test_the_truth_knows_what_parts_hide(small_layout: Layout, small_board: Char
         plastic = 0.2 * SETTINGS.surroundings * (SETTINGS.mirror_reflectance if kept else 1.0)
         assert (np.abs(picture[inside] - plastic) < 0.3 * plastic).mean() > 0.95
         assert (np.abs(picture - free)[outside] < 1e-5).mean() > 0.999
-        after = Oracle(small_layout, small_board, (), obstacles).via_mirrors(pose)[1]
+        after = CornerProjector(small_layout, small_board, (), obstacles).via_mirrors(pose)[1]
         assert not (after & ~before).any()
         near = cv2.dilate(hidden.astype(np.uint8), np.ones((7, 7))) > 0
         lost = px[before & ~after].round().astype(int)

@@ -21,7 +21,7 @@ from mirrorcam.render_scenes.reference.integrator import (
     additive_steps,
     has_flag,
     integrator,
-    invert,
+    logical_not,
     power_heuristic,
 )
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -59,8 +59,8 @@ def test_masks_are_inverted_as_masks(variant: str | None) -> None:
     use_variant(variant)
     import mitsuba as mi
 
-    assert not np.array(invert(mi.Bool(True))).any()
-    assert np.array(invert(mi.Bool(False))).all()
+    assert not np.array(logical_not(mi.Bool(True))).any()
+    assert np.array(logical_not(mi.Bool(False))).all()
 
 
 def test_a_ray_that_meets_nothing_has_no_flag() -> None:

@@ -16,8 +16,8 @@ from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.integrator import CLEARANCE_MM
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
-from mirrorcam.render_scenes.truth.corners import Oracle
-from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.corners import CornerProjector
+from mirrorcam.render_scenes.truth.light_rays import trace_via_mirror
 from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
 from tests.render_scenes.corners import TARGET, errors_by_mirror, photographed, tilted_board, windows
@@ -103,19 +103,19 @@ def test_the_maps_tell_where_the_traced_light_left_the_board(plates: Layout, pos
 
 def test_corners_of_the_truth_lie_where_the_maps_see_them(plates: Layout, pose: FloatArray) -> None:
     """The traced ray of a corner's solved pixel passes through the plate and ends at the corner."""
-    oracle = Oracle(plates, TARGET)
-    px, visible = oracle.via_mirrors(pose)
+    projector = CornerProjector(plates, TARGET)
+    px, visible = projector.via_mirrors(pose)
     assert visible.sum() > 300
     board_from_rig = pose[:3, :3].T
     for index, mirror in enumerate(plates.mirrors):
         rays = plates.camera.unproject(px[index][visible[index]])
-        _, start, direction, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        _, start, direction, _ = trace_via_mirror(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True))
         start, direction = (start - pose[:3, 3]) @ board_from_rig.T, direction @ board_from_rig.T
         at = start[:, :2] - direction[:, :2] * (start[:, 2] / direction[:, 2])[:, None]
         np.testing.assert_allclose(at, TARGET.corners_in_board_mm[visible[index]][:, :2], atol=1e-5)
     # A part of a plate that light enters but does not leave is black.
     planes = plates.replaced(mirrors=tuple(mirror.apparent for mirror in plates.mirrors))
-    assert visible.sum() < Oracle(planes, TARGET).via_mirrors(pose)[1].sum()
+    assert visible.sum() < CornerProjector(planes, TARGET).via_mirrors(pose)[1].sum()
 
 
 def plane_residuals(layout: Layout, index: int, *depths_mm: float) -> FloatArray:
@@ -123,7 +123,7 @@ def plane_residuals(layout: Layout, index: int, *depths_mm: float) -> FloatArray
     mirror, camera = layout.mirrors[index], layout.camera
     low, high = mirror.usable_normalized.min(axis=0), mirror.usable_normalized.max(axis=0)
     grid = np.stack(np.meshgrid(*np.linspace(low, high, 9).T, [1.0]), axis=-1).reshape(-1, 3)
-    _, start, direction, _ = reflected(mirror, grid / np.linalg.norm(grid, axis=1, keepdims=True))
+    _, start, direction, _ = trace_via_mirror(mirror, grid / np.linalg.norm(grid, axis=1, keepdims=True))
     start, direction = (
         values[np.isfinite(start).all(axis=1)] @ layout.view_from_rig.T for values in (start, direction)
     )

@@ -51,7 +51,7 @@ def test_the_picture_shows_the_device_whole_and_nine_lenses(tmp_path: Path, defa
         product_picture(default_layout, tmp_path, spp=1)
     write_glb(tmp_path / "assembly.glb", boxed(default_layout))
     fewer = default_layout.replaced(rows=1, mirrors=default_layout.mirrors[:3])
-    with pytest.raises(InputError, match="parts of another layout"):
+    with pytest.raises(InputError, match="parts of a different layout"):
         product_picture(fewer, tmp_path, spp=1)
     picture = product_picture(default_layout, tmp_path, spp=8, scale=0.25)
     assert picture.shape == (270, 480, 3)

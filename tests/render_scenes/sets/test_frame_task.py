@@ -29,7 +29,7 @@ from mirrorcam.render_scenes.sets.frame_task import (
 )
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.settings import SENSORS, RendererName, RenderSettings, SensorModel
-from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.corners import CornerProjector
 from mirrorcam.render_scenes.variant import CUDA
 from tests.render_scenes.corners import MARGIN_PX, TARGET, locate, photographed, tilted_board, windows
 
@@ -70,7 +70,7 @@ def test_a_frame_is_a_picture_and_its_maps(small_layout: Layout, small_board: Ch
     assert header["layout"] == small_layout.identity
     assert RenderSettings.model_validate_json(header["settings"]) == task.setup.settings
     # At its corners the board is at the points of the maps.
-    px, visible = Oracle(small_layout, small_board).via_mirrors(task.poses[0])
+    px, visible = CornerProjector(small_layout, small_board).via_mirrors(task.poses[0])
     assert visible.sum() > 100
     for mirror, corner in np.argwhere(visible):
         column, row = np.rint(px[mirror, corner]).astype(int)
@@ -217,12 +217,12 @@ def test_corners_of_a_moving_board_are_where_the_truth_says(default_layout: Layo
     scene = FastScene(default_layout.camera, default_layout.mirrors, TARGET, RenderSettings(renderer="fast"))
     scene.place_board(*poses)
     light = scene.render()
-    oracle = Oracle(default_layout, TARGET)
-    (px, visible), (still, _) = oracle.during_readout(poses), oracle.via_mirrors(poses[1])
+    projector = CornerProjector(default_layout, TARGET)
+    (px, visible), (still, _) = projector.during_readout(poses), projector.via_mirrors(poses[1])
     steps = []
     for axis in (0, 1):
         moved = rigid(np.eye(3), 0.1 * np.eye(3)[axis])
-        steps.append(oracle.during_readout(poses @ moved)[0] - px)
+        steps.append(projector.during_readout(poses @ moved)[0] - px)
     errors, moves = [], []
     for mirror in (0, 4, 8):
         x, y, width, height = windows(default_layout)[mirror]

@@ -14,15 +14,15 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, default_board
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.fields_of_view import fields
-from mirrorcam.render_scenes.sets.dataset import Reach
+from mirrorcam.render_scenes.sets.dataset import DepthRange
 from mirrorcam.render_scenes.sets.poses import (
-    ROOM_MM,
+    CLEARANCE_MM,
     PosePlan,
+    depth_ranges,
     plan_base_frames,
     plan_frames,
-    reaches,
 )
-from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.corners import CornerProjector
 
 
 def random() -> np.random.Generator:
@@ -43,7 +43,7 @@ def test_every_mirror_sees_the_board_over_all_its_sub_image(default_layout: Layo
     assert plan.poses.shape == (20, 4, 4)
     assert plan.coverage.shape == (9,)
     assert plan.coverage.min() > 0.95
-    _, visible = Oracle(default_layout, default_board()).all_via_mirrors(list(plan.poses[:, None]))
+    _, visible = CornerProjector(default_layout, default_board()).all_via_mirrors(list(plan.poses[:, None]))
     assert visible.sum(axis=2).min() >= 30
     np.testing.assert_array_equal(plan.corners, visible.sum(axis=2))
 
@@ -57,7 +57,7 @@ def test_one_frame_covers_less_than_many(default_layout: Layout) -> None:
 
 def test_coverage_is_the_part_of_cells_with_a_corner(default_layout: Layout) -> None:
     plan = plan_base_frames(default_layout, default_board(), 2, random())
-    px, visible = Oracle(default_layout, default_board()).all_direct(list(plan.poses))
+    px, visible = CornerProjector(default_layout, default_board()).all_direct(list(plan.poses))
     cells = {(int(x // 191.9), int(y // 107.9)) for x, y in px[visible]}
     assert plan.coverage.tolist() == [pytest.approx(len(cells) / 100)]
 
@@ -85,7 +85,7 @@ def test_no_board_touches_a_mirror_and_all_show_their_print(default_layout: Layo
     nearest_mirror = max((m.outline_in_rig_mm @ default_layout.view_from_rig[2]).max() for m in default_layout.mirrors)
     for pose in poses:
         depths = transform(pose, outline) @ default_layout.view_from_rig[2]
-        assert depths.min() > nearest_mirror + ROOM_MM
+        assert depths.min() > nearest_mirror + CLEARANCE_MM
         for centre in default_layout.virtual_centres_in_rig_mm:
             assert (centre - pose[:3, 3]) @ pose[:3, 2] < 0
 
@@ -94,7 +94,7 @@ def test_the_base_frames_cover_the_sensor(default_layout: Layout) -> None:
     plan = plan_base_frames(default_layout, default_board(), 12, random())
     assert plan.coverage.shape == (1,)
     assert plan.coverage[0] > 0.9
-    px, visible = Oracle(default_layout, default_board()).all_direct(list(plan.poses))
+    px, visible = CornerProjector(default_layout, default_board()).all_direct(list(plan.poses))
     assert visible.sum(axis=1).min() > 60
     corners = px[visible]
     assert (corners.min(axis=0) < [60, 60]).all()
@@ -120,7 +120,7 @@ def test_a_layout_without_a_spec_is_planned_for_too(default_layout: Layout) -> N
 @pytest.mark.parametrize(
     ("target", "reason"),
     [
-        (Checkerboard(cols=20, rows=14, square_mm=1.0), "too small to be seen, a square spans"),
+        (Checkerboard(cols=20, rows=14, square_mm=1.0), "too small to be resolved, a square spans"),
         (Checkerboard(cols=4, rows=3, square_mm=90.0), "too large to be seen, mirror"),
         (Charuco(cols=5, rows=4, square_mm=90.0, marker_mm=60.0), "too large"),
         (Checkerboard(cols=6, rows=5, square_mm=400.0), "too large to fit"),
@@ -160,7 +160,7 @@ def test_mirrors_too_far_apart_for_the_board_are_refused() -> None:
 
 
 def test_every_mirror_sees_boards_near_and_far_and_tilted(plan: PosePlan, default_layout: Layout) -> None:
-    found = reaches(plan, default_board(), default_layout.view_from_rig[2])
+    found = depth_ranges(plan, default_board(), default_layout.view_from_rig[2])
     assert len(found) == 9
     for reach in found:
         # The default layout is for 300 to 500 mm.
@@ -175,8 +175,8 @@ def test_reaches_are_those_of_the_poses_that_show_enough(default_layout: Layout)
     turns, depths_mm = default_layout.view_from_rig.T @ tilts, np.array([300.0, 400.0, 600.0])
     poses = rigid(turns, np.outer(depths_mm, forward) - turns @ np.array([*board.size_mm, 0.0]) / 2.0)
     shown = np.array([[6, 99, 0], [5, 99, 0], [7, 99, 5]])
-    first, second, third = reaches(PosePlan(poses, np.ones(3), shown), board, forward)
-    assert first == Reach(nearest_mm=300, farthest_mm=600, tilt_deg=50)
+    first, second, third = depth_ranges(PosePlan(poses, np.ones(3), shown), board, forward)
+    assert first == DepthRange(nearest_mm=300, farthest_mm=600, tilt_deg=50)
     assert second == first
-    assert third == Reach(nearest_mm=0, farthest_mm=0, tilt_deg=0)
-    assert reaches(PosePlan(poses[:2], np.ones(3), shown[:2]), board, forward)[0].farthest_mm == 300
+    assert third == DepthRange(nearest_mm=0, farthest_mm=0, tilt_deg=0)
+    assert depth_ranges(PosePlan(poses[:2], np.ones(3), shown[:2]), board, forward)[0].farthest_mm == 300

@@ -27,17 +27,17 @@ from mirrorcam.render_scenes.sets.poses import plan_base_frames, plan_frames
 from mirrorcam.render_scenes.sets.render_set import render_set, write_truth
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel
-from mirrorcam.render_scenes.truth.corners import Oracle
+from mirrorcam.render_scenes.truth.corners import CornerProjector
 
 
 def test_the_truth_is_read_back_as_it_was(small_layout: Layout, small_board: Charuco, tmp_path: Path) -> None:
     random = np.random.default_rng(1)
     base = plan_base_frames(small_layout, small_board, 1, random)
     moments = plan_frames(small_layout, small_board, 2, random).poses[:, None]
-    oracle = Oracle(small_layout, small_board)
-    write_truth(tmp_path / "still", oracle, (), moments, base, 7)
+    projector = CornerProjector(small_layout, small_board)
+    write_truth(tmp_path / "still", projector, (), moments, base, 7)
     finishes = uniform_finishes(RenderSettings(), 9)
-    write_truth(tmp_path / "moving", oracle, finishes, np.repeat(moments, 3, axis=1), base, 7)
+    write_truth(tmp_path / "moving", projector, finishes, np.repeat(moments, 3, axis=1), base, 7)
     for folder, names in (("still", TRUTH[:-2]), ("moving", TRUTH)):
         files = {path.relative_to(tmp_path / folder).as_posix() for path in (tmp_path / folder).rglob("*.*")}
         assert files == set(names)
@@ -46,7 +46,7 @@ def test_the_truth_is_read_back_as_it_was(small_layout: Layout, small_board: Cha
     np.testing.assert_array_equal(poses["frames"], moments[:, 0])
     np.testing.assert_array_equal(poses["base"], base.poses)
     corners = np.load(truth / "corners.npz")
-    np.testing.assert_array_equal(corners["frames_px"][1], oracle.via_mirrors(moments[1, 0])[0])
+    np.testing.assert_array_equal(corners["frames_px"][1], projector.via_mirrors(moments[1, 0])[0])
     assert Layout.load(truth / "layout.json") == small_layout
 
 
@@ -119,12 +119,12 @@ def test_the_truth_is_that_of_the_camera_as_built(finished: Path, small_layout: 
     corners = np.load(finished / "truth" / "corners.npz")
     assert corners["frames_px"].shape == (FRAMES, 9, 54, 2)
     assert corners["base_px"].shape == (BASE, 54, 2)
-    oracle = Oracle(built, small_board)
+    projector = CornerProjector(built, small_board)
     for frame in range(FRAMES):
-        px, visible = oracle.via_mirrors(np.array(poses["frames"][frame]))
+        px, visible = projector.via_mirrors(np.array(poses["frames"][frame]))
         np.testing.assert_array_equal(corners["frames_px"][frame], px)
         np.testing.assert_array_equal(corners["frames_visible"][frame], visible)
-    np.testing.assert_array_equal(corners["base_visible"][1], oracle.direct(np.array(poses["base"][1]))[1])
+    np.testing.assert_array_equal(corners["base_visible"][1], projector.direct(np.array(poses["base"][1]))[1])
 
 
 def test_pictures_show_the_board_where_the_truth_says(finished: Path, small_board: Charuco) -> None:
@@ -349,7 +349,7 @@ def test_frames_of_a_motion_follow_each_other(render: Render, tmp_path: Path) ->
     [
         ({"rate_hz": None}, "video mp4"),
         ({"settings": RenderSettings(sensor=SENSORS["ideal"], video="avi")}, "video avi"),
-        ({"frames": 1}, "rate_hz: one pose is no motion"),
+        ({"frames": 1}, "rate_hz: one pose is not a motion"),
     ],
 )
 def test_what_makes_no_video_is_refused(

@@ -15,12 +15,12 @@ from scipy.special import ndtr
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.sets.sensor_model import (
-    demosaiced,
+    demosaic,
     light_of_pixels,
-    magnified,
+    magnify,
     mosaic,
     photograph,
-    processed,
+    process,
     srgb,
 )
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
@@ -43,7 +43,7 @@ def middle_of(plane: NDArray[np.float32]) -> FloatArray:
 @pytest.mark.parametrize("factor", [1.0, 1.0004, 0.996, 1.03])
 def test_a_magnified_spot_is_where_the_factor_puts_it(factor: float) -> None:
     x, y = 204.3, 21.6
-    found = magnified(spot(x, y).astype(np.float32), CAMERA, factor)
+    found = magnify(spot(x, y).astype(np.float32), CAMERA, factor)
     moved = [100.0 + factor * (x - 100.0), 90.0 + factor * (y - 90.0)]
     np.testing.assert_allclose(middle_of(found), moved, atol=2e-3)
 
@@ -55,13 +55,13 @@ def test_a_magnified_edge_is_as_sharp(factor: float) -> None:
         soft, moved = (
             ndtr((u - at) / sigma) for at, sigma in ((x, SOFT_PX), (100.0 + factor * (x - 100.0), SOFT_PX * factor))
         )
-        found = magnified(np.tile(soft, (160, 1)).astype(np.float32), CAMERA, factor)
+        found = magnify(np.tile(soft, (160, 1)).astype(np.float32), CAMERA, factor)
         np.testing.assert_allclose(found, np.tile(moved, (160, 1)), atol=0.008)
 
 
 def test_the_border_goes_on_where_nothing_lies_beyond_it() -> None:
     flat = np.full((160, 240), 0.7, dtype=np.float32)
-    np.testing.assert_allclose(magnified(flat, CAMERA, 0.95), 0.7, rtol=1e-5)
+    np.testing.assert_allclose(magnify(flat, CAMERA, 0.95), 0.7, rtol=1e-5)
 
 
 def test_red_is_larger_than_green_and_blue_smaller() -> None:
@@ -104,26 +104,26 @@ def test_each_pixel_of_a_mosaic_has_one_colour() -> None:
 def test_a_mosaic_of_an_even_colour_is_filled_in_with_it() -> None:
     colour = np.array([200.0, 90.5, 17.25], dtype=np.float32)
     raw = mosaic(np.tile(colour, (12, 16, 1)))
-    np.testing.assert_allclose(demosaiced(raw), np.tile(colour, (12, 16, 1)), atol=1.0 / 256)
+    np.testing.assert_allclose(demosaic(raw), np.tile(colour, (12, 16, 1)), atol=1.0 / 256)
 
 
 def test_a_slope_of_light_passes_through_the_mosaic() -> None:
     """Interpolation is exact for a plane, two pixels from the border."""
     v, u = np.mgrid[:20, :24].astype(np.float32)
     light = np.stack([20.0 + 3.0 * u + v, 40.0 + 2.0 * u + 3.0 * v, 90.0 + u - v], axis=-1)
-    np.testing.assert_allclose(demosaiced(mosaic(light))[2:-2, 2:-2], light[2:-2, 2:-2], atol=0.51 + 1.0 / 256)
+    np.testing.assert_allclose(demosaic(mosaic(light))[2:-2, 2:-2], light[2:-2, 2:-2], atol=0.51 + 1.0 / 256)
 
 
 def test_a_sensor_with_a_mosaic_is_white_at_most() -> None:
-    assert demosaiced(np.full((8, 8), 400.0, dtype=np.float32)).max() == 255.0
-    assert demosaiced(np.full((8, 8), -3.0, dtype=np.float32)).min() == 0.0
+    assert demosaic(np.full((8, 8), 400.0, dtype=np.float32)).max() == 255.0
+    assert demosaic(np.full((8, 8), -3.0, dtype=np.float32)).min() == 0.0
 
 
 @pytest.mark.parametrize(("linear", "coded"), [(0.0, 0.0), (0.002, 0.02584), (0.2140411, 0.5), (1.0, 1.0)])
 def test_the_tone_curve_is_that_of_its_standard(linear: float, coded: float) -> None:
     assert srgb(np.array(linear)) == pytest.approx(coded, abs=1e-5)
     grey = np.full((4, 4), 255.0 * linear, dtype=np.float32)
-    np.testing.assert_allclose(processed(grey, PLAIN.replaced(tone_curve="srgb")), 255.0 * coded, atol=0.03)
+    np.testing.assert_allclose(process(grey, PLAIN.replaced(tone_curve="srgb")), 255.0 * coded, atol=0.03)
 
 
 def test_unsharp_masking_raises_contrast_by_its_amount_where_the_blur_takes_all_of_it() -> None:
@@ -132,7 +132,7 @@ def test_unsharp_masking_raises_contrast_by_its_amount_where_the_blur_takes_all_
     for period in (4.0, 12.0):
         k = 2.0 * np.pi / period
         wave = np.tile(120.0 + 50.0 * np.sin(k * u), (8, 1)).astype(np.float32)
-        sharp = processed(wave, PLAIN.replaced(sharpening=0.8))
+        sharp = process(wave, PLAIN.replaced(sharpening=0.8))
         gain = 1.0 + 0.8 * (1.0 - np.exp(-(k**2) / 2.0))
         np.testing.assert_allclose(sharp[:, 20:-20] - 120.0, gain * (wave[:, 20:-20] - 120.0), atol=0.2)
 
@@ -140,14 +140,14 @@ def test_unsharp_masking_raises_contrast_by_its_amount_where_the_blur_takes_all_
 def test_the_bilateral_filter_takes_away_noise_and_leaves_edges() -> None:
     noise = np.random.default_rng(0).normal(0.0, 2.0, (100, 100)).astype(np.float32)
     step = np.where(np.arange(100) < 50, 40.0, 200.0).astype(np.float32)
-    found = processed(step + noise, PLAIN.replaced(denoising_grey=6.0))
+    found = process(step + noise, PLAIN.replaced(denoising_grey=6.0))
     assert (found - step).std() < 0.5 * noise.std()
     assert abs((found - step).mean(axis=0)).max() < 0.8
 
 
 def test_without_processing_a_picture_stays_as_it_is() -> None:
     grey = np.random.default_rng(0).uniform(-5.0, 300.0, (5, 7)).astype(np.float32)
-    np.testing.assert_array_equal(processed(grey, PLAIN), grey)
+    np.testing.assert_array_equal(process(grey, PLAIN), grey)
 
 
 NO_NOISE = SensorModel(lens_blur_px=0.0, read_noise_grey=0.0)

@@ -66,5 +66,5 @@ def test_a_rolling_shutter_has_the_poses_of_the_begin_middle_and_end_of_its_read
 @pytest.mark.parametrize("poses_given", [0, 1])
 def test_one_frame_is_no_motion(still: SetRequest, poses: FloatArray, poses_given: int) -> None:
     request = still.replaced(frames=1 + poses_given, poses=given(poses[:poses_given]), rate_hz=30.0)
-    with pytest.raises(InputError, match="rate_hz: one pose is no motion"):
+    with pytest.raises(InputError, match="rate_hz: one pose is not a motion"):
         planned_frames(request)

@@ -23,7 +23,7 @@ from mirrorcam.render_scenes.sets.video import as_key_frame, check_video, write_
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel
 
 av = pytest.importorskip("av", reason="videos need the extra render")
-ROOT = Path(__file__).parents[3]
+ROOT_NODE = Path(__file__).parents[3]
 
 
 def moving(count: int, size: tuple[int, int] = (96, 160)) -> list[NDArray[np.uint8]]:
@@ -135,7 +135,7 @@ def test_the_bytes_do_not_depend_on_what_lay_in_memory(tmp_path: Path) -> None:
         # glibc fills allocated memory with this byte; elsewhere these are three ordinary runs.
         done = subprocess.run(
             [sys.executable, "-c", ENCODE, str(tmp_path)],
-            env=os.environ | {"MALLOC_PERTURB_": fill, "PYTHONPATH": str(ROOT)},
+            env=os.environ | {"MALLOC_PERTURB_": fill, "PYTHONPATH": str(ROOT_NODE)},
             capture_output=True,
             encoding="utf-8",
             check=True,

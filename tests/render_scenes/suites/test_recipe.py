@@ -42,16 +42,16 @@ def test_copies_differ_in_their_seeds_alone() -> None:
 
 
 def test_what_is_stated_does_not_depend_on_name_and_purpose_but_on_everything_else() -> None:
-    stated = recipe().stated()
-    assert recipe(name="two", why="no reason", copies=3).stated() == stated
+    stated = recipe().byte_inputs()
+    assert recipe(name="two", why="no reason", copies=3).byte_inputs() == stated
     for change in ({"seed": 1}, {"frames": 19}, {"binned": 0.5}, {"design": {"rows": 2}}, {"depths_mm": [400.0]}):
-        assert recipe(**change).stated() != stated
+        assert recipe(**change).byte_inputs() != stated
 
 
 def test_the_camera_of_the_library_counts_by_its_numbers() -> None:
     by_name = recipe(design={"camera": "brio"})
     in_numbers = recipe(design={"camera": by_name.camera.model_dump()})
-    assert in_numbers.stated() == by_name.stated()
+    assert in_numbers.byte_inputs() == by_name.byte_inputs()
 
 
 def test_boards_stand_at_the_depths_that_are_stated(default_layout: Layout) -> None:
@@ -74,7 +74,7 @@ def test_boards_stand_at_the_depths_that_are_stated(default_layout: Layout) -> N
         ({"lens_model": "fisheye"}, "lens_model and distortion: expected both or none"),
         ({"lens_model": "fisheye", "distortion": [1.0]}, "distortion"),
         ({"finish": {"sag_mm": 0.1}}, "renderer fast: mirrors are smooth and flat"),
-        ({"seed": 2**63 - 2, "copies": 3}, "seed: of the last copy"),
+        ({"seed": 2**63 - 2, "copies": 3}, "seed: the last copy"),
         ({"frames": 0}, "frames"),
         ({"colour": "red"}, "colour"),
     ],
@@ -88,11 +88,11 @@ def test_a_layout_takes_the_place_of_a_design(default_layout: Layout) -> None:
     given = recipe(layout=default_layout.model_dump(mode="json", by_alias=True), binned=0.5)
     assert given.spec is None
     assert given.request(None).layout.camera == default_layout.camera.binned(0.5)
-    with pytest.raises(InvalidValue, match="layout and design: expected one of the two"):
+    with pytest.raises(InvalidValue, match="layout and design: expected at most one of the two"):
         recipe(layout=default_layout.model_dump(mode="json", by_alias=True), design={"rows": 2})
 
 
 def test_a_board_that_cannot_be_seen_is_refused_when_the_set_is_asked_for(default_layout: Layout) -> None:
     tiny = {"kind": "charuco", "cols": 5, "rows": 4, "square_mm": 1.0, "marker_mm": 0.7}
-    with pytest.raises(InputError, match="too small to be seen"):
+    with pytest.raises(InputError, match="too small to be resolved"):
         recipe(board=tiny, depths_mm=[400.0]).request(default_layout)

@@ -58,7 +58,7 @@ def test_files_are_the_same_in_a_folder_and_as_an_answer(default_layout: Layout,
 
 def test_errors_are_failures_in_one_line(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
     refused = render_on_one_core(task(default_layout, board=BOARD | {"square_mm": 1.0, "marker_mm": 0.7}))
-    assert "too small to be seen" in refused.failure
+    assert "too small to be resolved" in refused.failure
 
     def broken(recipe: SetRecipe, designed: Layout | None) -> None:
         raise ZeroDivisionError("two\nlines")

@@ -118,7 +118,9 @@ def test_the_order_of_sets_and_what_is_stated_as_default_do_not_matter() -> None
     sets = [tables["defaults"] | each for each in tables.pop("set")]
     tables.pop("defaults")
     turned = Suite.model_validate(tables | {"set": sets[::-1]})
-    assert [each.stated() for each in turned.sets[::-1]] == [each.stated() for each in read_suite("smoke").sets]
+    assert [each.byte_inputs() for each in turned.sets[::-1]] == [
+        each.byte_inputs() for each in read_suite("smoke").sets
+    ]
 
 
 def cost(**stated: object) -> Cost:

@@ -12,7 +12,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.fields_of_view import fields
 from mirrorcam.render_scenes.tabletop.objects import SceneObject
-from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh, arrange_tabletop, nearest_mm
+from mirrorcam.render_scenes.tabletop.tabletop import UserMesh, arrange_tabletop, clear_depth_mm
 
 DEPTHS = (310.0, 380.0, 520.0)
 FIXED = ("wall", "desk")
@@ -70,14 +70,14 @@ def test_one_depth_is_enough(default_layout: Layout) -> None:
 
 
 def test_a_named_mesh_stands_where_it_is_put(default_layout: Layout) -> None:
-    named = NamedMesh(file=Path("vase.stl"), place_in_view_mm=np.array([10.0, -30.0, 350.0]))
+    named = UserMesh(file=Path("vase.stl"), position_in_view_mm=np.array([10.0, -30.0, 350.0]))
     *others, placed = arrange_tabletop(default_layout, DEPTHS, 3, (named,)).objects
     assert tuple(others) == arrange_tabletop(default_layout, DEPTHS, 3).objects
     assert placed.view_from_object[:3, 3].tolist() == [10.0, -30.0, 350.0]
     up = placed.view_from_object[:3, :3] @ [0.0, 0.0, 1.0]
     assert up.tolist() == [0.0, -1.0, 0.0]
     assert np.linalg.det(placed.view_from_object[:3, :3]) == pytest.approx(1.0)
-    unplaced = arrange_tabletop(default_layout, DEPTHS, 3, (NamedMesh(file=Path("vase.stl")),)).objects[-1]
+    unplaced = arrange_tabletop(default_layout, DEPTHS, 3, (UserMesh(file=Path("vase.stl")),)).objects[-1]
     assert unplaced.view_from_object[2, 3] == 380.0
 
 
@@ -88,4 +88,4 @@ def test_depths_that_make_no_tabletop_are_refused(default_layout: Layout) -> Non
         arrange_tabletop(default_layout, (), 0)
     with pytest.raises(InputError, match=r"^depth 8 mm: an object there would touch the camera, expected 9 or more$"):
         arrange_tabletop(default_layout, (8.0, 300.0), 0)
-    assert nearest_mm(default_layout) == pytest.approx(20.0 - 13.16, abs=0.01)
+    assert clear_depth_mm(default_layout) == pytest.approx(20.0 - 13.16, abs=0.01)

@@ -121,9 +121,9 @@ def test_a_bound_leaves_out_what_comes_by_way_of_another_surface_only() -> None:
     floor = {"type": "rectangle", "to_world": scaled(50.0), "bsdf": matte(PAINT)}
     ball = {"type": "sphere", "center": [0.0, 0.0, 2.0], "radius": 2.0, "bsdf": matte(PAINT)}
     alone = {"lamp": lamp(12.0, 3.0, 5.0), "floor": floor}
-    assert np.array_equal(rendered(alone), rendered(alone, most_indirect=0.0))
+    assert np.array_equal(rendered(alone), rendered(alone, max_indirect=0.0))
     both = alone | {"ball": ball}
-    free, high, none = (rendered(both, most_indirect=bound) for bound in (np.inf, 1e6, 0.0))
+    free, high, none = (rendered(both, max_indirect=bound) for bound in (np.inf, 1e6, 0.0))
     assert np.array_equal(free, high)
     assert (none <= free).all()
     assert none.mean() < 0.995 * free.mean()

@@ -22,7 +22,7 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.render_scenes.settings import SENSORS
-from mirrorcam.render_scenes.tabletop.tabletop import NamedMesh
+from mirrorcam.render_scenes.tabletop.tabletop import UserMesh
 from mirrorcam.render_scenes.tabletop.tabletop_set import (
     MANIFEST,
     MAPS,
@@ -54,10 +54,10 @@ def test_maps_are_read_back_or_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "map.exr"
     path.write_bytes(exr_bytes({"depth": np.array([[1.0, np.inf, 0.1]])}, {"units": "mm"}))
     assert read_map(path, "depth").tolist() == [[1.0, np.inf, np.float32(0.1)]]
-    with pytest.raises(InputError, match=r"map\.exr: no EXR file that can be read with a channel 'width'$"):
+    with pytest.raises(InputError, match=r"map\.exr: not a readable EXR file with a channel 'width'$"):
         read_map(path, "width")
     path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(InputError, match=r"map\.exr: no EXR file that can be read with a channel 'depth'$"):
+    with pytest.raises(InputError, match=r"map\.exr: not a readable EXR file with a channel 'depth'$"):
         read_map(path, "depth")
     with pytest.raises(InputError, match=r"gone\.exr: no such file"):
         read_map(tmp_path / "gone.exr", "depth")
@@ -320,7 +320,7 @@ def test_a_mesh_of_the_user_stands_on_the_desk(asked: TabletopRequest, tmp_path:
     text = "".join("v {} {} {}\n".format(*corner) for corner in corners)
     block.write_text(text + "".join("f {} {} {} {}\n".format(*quad) for quad in quads), encoding="utf-8")
     place = np.array([5.0, -40.0, 290.0])
-    request = asked.replaced(meshes=(NamedMesh(file=block, place_in_view_mm=place),), spp=4)
+    request = asked.replaced(meshes=(UserMesh(file=block, position_in_view_mm=place),), spp=4)
     manifest = render_tabletop(request, tmp_path / "scene")
     assert manifest.meshes == (("block.obj", hashlib.sha256(block.read_bytes()).hexdigest()),)
     views = Decoder(Layout.load(tmp_path / "scene/truth/layout.json")).views

@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.boards import poses_at
-from mirrorcam.render_scenes.truth.corners import VISIBLE_MARGIN_PX, Oracle
+from mirrorcam.render_scenes.truth.corners import VISIBLE_MARGIN_PX, CornerProjector
 
 BOARD = Checkerboard(cols=20, rows=14, square_mm=12.0)
 
@@ -27,7 +27,7 @@ def facing(layout: Layout, target: Checkerboard, depth_mm: float) -> FloatArray:
 
 def test_pixels_are_those_of_the_layout(distorted_layout: Layout) -> None:
     pose = facing(distorted_layout, BOARD, 400.0)
-    px, _ = Oracle(distorted_layout, BOARD).via_mirrors(pose)
+    px, _ = CornerProjector(distorted_layout, BOARD).via_mirrors(pose)
     points = transform(pose, BOARD.corners_in_board_mm)
     assert px.shape == (9, 19 * 13, 2)
     for index in range(9):
@@ -35,7 +35,7 @@ def test_pixels_are_those_of_the_layout(distorted_layout: Layout) -> None:
 
 
 def test_seen_is_inside_the_sub_image_and_the_sensor_by_the_margin(distorted_layout: Layout) -> None:
-    px, visible = Oracle(distorted_layout, BOARD).via_mirrors(facing(distorted_layout, BOARD, 400.0))
+    px, visible = CornerProjector(distorted_layout, BOARD).via_mirrors(facing(distorted_layout, BOARD, 400.0))
     sensor = shapely.box(0.0, 0.0, 1919.0, 1079.0)
     for index in range(9):
         outline = shapely.Polygon(distorted_layout.outline_px(index, 200)).intersection(sensor)
@@ -49,13 +49,13 @@ def test_seen_is_inside_the_sub_image_and_the_sensor_by_the_margin(distorted_lay
 
 
 def test_the_blank_side_of_a_board_shows_nothing(default_layout: Layout) -> None:
-    oracle = Oracle(default_layout, BOARD)
+    projector = CornerProjector(default_layout, BOARD)
     pose = facing(default_layout, BOARD, 400.0)
-    assert oracle.via_mirrors(pose)[1].any()
+    assert projector.via_mirrors(pose)[1].any()
     turned = pose @ np.diag([-1.0, 1.0, -1.0, 1.0])
     turned[:3, 3] = pose[:3, 3] + pose[:3, 0] * BOARD.size_mm[0]
-    px, visible = oracle.via_mirrors(turned)
-    np.testing.assert_allclose(np.sort(px[4], axis=0), np.sort(oracle.via_mirrors(pose)[0][4], axis=0), atol=1e-6)
+    px, visible = projector.via_mirrors(turned)
+    np.testing.assert_allclose(np.sort(px[4], axis=0), np.sort(projector.via_mirrors(pose)[0][4], axis=0), atol=1e-6)
     assert not visible.any()
 
 
@@ -70,7 +70,7 @@ def test_what_lies_behind_a_mirror_shows_nothing(default_layout: Layout) -> None
         axes = np.stack([x_axis, np.cross(away, x_axis), away], axis=1)
         axes /= np.linalg.norm(axes, axis=0)
         rig_from_board = rigid(axes, place - axes @ [2.0, 1.5, 0.0])
-        px, visible = Oracle(default_layout, target).via_mirrors(rig_from_board)
+        px, visible = CornerProjector(default_layout, target).via_mirrors(rig_from_board)
         expected = default_layout.camera.project(middle)
         np.testing.assert_allclose(px[4].mean(axis=0), expected, atol=2.0)
         assert visible[4].all() == seen
@@ -100,42 +100,42 @@ def test_a_mirror_in_the_way_hides_the_board(left_mm: float, hidden: str) -> Non
     pose = facing(layout, target, 300.0)
     pose[2, 3] += 10.0
     alone = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(folding_mirror(),))
-    assert Oracle(alone, target).via_mirrors(pose)[1].all()
-    visible = Oracle(layout, target).via_mirrors(pose)[1][0]
+    assert CornerProjector(alone, target).via_mirrors(pose)[1].all()
+    visible = CornerProjector(layout, target).via_mirrors(pose)[1][0]
     assert {"all": not visible.any(), "some": visible.any() and not visible.all(), "none": visible.all()}[hidden]
 
 
 def test_corners_without_an_image_are_nan_and_not_seen(default_layout: Layout) -> None:
     behind_camera = rigid(np.eye(3), [-120.0, -84.0, -300.0])
-    oracle = Oracle(default_layout, BOARD)
-    px, visible = oracle.direct(behind_camera)
+    projector = CornerProjector(default_layout, BOARD)
+    px, visible = projector.direct(behind_camera)
     assert np.isnan(px).all()
     assert not visible.any()
 
 
 def test_the_bare_camera_sees_the_printed_side_only(default_layout: Layout) -> None:
-    oracle = Oracle(default_layout, BOARD)
+    projector = CornerProjector(default_layout, BOARD)
     pose = rigid(np.eye(3), [-120.0, -84.0, 400.0])
-    px, visible = oracle.direct(pose)
+    px, visible = projector.direct(pose)
     np.testing.assert_array_equal(px, default_layout.camera.project(BOARD.corners_in_board_mm + pose[:3, 3]))
     assert visible.all()
     pose[:3, 3] = [-120.0 + 300.0, -84.0, 400.0]
-    shifted, seen = oracle.direct(pose)
+    shifted, seen = projector.direct(pose)
     np.testing.assert_array_equal(seen, shifted[:, 0] <= 1919.0 - VISIBLE_MARGIN_PX)
     assert 0 < seen.sum() < len(seen)
     turned = pose @ np.diag([-1.0, 1.0, -1.0, 1.0])
     turned[:3, 3] = [120.0, -84.0, 400.0]
-    assert not oracle.direct(turned)[1].any()
+    assert not projector.direct(turned)[1].any()
 
 
 def test_stacked_poses_are_the_single_ones(default_layout: Layout) -> None:
-    oracle = Oracle(default_layout, BOARD)
+    projector = CornerProjector(default_layout, BOARD)
     poses = [facing(default_layout, BOARD, depth) for depth in (320.0, 500.0)]
-    px, visible = oracle.all_via_mirrors([pose[None] for pose in poses])
+    px, visible = projector.all_via_mirrors([pose[None] for pose in poses])
     for frame, pose in enumerate(poses):
-        np.testing.assert_array_equal(px[frame], oracle.via_mirrors(pose)[0])
-        np.testing.assert_array_equal(visible[frame], oracle.via_mirrors(pose)[1])
-    assert oracle.all_direct([])[0].shape == (0, 19 * 13, 2)
+        np.testing.assert_array_equal(px[frame], projector.via_mirrors(pose)[0])
+        np.testing.assert_array_equal(visible[frame], projector.via_mirrors(pose)[1])
+    assert projector.all_direct([])[0].shape == (0, 19 * 13, 2)
 
 
 def moving_board(layout: Layout) -> FloatArray:
@@ -149,20 +149,20 @@ def moving_board(layout: Layout) -> FloatArray:
 
 
 def test_a_corner_is_where_the_board_is_when_its_row_is_read(default_layout: Layout) -> None:
-    oracle, poses = Oracle(default_layout, BOARD), moving_board(default_layout)
-    px, visible = oracle.during_readout(poses)
+    projector, poses = CornerProjector(default_layout, BOARD), moving_board(default_layout)
+    px, visible = projector.during_readout(poses)
     assert visible.sum() > 500
-    still = oracle.via_mirrors(poses[1])[0]
+    still = projector.via_mirrors(poses[1])[0]
     assert np.nanmax(np.abs(px - still)) > 3.0
     for mirror, corner in np.argwhere(visible)[::40]:
         at_its_time = poses_at(poses, px[mirror, corner, 1:] / (default_layout.camera.height_px - 1))[0]
-        expected, seen = oracle.via_mirrors(at_its_time)
+        expected, seen = projector.via_mirrors(at_its_time)
         assert seen[mirror, corner]
         np.testing.assert_allclose(px[mirror, corner], expected[mirror, corner], atol=1e-8)
 
 
 def test_a_board_at_rest_is_seen_the_same_by_a_rolling_shutter(default_layout: Layout) -> None:
-    oracle, pose = Oracle(default_layout, BOARD), facing(default_layout, BOARD, 400.0)
-    px, visible = oracle.during_readout(np.array([pose] * 3))
-    np.testing.assert_allclose(px, oracle.via_mirrors(pose)[0], atol=1e-9)
-    np.testing.assert_array_equal(visible, oracle.via_mirrors(pose)[1])
+    projector, pose = CornerProjector(default_layout, BOARD), facing(default_layout, BOARD, 400.0)
+    px, visible = projector.during_readout(np.array([pose] * 3))
+    np.testing.assert_allclose(px, projector.via_mirrors(pose)[0], atol=1e-9)
+    np.testing.assert_array_equal(visible, projector.via_mirrors(pose)[1])

@@ -18,8 +18,8 @@ from mirrorcam.optics.geometry.pupil import Pupil
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
-from mirrorcam.render_scenes.truth.corners import BoolArray, Oracle
-from mirrorcam.render_scenes.truth.light_rays import Obstacles, chief_rays, image_px, reflected
+from mirrorcam.render_scenes.truth.corners import BoolArray, CornerProjector
+from mirrorcam.render_scenes.truth.light_rays import Obstacles, chief_rays, image_px, trace_via_mirror
 from mirrorcam.render_scenes.truth.pixel_maps import board_maps, pixel_rays
 
 DEPTH_MM = 400.0
@@ -32,12 +32,12 @@ class Screen:
     def __init__(self, at_mm: float) -> None:
         self.at_mm = at_mm
 
-    def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
+    def distance_to_body_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
         length = (self.at_mm - start[..., 1]) / direction[..., 1]
         hit = (length > 0.0) & (start[..., 0] + length * direction[..., 0] > 0.0)
         return np.where(hit | np.isnan(length), length, np.inf)
 
-    def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
+    def distance_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
         return np.full(rays.shape[:-1], np.inf)
 
 
@@ -50,7 +50,7 @@ def facing(layout: Layout) -> FloatArray:
 def maps_and_corners(layout: Layout, obstacles: Obstacles | None) -> tuple[BoolArray, BoolArray]:
     """Mask (h, w) of the board, and which of its corners are visible via each mirror."""
     maps = board_maps(pixel_rays(layout, mirrors=True, obstacles=obstacles), BOARD, facing(layout))
-    return np.isfinite(maps["board.x"]), Oracle(layout, BOARD, (), obstacles).via_mirrors(facing(layout))[1]
+    return np.isfinite(maps["board.x"]), CornerProjector(layout, BOARD, (), obstacles).via_mirrors(facing(layout))[1]
 
 
 def test_a_screen_before_the_board_hides_one_half_from_maps_and_corners(small_layout: Layout) -> None:
@@ -97,7 +97,7 @@ def unit_rays() -> FloatArray:
 
 def test_a_plane_reflects_as_if_light_came_from_the_virtual_centre() -> None:
     mirror = square_mirror()
-    entry, start, direction, path = reflected(mirror, unit_rays())
+    entry, start, direction, path = trace_via_mirror(mirror, unit_rays())
     np.testing.assert_allclose(entry, path)
     np.testing.assert_allclose(start, CENTRE + path[..., None] * direction, atol=1e-9)
     np.testing.assert_allclose(direction, unit_rays() @ mirror.reflection.T, atol=1e-12)
@@ -105,7 +105,7 @@ def test_a_plane_reflects_as_if_light_came_from_the_virtual_centre() -> None:
 
 def test_a_ray_beside_the_outline_misses() -> None:
     aside = np.array([0.6, 0.0, 0.8])
-    entry, start, direction, path = reflected(square_mirror(), aside)
+    entry, start, direction, path = trace_via_mirror(square_mirror(), aside)
     assert entry == np.inf
     assert np.isnan(start).all()
     assert np.isnan(direction).all()
@@ -115,7 +115,7 @@ def test_a_ray_beside_the_outline_misses() -> None:
 def test_a_plate_shifts_rays_along_its_front_by_snells_law() -> None:
     plate, thick, index = square_mirror(surface="second", thickness_mm=2.0, refractive_index=1.5), 2.0, 1.5
     rays = unit_rays()
-    entry, start, direction, path = reflected(plate, rays)
+    entry, start, direction, path = trace_via_mirror(plate, rays)
     cosine = -(rays @ plate.normal_in_rig)
     inner_sine = np.sqrt(1.0 - cosine**2) / index
     inner_cosine = np.sqrt(1.0 - inner_sine**2)
@@ -131,7 +131,7 @@ def test_points_along_a_traced_ray_are_imaged_where_it_came_from(kind: dict[str,
     camera, mirror = Camera.c920(), square_mirror(**kind)
     px = np.array([[camera.cx_px + 30.0 * a, camera.cy_px + 20.0 * b] for a in (-1.0, 0.0, 2.0) for b in (-2.0, 1.0)])
     rays = camera.unproject(px)
-    _, start, direction, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True), BENT)
+    _, start, direction, _ = trace_via_mirror(mirror, rays / np.linalg.norm(rays, axis=-1, keepdims=True), BENT)
     np.testing.assert_allclose(image_px(camera, mirror, start + 350.0 * direction, BENT), px, atol=1e-6)
 
 
@@ -162,7 +162,7 @@ def test_a_mirror_reflects_the_rays_of_a_walking_pupil(kind: dict[str, object]) 
     mirror = square_mirror(**kind)
     px = LENS.project(unit_rays().reshape(-1, 3))
     origin, unit = chief_rays(LENS, WALKING, px)
-    _, start, direction, _ = reflected(mirror, unit, origin=origin)
+    _, start, direction, _ = trace_via_mirror(mirror, unit, origin=origin)
     found = image_px(LENS, mirror, start + 350.0 * direction, pupil=WALKING)
     np.testing.assert_allclose(found, px, atol=1e-6)
 
@@ -184,7 +184,7 @@ def test_a_bent_mirror_of_a_layout_shows_what_its_finish_shows(
     """The model of a bent mirror, which scores use as the truth, fits; without the bend it is off by pixels."""
     camera, mirror = Camera.c920(), square_mirror(surface=surface, thickness_mm=2.0)
     finish = MirrorFinish(reflectance=(0.9,) * 3, bend=bend, sag_mm=0.02, sag_direction_deg=35.0)
-    _, start, direction, _ = reflected(mirror, unit_rays())
+    _, start, direction, _ = trace_via_mirror(mirror, unit_rays())
     points = (start + 400.0 * direction).reshape(-1, 3)
     traced = image_px(camera, mirror, points, finish)
     assert np.isfinite(traced).all()

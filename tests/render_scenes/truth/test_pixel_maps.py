@@ -44,10 +44,10 @@ def test_a_board_behind_the_camera_or_seen_from_its_back_shows_nothing(small_lay
 class Curtain:
     """Stops all rays from the pupil with x > 0 before any mirror, and none behind the mirrors."""
 
-    def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
+    def distance_to_body_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
         return np.where(np.isfinite(start[..., 0]), np.inf, np.nan)
 
-    def free_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
+    def distance_from_pupil_mm(self, rays: FloatArray) -> FloatArray:
         return np.where(rays[..., 0] > 0.0, 1.0, np.inf)
 
 

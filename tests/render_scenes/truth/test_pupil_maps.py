@@ -53,7 +53,7 @@ def test_obstacles_take_their_part_of_the_pupil(small_layout: Layout) -> None:
     class Half(Curtain):
         """Stops rays from the right half of the pupil."""
 
-        def free_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
+        def distance_to_body_mm(self, start: FloatArray, direction: FloatArray) -> FloatArray:
             return np.where(start[..., 0] > 0.0, 1.0, np.inf)
 
     free, half = (pupil_maps(PupilTracer(small_layout, PUPIL, obstacles=each)) for each in (None, Half()))
@@ -69,7 +69,7 @@ def test_a_pupil_that_walks_is_cut_where_it_is(small_layout: Layout) -> None:
     found = np.zeros(camera.width_px * camera.height_px)
     for layer in pixel_footprints(camera, mirrors, 1, np.ones(len(mirrors)), walking):
         for footprints in layer:
-            np.add.at(found, footprints.square, footprints.weight)
+            np.add.at(found, footprints.subpixel, footprints.weight)
     shares = {}
     for pupil in (walking, PUPIL):
         maps = pupil_maps(PupilTracer(small_layout, pupil))

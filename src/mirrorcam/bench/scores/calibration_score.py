@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.bench.scores.consistency import Nees, nees
-from mirrorcam.bench.scores.gauge import Gauge, centre, gauges, score_points, shown_by_all, with_slopes
+from mirrorcam.bench.scores.gauge import Gauge, centre, gauges, project_with_gradient, score_points, visible_in_all
 from mirrorcam.bench.scores.matched_views import MatchedView, ViewsFile, matched_views
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Metric
@@ -19,67 +19,67 @@ from mirrorcam.optics.camera_files.write.virtual_cameras import view_name
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
-MOST_STEPS, CONVERGED_MM = 50, 1e-10
-MOST_POINTS = 400
+MAX_STEPS, CONVERGED_MM = 50, 1e-10
+MAX_POINTS = 400
 
 
 @dataclass(frozen=True, eq=False)
-class Triangulated:
-    """Points visible in all views: true and triangulated (n, 3), in the true rig, mm."""
+class Triangulation:
+    """Points visible in all views: true and triangulated (n, 3), in the true rig frame, mm."""
 
     true: FloatArray
-    found: FloatArray
+    triangulated: FloatArray
 
     @property
     def error_mm(self) -> FloatArray:
         """Triangulated minus true points (n, 3)."""
-        return self.found - self.true
+        return self.triangulated - self.true
 
     @property
     def scale_error(self) -> float:
-        """Relative scale error of the triangulated points, by the best similarity."""
-        true, found = self.true - self.true.mean(axis=0), self.found - self.found.mean(axis=0)
-        sizes = np.linalg.svd(found.T @ true)[1]
-        return float(sizes.sum() / np.sum(true**2) - 1.0)
+        """Relative scale error of the triangulated points, from the best similarity."""
+        true, triangulated = (points - points.mean(axis=0) for points in (self.true, self.triangulated))
+        singular_values = np.linalg.svd(triangulated.T @ true)[1]
+        return float(singular_values.sum() / np.sum(true**2) - 1.0)
 
 
-def triangulated(gauge: Gauge, truth: Layout) -> Triangulated | None:
-    """Triangulate points of the working volume visible in all views by the calibration.
+def triangulate(gauge: Gauge, truth: Layout) -> Triangulation | None:
+    """Triangulate, by the calibration, points of the working volume that are visible in all views.
 
     A triangulated point minimises the sum of squared pixel errors, as in bundle adjustment. Returns None for a single
     view, or fewer than four common points.
     """
-    numbers = [view.view for view in gauge.views]
-    if len(numbers) < 2:
+    indices = [view.view for view in gauge.views]
+    if len(indices) < 2:
         return None
     candidates = gauge.points.points_in_rig
-    true = candidates[shown_by_all(truth, numbers, candidates)]
-    true = true[:: max(1, -(-len(true) // MOST_POINTS))]
+    true = candidates[visible_in_all(truth, indices, candidates)]
+    true = true[:: max(1, -(-len(true) // MAX_POINTS))]
     if len(true) < 4:
         return None
-    seen = [truth.project(true, number) for number in numbers]
+    observed_px = [truth.project(true, index) for index in indices]
     points = transform(gauge.rig_from_true, true)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         normal, right = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
-        for view, pixels in zip(gauge.views, seen, strict=True):
-            shown, slopes = with_slopes(view.project_in_rig, points)
-            residual = pixels - shown
-            lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2)))
-            residual[lost], slopes[lost] = 0.0, 0.0
-            normal += np.einsum("nij,nik->njk", slopes, slopes)
-            right += np.einsum("nij,ni->nj", slopes, residual)
+        for view, pixels in zip(gauge.views, observed_px, strict=True):
+            projected_px, d_point = project_with_gradient(view.project_in_rig, points)
+            residual = pixels - projected_px
+            invalid = ~(np.isfinite(residual).all(axis=1) & np.isfinite(d_point).all(axis=(1, 2)))
+            residual[invalid], d_point[invalid] = 0.0, 0.0
+            normal += np.einsum("nij,nik->njk", d_point, d_point)
+            right += np.einsum("nij,ni->nj", d_point, residual)
         step = np.einsum("nij,nj->ni", np.linalg.pinv(normal), right)
         points = points + step
         if np.abs(step).max() < CONVERGED_MM:
             break
-    return Triangulated(true, transform(gauge.true_from_rig, points))
+    return Triangulation(true, transform(gauge.true_from_rig, points))
 
 
 NO_POSES = "the calibration has no poses"
 ONE_VIEW = "the calibration has one view"
 NO_COVARIANCE = "the calibration has no covariance"
 NO_SCALE = "its poses have no scale"
-NOT_SEEN = "no point is in all views"
+NOT_VISIBLE = "no point is visible in all views"
 NOT_AT_DISTANCE = "the calibration shows nothing at the working distance"
 P95 = 95.0
 
@@ -108,7 +108,7 @@ class CalibrationScore:
         The working distance.
     notes
         Assumptions about the calibration.
-    placed
+    aligned
         The aligned views, with the points that were compared.
     """
 
@@ -121,7 +121,7 @@ class CalibrationScore:
     nees: Nees | None
     distance_mm: float
     notes: tuple[str, ...]
-    placed: tuple[Gauge, ...]
+    aligned: tuple[Gauge, ...]
 
 
 def score_calibration(
@@ -142,7 +142,7 @@ def score_calibration(
     truth
         The layout as built.
     nominal
-        The layout that the calibrator knew; it determines how pictures are flipped and cut.
+        The layout given to the calibrator; it determines how pictures are flipped and cropped.
     distance_mm
         Working distance from the virtual centre of each view.
     views, pictures
@@ -151,100 +151,103 @@ def score_calibration(
     Raises
     ------
     InputError
-        In one line if cameras and mirrors do not match.
+        If cameras and mirrors do not match.
     """
-    sizes = [f"{each.camera.width_px}x{each.camera.height_px} px" for each in (truth, nominal)]
+    sizes = [f"{layout.camera.width_px}x{layout.camera.height_px} px" for layout in (truth, nominal)]
     if sizes[0] != sizes[1] or len(truth.mirrors) != len(nominal.mirrors):
         raise InputError("the true layout and the nominal one are of different devices")
     if rig.layout is not None and (rig.layout.rows, rig.layout.cols) != (truth.rows, truth.cols):
         raise InputError(
-            f"the calibration has {rig.layout.arrangement.text} mirrors, expected {truth.arrangement.text} as the set"
+            f"the calibration has {rig.layout.arrangement.text} mirrors, expected {truth.arrangement.text} like the set"
         )
     matched = matched_views(rig, truth, nominal, views, pictures)
-    numbers = [view.view for view in matched]
-    points = score_points(truth, numbers, distance_mm)
-    placed = gauges(matched, points, scaled=rig.unit_mm is None)
-    joint = placed[0] if rig.posed and len(matched) > 1 else None
-    figures, not_given = _pixel_figures(placed)
-    for part in (_geometry(joint), _triangulation(joint, truth, scaled=rig.unit_mm is None)):
-        figures |= part[0]
-        not_given |= part[1]
+    indices = [view.view for view in matched]
+    points = score_points(truth, indices, distance_mm)
+    aligned = gauges(matched, points, scaled=rig.unit_mm is None)
+    joint = aligned[0] if rig.posed and len(matched) > 1 else None
+    figures, not_given = _pixel_figures(aligned)
+    for more, reasons in (_geometry(joint), _triangulation(joint, truth, scaled=rig.unit_mm is None)):
+        figures |= more
+        not_given |= reasons
     if joint is None:
         not_given |= dict.fromkeys((*GEOMETRY, *TRIANGULATION), ONE_VIEW if rig.posed else NO_POSES)
-    found = nees(placed, rig)
-    if found is None:
+    consistency = nees(aligned, rig)
+    if consistency is None:
         not_given["nees"] = NO_COVARIANCE if rig.uncertainty is None else "its covariance predicts no error"
     else:
-        low, high = found.interval
-        figures |= {"nees": Metric(value=found.mean, unit="1"), "nees_low": Metric(value=low, unit="1")}
-        figures |= {"nees_high": Metric(value=high, unit="1"), "nees_freedom": Metric(value=found.freedom, unit="1")}
-    names = [view_name(*divmod(number, truth.cols)) for number in range(len(truth.mirrors))]
-    alone = "rigid" if rig.unit_mm is not None else "similarity"
+        low, high = consistency.interval
+        figures |= {"nees": Metric(value=consistency.mean, unit="1"), "nees_low": Metric(value=low, unit="1")}
+        figures |= {
+            "nees_high": Metric(value=high, unit="1"),
+            "nees_freedom": Metric(value=consistency.freedom, unit="1"),
+        }
+    names = [view_name(*divmod(index, truth.cols)) for index in range(len(truth.mirrors))]
+    alignment = "rigid" if rig.unit_mm is not None else "similarity"
     return CalibrationScore(
-        figures=figures | _view_figures(placed),
+        figures=figures | _view_figures(aligned),
         not_given=not_given,
         views={view.name: view.camera.name for view in matched},
-        missing=tuple(name for number, name in enumerate(names) if number not in numbers),
-        alignment=alone if rig.posed else "each view alone",
-        mirrored=placed[0].mirrored,
-        nees=found,
+        missing=tuple(name for index, name in enumerate(names) if index not in indices),
+        alignment=alignment if rig.posed else "each view alone",
+        mirrored=aligned[0].mirrored,
+        nees=consistency,
         distance_mm=distance_mm,
         notes=rig.notes,
-        placed=tuple(placed),
+        aligned=tuple(aligned),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """Errors of pixels (n, 2), calibration minus truth; those at the working distance (m,) also in mm."""
+    """Errors of pixels (n, 2), calibration minus truth; lengths (m,) of those at the working distance, mm."""
 
     pixels: FloatArray
     mm: FloatArray
-    shown_share: float
+    visible_fraction: float
 
     @classmethod
-    def of(cls, placed: Sequence[Gauge], view: int | None = None) -> _Errors:
+    def of(cls, aligned: Sequence[Gauge], view: int | None = None) -> _Errors:
         """Return the errors of all views, or of one."""
-        errors, mm, shown = [], [], []
-        for gauge in placed:
+        errors, mm, visible = [], [], []
+        for gauge in aligned:
             points = gauge.points
             error = gauge.pixels - points.pixels
             finite = np.asarray(np.isfinite(error).all(axis=1))
-            chosen = np.ones(len(error), dtype=bool) if view is None else points.view == view
-            across: FloatArray = np.linalg.pinv(points.by_point).astype(np.float64)
-            shifts = np.linalg.norm(np.einsum("nij,nj->ni", across, np.where(finite[:, None], error, 0.0)), axis=1)
-            errors.append(error[chosen & finite])
-            mm.append(shifts[chosen & finite & points.at_distance])
-            shown.append(finite[chosen])
-        return cls(np.concatenate(errors), np.concatenate(mm), float(np.concatenate(shown).mean()))
+            used = np.ones(len(error), dtype=bool) if view is None else points.view == view
+            mm_per_px: FloatArray = np.linalg.pinv(points.d_point).astype(np.float64)
+            shifts = np.linalg.norm(np.einsum("nij,nj->ni", mm_per_px, np.where(finite[:, None], error, 0.0)), axis=1)
+            errors.append(error[used & finite])
+            mm.append(shifts[used & finite & points.at_distance])
+            visible.append(finite[used])
+        return cls(np.concatenate(errors), np.concatenate(mm), float(np.concatenate(visible).mean()))
 
     def figures(self, prefix: str = "") -> dict[str, Metric]:
-        """Return RMS, median, 95th percentile, maximum and bias in px, RMS in mm, and the share of visible points."""
+        """Return RMS, median, 95th percentile, maximum and bias, px; RMS, mm; and the fraction of visible points."""
         length = np.linalg.norm(self.pixels, axis=1)
         bias = self.pixels.mean(axis=0)
-        found = {
+        values = {
             "rms_px": (_rms(length), "px"),
             "median_px": (float(np.median(length)), "px"),
             "p95_px": (float(np.percentile(length, P95)), "px"),
             "max_px": (float(length.max()), "px"),
             "bias_x_px": (float(bias[0]), "px"),
             "bias_y_px": (float(bias[1]), "px"),
-            "shown_share": (self.shown_share, "1"),
+            "shown_share": (self.visible_fraction, "1"),
         }
         if len(self.mm):
-            found["rms_mm"] = (_rms(self.mm), "mm")
-        return {f"{prefix}{name}": Metric(value=value, unit=unit) for name, (value, unit) in found.items()}
+            values["rms_mm"] = (_rms(self.mm), "mm")
+        return {f"{prefix}{name}": Metric(value=value, unit=unit) for name, (value, unit) in values.items()}
 
 
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def _pixel_figures(placed: Sequence[Gauge]) -> tuple[dict[str, Metric], dict[str, str]]:
-    focal = [error for gauge in placed for error in _focal_errors(gauge).values()]
-    figures = _Errors.of(placed).figures()
+def _pixel_figures(aligned: Sequence[Gauge]) -> tuple[dict[str, Metric], dict[str, str]]:
+    focal = [error for gauge in aligned for error in _focal_errors(gauge).values()]
+    figures = _Errors.of(aligned).figures()
     figures["worst_view_rms_px"] = max(
-        (_Errors.of([gauge], view.view).figures()["rms_px"] for gauge in placed for view in gauge.views),
+        (_Errors.of([gauge], view.view).figures()["rms_px"] for gauge in aligned for view in gauge.views),
         key=lambda metric: metric.value,
     )
     figures["focal_error_percent"] = Metric(value=float(np.mean(focal)), unit="percent")
@@ -252,9 +255,9 @@ def _pixel_figures(placed: Sequence[Gauge]) -> tuple[dict[str, Metric], dict[str
     return figures, {} if "rms_mm" in figures else {"rms_mm": NOT_AT_DISTANCE}
 
 
-def _view_figures(placed: Sequence[Gauge]) -> dict[str, Metric]:
+def _view_figures(aligned: Sequence[Gauge]) -> dict[str, Metric]:
     figures: dict[str, Metric] = {}
-    for gauge in placed:
+    for gauge in aligned:
         focal = _focal_errors(gauge)
         for view in gauge.views:
             figures |= _Errors.of([gauge], view.view).figures(f"{view.name}_")
@@ -265,30 +268,30 @@ def _view_figures(placed: Sequence[Gauge]) -> dict[str, Metric]:
 def _focal_errors(gauge: Gauge) -> dict[int, float]:
     """Return the relative error, %, of each view's picture scale: px per radian at the centre of the sub-image.
 
-    For a pinhole, the scale is proportional to the focal length. It can be compared for any lens model.
+    For a pinhole, the scale is proportional to the focal length; it can be compared for any lens model.
     """
-    found = {}
+    errors = {}
     for view in gauge.views:
-        of_view = np.flatnonzero((gauge.points.view == view.view) & gauge.points.at_distance)
-        pixels = gauge.points.pixels[of_view]
-        central = of_view[np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).argmin()]
+        indices = np.flatnonzero((gauge.points.view == view.view) & gauge.points.at_distance)
+        pixels = gauge.points.pixels[indices]
+        central = indices[np.linalg.norm(pixels - pixels.mean(axis=0), axis=1).argmin()]
         point = gauge.points.points_in_rig[[central]]
         true_centre = view.mirror.apparent.virtual_centre_in_rig_mm
         own_pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
         own_centre = transform(gauge.true_from_rig, centre(own_pose))
-        _, by_point = with_slopes(partial(view.truth.project, mirror_index=view.view), point)
-        sizes = [
-            _picture_scale(slopes, point[0] - origin)
-            for slopes, origin in ((by_point[0], true_centre), (gauge.by_point[central], own_centre))
+        _, d_point = project_with_gradient(partial(view.truth.project, mirror_index=view.view), point)
+        scales = [
+            _picture_scale(gradient, point[0] - origin)
+            for gradient, origin in ((d_point[0], true_centre), (gauge.d_point[central], own_centre))
         ]
-        found[view.view] = 100.0 * (sizes[1] / sizes[0] - 1.0)
-    return found
+        errors[view.view] = 100.0 * (scales[1] / scales[0] - 1.0)
+    return errors
 
 
-def _picture_scale(slopes: FloatArray, along: FloatArray) -> float:
-    """Return px per radian of a ray (3,), the geometric mean over directions, from derivatives (2, 3) by its end."""
-    across = np.linalg.svd(along[None])[2][1:]
-    return float(np.sqrt(abs(np.linalg.det(slopes @ across.T))) * np.linalg.norm(along))
+def _picture_scale(d_point: FloatArray, ray: FloatArray) -> float:
+    """Return px per radian, the geometric mean over directions, from the gradient (2, 3) at the end of a ray (3,)."""
+    perpendicular = np.linalg.svd(ray[None])[2][1:]
+    return float(np.sqrt(abs(np.linalg.det(d_point @ perpendicular.T))) * np.linalg.norm(ray))
 
 
 GEOMETRY = (
@@ -307,12 +310,14 @@ def _geometry(gauge: Gauge | None) -> tuple[dict[str, Metric], dict[str, str]]:
     first, second = np.triu_indices(len(poses), 1)
     lengths, true_lengths = (
         np.linalg.norm(centres[first] - centres[second], axis=1)
-        for centres in (np.array([centre(pose) for pose in some]) for some in (poses, true_poses))
+        for centres in (np.array([centre(pose) for pose in group]) for group in (poses, true_poses))
     )
     if gauge.scaled:
         lengths = lengths / gauge.scale
-    turns, true_turns = (some[first, :3, :3] @ some[second, :3, :3].transpose(0, 2, 1) for some in (poses, true_poses))
-    angles = np.degrees(Rotation.from_matrix(turns @ true_turns.transpose(0, 2, 1)).magnitude())
+    rotations, true_rotations = (
+        group[first, :3, :3] @ group[second, :3, :3].transpose(0, 2, 1) for group in (poses, true_poses)
+    )
+    angles = np.degrees(Rotation.from_matrix(rotations @ true_rotations.transpose(0, 2, 1)).magnitude())
     error = lengths - true_lengths
     figures = {
         "baseline_error_rms_mm": (_rms(error), "mm"),
@@ -335,10 +340,10 @@ def _pose(view: MatchedView) -> FloatArray:
 
 def _triangulation(gauge: Gauge | None, truth: Layout, *, scaled: bool) -> tuple[dict[str, Metric], dict[str, str]]:
     """Return the errors of triangulated points, and of their scale."""
-    found = None if gauge is None else triangulated(gauge, truth)
-    if found is None:
-        return {}, dict.fromkeys(TRIANGULATION, NO_POSES if gauge is None else NOT_SEEN)
-    lengths = np.linalg.norm(found.error_mm, axis=1)
+    points = None if gauge is None else triangulate(gauge, truth)
+    if points is None:
+        return {}, dict.fromkeys(TRIANGULATION, NO_POSES if gauge is None else NOT_VISIBLE)
+    lengths = np.linalg.norm(points.error_mm, axis=1)
     figures = {
         "triangulation_rms_mm": Metric(value=_rms(lengths), unit="mm"),
         "triangulation_median_mm": Metric(value=float(np.median(lengths)), unit="mm"),
@@ -346,5 +351,5 @@ def _triangulation(gauge: Gauge | None, truth: Layout, *, scaled: bool) -> tuple
     }
     if scaled:
         return figures, {"scale_error_percent": NO_SCALE}
-    figures["scale_error_percent"] = Metric(value=100.0 * found.scale_error, unit="percent")
+    figures["scale_error_percent"] = Metric(value=100.0 * points.scale_error, unit="percent")
     return figures, {}

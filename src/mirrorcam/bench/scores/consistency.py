@@ -32,20 +32,20 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 SCHEMA = "mirrorcam.covariance/1"
 SHARED = "all"
 POSE_NAMES = ("rx_rad", "ry_rad", "rz_rad", "tx_mm", "ty_mm", "tz_mm")
-RELATIVE_STEP, SMALLEST_STEP, POSE_STEP_MM = 1e-6, 1e-7, 1e-4
+RELATIVE_STEP, MIN_STEP, POSE_STEP_MM = 1e-6, 1e-7, 1e-4
 ASYMMETRY = 1e-6
 
 
 class CovarianceFile(Uncertainty):
-    """The content of a covariance file."""
+    """Content of a covariance file."""
 
     schema_id: Literal["mirrorcam.covariance/1"] = Field(alias="schema")
 
 
 def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
-    """Return a calibration with the covariance of a file; raises InputError in one line for unknown names."""
+    """Return a calibration with the covariance in a file; raises InputError for unknown names."""
     if rig.layout is not None:
-        raise InputError(f"{path}: a layout.json contains its covariance, expected no other file for it")
+        raise InputError(f"{path}: a layout.json contains its covariance, expected no separate file for it")
     covariance_file = read_model(CovarianceFile, path, LARGEST_LAYOUT_BYTES)
     known = {name for camera in rig.cameras for name in (*lens_names(camera.lens), *POSE_NAMES)}
     cameras = {camera.name for camera in rig.cameras} | {SHARED}
@@ -60,7 +60,7 @@ def with_covariance(rig: CameraRig, path: Path) -> CameraRig:
     )
 
 
-def checked_root(uncertainty: Uncertainty) -> FloatArray:
+def covariance_root(uncertainty: Uncertainty) -> FloatArray:
     """Return a square root R (g, g) of the covariance R R^T; raises InputError if it is not positive semidefinite."""
     covariance = uncertainty.covariance
     sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
@@ -68,11 +68,11 @@ def checked_root(uncertainty: Uncertainty) -> FloatArray:
         float(sigma.max(initial=0.0)) ** 2, 1e-300
     ):
         raise InputError("the covariance is not symmetric, or has negative variances")
-    sizes = np.where(sigma > 0.0, sigma, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(sizes, sizes))
+    scales = np.where(sigma > 0.0, sigma, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scales, scales))
     if values.min(initial=0.0) < -1e-6 * max(values.max(initial=0.0), 1e-300):
         raise InputError("the covariance has negative eigenvalues, expected none")
-    return np.asarray(sizes[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+    return np.asarray(scales[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def lens_names(lens: object) -> tuple[str, ...]:
@@ -80,52 +80,52 @@ def lens_names(lens: object) -> tuple[str, ...]:
     return lens.intrinsic_names if isinstance(lens, ParametricProjection) else ()
 
 
-def by_parameters(
+def d_parameters(
     rig: CameraRig, views: tuple[MatchedView, ...], view: NDArray[np.int64], points_in_rig: FloatArray
 ) -> FloatArray:
-    """Return derivatives (n, 2, g) of the pixels of points (n, 3) in the calibration's rig, each in its view."""
+    """Return derivatives (n, 2, g), with respect to parameters, of the pixels of points (n, 3), each in its view."""
     assert rig.uncertainty is not None
     if rig.layout is not None:
-        return _by_layout_parameters(rig.layout, view, points_in_rig)
+        return _d_layout_parameters(rig.layout, view, points_in_rig)
     names = rig.uncertainty.parameters
-    found = np.zeros((len(view), 2, len(names)))
-    for each in views:
-        at = view == each.view
+    derivatives = np.zeros((len(view), 2, len(names)))
+    for matched in views:
+        mask = view == matched.view
         for column, name in enumerate(names):
             camera, _, parameter = name.rpartition(" ")
-            if camera in (SHARED, each.camera.name):
-                found[at, :, column] = _slope(each, parameter, points_in_rig[at])
-    return found
+            if camera in (SHARED, matched.camera.name):
+                derivatives[mask, :, column] = _d_parameter(matched, parameter, points_in_rig[mask])
+    return derivatives
 
 
-def _by_layout_parameters(layout: Layout, view: NDArray[np.int64], points_in_rig: FloatArray) -> FloatArray:
+def _d_layout_parameters(layout: Layout, view: NDArray[np.int64], points_in_rig: FloatArray) -> FloatArray:
     try:
         return project_points(layout, view, points_in_rig).d_parameter
     except KeyError as error:
         raise InputError(
-            f"the layout's covariance has the parameter {str(error)[:60]}, not of its camera and mirrors"
+            f"the layout's covariance has the parameter {str(error)[:60]}, which is not of its camera or mirrors"
         ) from None
 
 
-def _slope(view: MatchedView, parameter: str, points_in_rig: FloatArray) -> FloatArray:
-    """Return derivatives (n, 2) of pixels by one parameter of one camera, by central differences."""
+def _d_parameter(view: MatchedView, parameter: str, points_in_rig: FloatArray) -> FloatArray:
+    """Return central differences (n, 2) of pixels with respect to one parameter of one camera."""
     lens = view.camera.lens
     if parameter in POSE_NAMES:
-        step = SMALLEST_STEP if parameter.endswith("rad") else POSE_STEP_MM
-        ahead, behind = (_moved(view, parameter, sign * step) for sign in (1.0, -1.0))
+        step = MIN_STEP if parameter.endswith("rad") else POSE_STEP_MM
+        above, below = (_with_pose_change(view, parameter, sign * step) for sign in (1.0, -1.0))
     elif isinstance(lens, ParametricProjection) and parameter in lens.intrinsic_names:
         index = lens.intrinsic_names.index(parameter)
-        step = max(RELATIVE_STEP * abs(float(lens.intrinsics[index])), SMALLEST_STEP)
-        ahead, behind = (_with_lens(view, lens, sign * step * np.eye(len(lens.intrinsics))[index]) for sign in (1, -1))
+        step = max(RELATIVE_STEP * abs(float(lens.intrinsics[index])), MIN_STEP)
+        above, below = (_with_lens(view, lens, sign * step * np.eye(len(lens.intrinsics))[index]) for sign in (1, -1))
     else:
         return np.zeros((len(points_in_rig), 2))
-    return (ahead.project_in_rig(points_in_rig) - behind.project_in_rig(points_in_rig)) / (2.0 * step)
+    return (above.project_in_rig(points_in_rig) - below.project_in_rig(points_in_rig)) / (2.0 * step)
 
 
-def _moved(view: MatchedView, parameter: str, change: float) -> MatchedView:
+def _with_pose_change(view: MatchedView, parameter: str, change: float) -> MatchedView:
     pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
-    turn, shift = np.split(change * np.eye(6)[POSE_NAMES.index(parameter)], 2)
-    return replace(view, camera_from_rig=rigid(Rotation.from_rotvec(turn).as_matrix(), shift) @ pose)
+    rotation, shift = np.split(change * np.eye(6)[POSE_NAMES.index(parameter)], 2)
+    return replace(view, camera_from_rig=rigid(Rotation.from_rotvec(rotation).as_matrix(), shift) @ pose)
 
 
 def _with_lens(view: MatchedView, lens: ParametricProjection, change: FloatArray) -> MatchedView:
@@ -133,8 +133,8 @@ def _with_lens(view: MatchedView, lens: ParametricProjection, change: FloatArray
 
 
 LEVEL = 0.95
-SMALLEST_SHARE = 1e-4
-"""Directions with a sigma below this share of the largest are dominated by rounding and linearisation."""
+MIN_RELATIVE_SIGMA = 1e-4
+"""Directions with a sigma below this fraction of the largest are dominated by rounding and linearisation."""
 
 
 @dataclass(frozen=True)
@@ -160,32 +160,33 @@ def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
     """Return the NEES of a calibration; None without a covariance, or if it predicts no error."""
     if rig.uncertainty is None:
         return None
-    root = checked_root(rig.uncertainty)
+    root = covariance_root(rig.uncertainty)
     predicted, errors = [], []
     for gauge in gauges:
         points = transform(gauge.rig_from_true, gauge.points.points_in_rig)
-        slopes = by_parameters(rig, gauge.views, gauge.points.view, points)
+        derivatives = d_parameters(rig, gauge.views, gauge.points.view, points)
         error = gauge.pixels - gauge.points.pixels
-        kept = np.isfinite(error).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
-        columns = gauge.motion_columns[kept]
-        predicted.append(remove_motion(slopes[kept] @ root, columns, gauge.weights[kept]).reshape(-1, root.shape[1]))
-        errors.append(error[kept].ravel())
-    return _of(np.concatenate(predicted), np.concatenate(errors))
+        valid = np.isfinite(error).all(axis=1) & np.isfinite(derivatives).all(axis=(1, 2))
+        columns = gauge.motion_columns[valid]
+        own = remove_motion(derivatives[valid] @ root, columns, gauge.weights[valid])
+        predicted.append(own.reshape(-1, root.shape[1]))
+        errors.append(error[valid].ravel())
+    return _nees_of(np.concatenate(predicted), np.concatenate(errors))
 
 
-def _of(predicted: FloatArray, error: FloatArray) -> Nees | None:
-    """Return the NEES of errors (2n,) with covariance P P^T, P (2n, g), in the range of P."""
-    along, sigmas, _ = np.linalg.svd(predicted, full_matrices=False)
-    least = max(NEGLIGIBLE_PX * SMALLEST_SHARE * np.sqrt(len(error)), SMALLEST_SHARE * float(sigmas.max(initial=0.0)))
-    kept = sigmas > least
-    if not kept.any():
+def _nees_of(predicted: FloatArray, error: FloatArray) -> Nees | None:
+    """Return the NEES of errors (2n,) with the covariance P P^T, P (2n, g), in the range of P."""
+    directions, sigmas, _ = np.linalg.svd(predicted, full_matrices=False)
+    min_sigma = MIN_RELATIVE_SIGMA * max(NEGLIGIBLE_PX * np.sqrt(len(error)), float(sigmas.max(initial=0.0)))
+    used = sigmas > min_sigma
+    if not used.any():
         return None
-    parts = (along[:, kept].T @ error) / sigmas[kept]
-    return Nees(float(parts @ parts), int(kept.sum()))
+    normalised = (directions[:, used].T @ error) / sigmas[used]
+    return Nees(float(normalised @ normalised), int(used.sum()))
 
 
-def pooled(found: Sequence[Nees]) -> Nees | None:
+def pooled(results: Sequence[Nees]) -> Nees | None:
     """Return the pooled NEES of several calibrations."""
-    if not found:
+    if not results:
         return None
-    return Nees(sum(each.total for each in found), sum(each.freedom for each in found))
+    return Nees(sum(result.total for result in results), sum(result.freedom for result in results))

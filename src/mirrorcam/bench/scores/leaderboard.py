@@ -51,13 +51,13 @@ MEANS = (RANKED, "rms_mm", "triangulation_rms_mm", "focal_error_rms_percent")
 WORST = "worst_view_rms_px"
 """The figure compared by its maximum over sets."""
 NEES, LOW, HIGH, FREEDOM = "nees", "nees_low", "nees_high", "nees_freedom"
-LARGEST = 1e9
-"""Largest accepted figure of a score."""
+MAX_FIGURE = 1e9
+"""Maximum absolute value of a figure that is accepted."""
 HASH_CHARS = 6
 
 
 class BoardSet(Value):
-    """Name of a set on the board, with a part of its checksum if another set has the same name."""
+    """A set on the board; its name includes a part of its checksum if another set has the same name."""
 
     name: Name
     why: Line
@@ -100,7 +100,7 @@ class Leaderboard(Value):
     Attributes
     ----------
     common
-        Names of the sets that were scored by all calibrators with any score.
+        Names of the sets that all calibrators with any score have scored.
     not_run
         Reasons why other calibrators could not be run, by name.
     """
@@ -119,22 +119,23 @@ class Leaderboard(Value):
 def leaderboard(
     attempts: Mapping[str, Sequence[Attempt]], commands: Mapping[str, str], not_run: Mapping[str, str]
 ) -> Leaderboard:
-    """Return the board of calibrators by name; raises InputError in one line for inconsistent results."""
+    """Return the board of calibrators by name; raises InputError for inconsistent results."""
     sets = _sets(attempts)
-    names = {each.dataset_sha256: each.name for each in sets}
-    by_set = {name: _checked(name, tries, names) for name, tries in attempts.items()}
-    scored = {name: {of for of, attempt in tries.items() if not attempt.failure} for name, tries in by_set.items()}
-    every = [found for found in scored.values() if found]
-    common = tuple(each.name for each in sets if every and all(each.name in found for found in every))
+    names = {board_set.dataset_sha256: board_set.name for board_set in sets}
+    by_set = {name: _by_set_name(name, tries, names) for name, tries in attempts.items()}
+    scored = {name: {each for each, attempt in tries.items() if not attempt.failure} for name, tries in by_set.items()}
+    nonempty = [scored_names for scored_names in scored.values() if scored_names]
+    common_names = set.intersection(*nonempty) if nonempty else set()
+    common = tuple(board_set.name for board_set in sets if board_set.name in common_names)
     rows = [
         BoardRow(
             calibrator=name,
             command=commands[name],
-            over_common=_over([tries[of] for of in common] if scored[name] else []),
-            over_own=_over([tries[of] for of in sorted(scored[name])]),
-            seconds=float(np.mean([tries[of].seconds for of in scored[name]])) if scored[name] else None,
-            rms_px={each.name: _value(tries[each.name], RANKED) for each in sets if each.name in scored[name]},
-            failures={each.name: tries[each.name].failure for each in sets if each.name in tries.keys() - scored[name]},
+            over_common=_over([tries[set_name] for set_name in common] if scored[name] else []),
+            over_own=_over([tries[set_name] for set_name in sorted(scored[name])]),
+            seconds=float(np.mean([tries[set_name].seconds for set_name in scored[name]])) if scored[name] else None,
+            rms_px={each: _value(tries[each], RANKED) for each in names.values() if each in scored[name]},
+            failures={each: tries[each].failure for each in names.values() if each in tries.keys() - scored[name]},
         )
         for name, tries in by_set.items()
     ]
@@ -145,50 +146,51 @@ def leaderboard(
 
 def _sets(attempts: Mapping[str, Sequence[Attempt]]) -> tuple[BoardSet, ...]:
     """Return the distinct sets in order of first appearance."""
-    found = {each.dataset_sha256: each for tries in attempts.values() for each in reversed(tries)}
-    ordered = {each.dataset_sha256: found[each.dataset_sha256] for tries in attempts.values() for each in tries}
-    counts = Counter(each.name for each in ordered.values())
+    first = {attempt.dataset_sha256: attempt for tries in attempts.values() for attempt in reversed(tries)}
+    digests = dict.fromkeys(attempt.dataset_sha256 for tries in attempts.values() for attempt in tries)
+    ordered = {digest: first[digest] for digest in digests}
+    counts = Counter(attempt.name for attempt in ordered.values())
     return tuple(
         BoardSet(
-            name=each.name
-            if counts[each.name] == 1
-            else f"{each.name[: LONGEST - HASH_CHARS - 1]} {digest[:HASH_CHARS]}",
-            why=each.why,
+            name=attempt.name
+            if counts[attempt.name] == 1
+            else f"{attempt.name[: LONGEST - HASH_CHARS - 1]} {digest[:HASH_CHARS]}",
+            why=attempt.why,
             dataset_sha256=digest,
         )
-        for digest, each in ordered.items()
+        for digest, attempt in ordered.items()
     )
 
 
-def _checked(calibrator: str, tries: Sequence[Attempt], names: Mapping[str, str]) -> dict[str, Attempt]:
+def _by_set_name(calibrator: str, tries: Sequence[Attempt], names: Mapping[str, str]) -> dict[str, Attempt]:
     """Return a calibrator's attempts by the names of the sets on the board; raises InputError for an invalid one."""
-    found: dict[str, Attempt] = {}
+    by_name: dict[str, Attempt] = {}
     for attempt in tries:
         name = names[attempt.dataset_sha256]
-        if name in found:
+        if name in by_name:
             raise InputError(f"{calibrator}: the set {name} appears twice, expected each set once")
-        found[name] = attempt
+        by_name[name] = attempt
         if not attempt.failure and RANKED not in attempt.figures:
-            raise InputError(f"{calibrator}: the score of {name} lacks {RANKED}, expected it in every score")
+            raise InputError(f"{calibrator}: the score of {name} lacks {RANKED}, which every score must have")
         for figure, metric in attempt.figures.items():
-            if abs(metric.value) > LARGEST:
+            if abs(metric.value) > MAX_FIGURE:
                 raise InputError(
-                    f"{calibrator}: {figure[:40]} of {name} is {metric.value:g}, expected {LARGEST:g} at most"
+                    f"{calibrator}: {figure[:40]} of {name} is {metric.value:g}, expected at most {MAX_FIGURE:g}"
                 )
-        if not 0.0 <= attempt.seconds <= LARGEST:
-            raise InputError(f"{calibrator}: {name} took {attempt.seconds:g} s, expected a time")
-    return found
+        if not 0.0 <= attempt.seconds <= MAX_FIGURE:
+            raise InputError(f"{calibrator}: {name} took {attempt.seconds:g} s, expected 0 to {MAX_FIGURE:g} s")
+    return by_name
 
 
 def _over(scores: Sequence[Attempt]) -> dict[str, float]:
-    """Return the figures over some scores."""
+    """Return the figures over several scores."""
     over: dict[str, float] = {}
     for name in (*MEANS, WORST):
-        values = [_value(each, name) for each in scores if name in each.figures]
+        values = [_value(score, name) for score in scores if name in score.figures]
         if values and len(values) == len(scores):
             over[name] = float(max(values) if name == WORST else np.mean(values))
-    stated = [each for each in scores if each.figures.keys() >= {NEES, FREEDOM} and _value(each, FREEDOM) >= 1.0]
-    joint = pooled([_nees(each) for each in stated]) if len(stated) == len(scores) else None
+    with_nees = [score for score in scores if score.figures.keys() >= {NEES, FREEDOM} and _value(score, FREEDOM) >= 1.0]
+    joint = pooled([_nees(score) for score in with_nees]) if len(with_nees) == len(scores) else None
     if joint is not None:
         low, high = joint.interval
         over |= {NEES: joint.mean, LOW: low, HIGH: high, FREEDOM: float(joint.freedom)}
@@ -215,17 +217,16 @@ NOT_TRIED, FAILED, NONE = "not tried", "failed", "-"
 DIGITS = 3
 HOW_TO_READ = (
     "RMS px is the error, in pixels of the frame, of points in the working volume as the calibration projects them, "
-    "with the best motion of the rig taken out. Except for RMS over own sets and time, figures are over the common "
-    "sets: means, and of the worst view the largest. NEES is the error in units of the stated covariance, 1 where it "
-    "is right, and in brackets the interval of 95 of 100 right ones. Time is per set, on the machine of whoever "
-    "ran it."
+    "with the best motion of the rig removed. Except for RMS over own sets and time, figures are over the common "
+    "sets: means, but the maximum for the worst view. NEES is the squared error in units of the stated covariance, 1 "
+    "if that is right; brackets hold the 95 % interval in this case. Time is per set, on the machine of whoever ran it."
 )
 
 
 def board_rows(board: Leaderboard) -> list[list[str]]:
     """Return the header of the table of calibrators, and a row for each."""
-    heads = ["calibrator", "sets scored", "RMS px", "RMS px, own sets", *COLUMNS.values(), "NEES", "s a set"]
-    return [heads, *(_row(row) for row in board.rows)]
+    header = ["calibrator", "sets scored", "RMS px", "RMS px, own sets", *COLUMNS.values(), "NEES", "s per set"]
+    return [header, *(_row(row) for row in board.rows)]
 
 
 def _row(row: BoardRow) -> list[str]:
@@ -248,7 +249,7 @@ def set_rows(board: Leaderboard) -> list[list[str]]:
     """Return the header of the table of sets, and a row for each: its name, and the result of every calibrator."""
     return [
         ["RMS px", *(row.calibrator for row in board.rows)],
-        *([each.name, *(set_text(row, each.name) for row in board.rows)] for each in board.sets),
+        *([board_set.name, *(set_text(row, board_set.name) for row in board.rows)] for board_set in board.sets),
     ]
 
 
@@ -260,12 +261,12 @@ def set_text(row: BoardRow, name: str) -> str:
 
 
 def reasons(board: Leaderboard) -> list[tuple[str, str, tuple[str, ...]]]:
-    """Return calibrator, reason, and the sets that failed for this reason."""
-    found: dict[tuple[str, str], list[str]] = {}
+    """Return each calibrator, each reason of its failures, and the sets on which it failed for this reason."""
+    sets: dict[tuple[str, str], list[str]] = {}
     for row in board.rows:
-        for name, why in row.failures.items():
-            found.setdefault((row.calibrator, why), []).append(name)
-    return [(calibrator, why, tuple(names)) for (calibrator, why), names in found.items()]
+        for name, reason in row.failures.items():
+            sets.setdefault((row.calibrator, reason), []).append(name)
+    return [(calibrator, reason, tuple(names)) for (calibrator, reason), names in sets.items()]
 
 
 def common_text(board: Leaderboard) -> str:
@@ -284,12 +285,12 @@ def markdown(board: Leaderboard) -> str:
     ]
     if board.not_run:
         parts.append("## Not run\n")
-        parts += [f"- {markdown_text(name)}: {markdown_text(why)}" for name, why in board.not_run.items()]
+        parts += [f"- {markdown_text(name)}: {markdown_text(reason)}" for name, reason in board.not_run.items()]
         parts.append("")
     parts += ["## Each set\n", _table(set_rows(board))]
     if failed := reasons(board):
         parts.append("## Failed\n")
-        lines = (f"{name} on {', '.join(sets)}: {why}" for name, why, sets in failed)
+        lines = (f"{name} on {', '.join(sets)}: {reason}" for name, reason, sets in failed)
         parts += [f"- {markdown_text(line)}" for line in lines]
         parts.append("")
     parts.append("## Commands\n")

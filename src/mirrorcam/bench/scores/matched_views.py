@@ -1,8 +1,8 @@
 """Match the cameras of a calibration to mirrors, and their pictures to pixels of the frame.
 
 A mirror's picture is the frame, flipped: by default the flip that leaves views upright, which `mirrorcam camera export`
-states. It is the complete flipped frame, the sub-image that `mirrorcam camera export` cuts by the nominal layout, or a
-part that a views file positions.
+states. It is the complete flipped frame, the sub-image that `mirrorcam camera export` crops by the nominal layout, or a
+rectangle whose position a views file states.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 
-class Place(Value):
-    """View of a camera, and position of its pictures' first pixel in the flipped frame."""
+class ViewPosition(Value):
+    """View of a camera, and position in the flipped frame of its pictures' first pixel."""
 
     view: str = Field(max_length=40)
     x: int = LINE_PX.field(0)
@@ -45,12 +45,12 @@ class Place(Value):
 class ViewsFile(Value):
     """Content of a views file, which maps cameras of a calibration to mirrors."""
 
-    cameras: dict[str, str | Place] = Field(default_factory=dict, max_length=10_000)
+    cameras: dict[str, str | ViewPosition] = Field(default_factory=dict, max_length=10_000)
     pictures: PictureFlip | None = None
 
     @classmethod
     def load(cls, path: Path) -> ViewsFile:
-        """Read a TOML or JSON file; raises InputError in one line."""
+        """Read a TOML or JSON file; raises InputError if it is invalid."""
         return read_model(cls, path)
 
 
@@ -58,7 +58,7 @@ class ViewsFile(Value):
 class MatchedView:
     """A camera of a calibration and its mirror.
 
-    `flip` is the flip from the frame to its pictures (None: not flipped), and `first_px` (2,) their first pixel in the
+    `flip` is the flip from the frame to its pictures (None: not flipped), `first_px` (2,) their first pixel in the
     flipped frame. `camera_from_rig` is the camera's pose, in mm if the unit is known.
     """
 
@@ -92,7 +92,7 @@ class MatchedView:
         return rigid(axes @ apparent.reflection, axes @ apparent.virtual_centre_in_rig_mm)
 
     def project_in_rig(self, points_in_rig: FloatArray) -> FloatArray:
-        """Project points (n, 3) in the calibration's rig (in camera without a pose) to pixels (n, 2) of the frame."""
+        """Project points (n, 3) in the calibration's rig, or in a camera without pose, to frame pixels (n, 2)."""
         pose = self.camera_from_rig
         return self.project(points_in_rig if pose is None else transform(pose, points_in_rig))
 
@@ -107,43 +107,43 @@ def matched_views(
     rig
         The calibration.
     truth, nominal
-        The layout as built, and the one that the calibrator knew.
+        The layout as built, and the one given to the calibrator.
     views
         Content of a views file.
     pictures
-        Flip of the pictures if the user states it; otherwise from the files, or else upright.
+        Flip of the pictures, if the user states it; otherwise that of the files, or else the upright one.
 
     Raises
     ------
     InputError
-        In one line for a camera without a mirror, two cameras of one mirror, or pictures of another size.
+        For a camera without a mirror, two cameras of one mirror, or pictures of a different size.
     """
     stated = pictures or (views.pictures if views else None) or rig.pictures or "flipped"
     if pictures and rig.pictures and _flip(pictures, nominal) != _flip(rig.pictures, nominal):
-        raise InputError(f"--flip {pictures}, but the calibration is of pictures {rig.pictures}")
+        raise InputError(f"--flip {pictures}: the calibration states {rig.pictures}, expected the same or no --flip")
     flip = _flip(stated, nominal)
     listed = {} if views is None else views.cameras
     unknown = sorted(listed.keys() - {camera.name for camera in rig.cameras})
     if unknown:
         names = ", ".join(camera.name[:30] for camera in rig.cameras[:6])
-        raise InputError(
-            f"camera {unknown[0][:40]!r} of the file of views is not in the calibration, which has {names}"
-        )
-    found: dict[int, MatchedView] = {}
+        raise InputError(f"camera {unknown[0][:40]!r} of the views file is not in the calibration, which has {names}")
+    matched: dict[int, MatchedView] = {}
     for camera in rig.cameras:
-        place = listed.get(camera.name)
-        if listed and place is None:
+        position = listed.get(camera.name)
+        if listed and position is None:
             continue
-        place = Place(view=place) if isinstance(place, str) else place
-        view = view_of(camera.name if place is None else place.view, nominal)
-        if view in found:
-            both = f"{found[view].camera.name[:40]!r} and {camera.name[:40]!r}"
-            raise InputError(f"cameras {both} are both {view_name(*divmod(view, nominal.cols))}, expected one of each")
-        first = np.array(_first_pixel(camera, view, flip, nominal, place), dtype=np.float64)
-        found[view] = MatchedView(view, camera, _pose_mm(camera, rig), flip, first, truth)
-    if not found:
+        position = ViewPosition(view=position) if isinstance(position, str) else position
+        view = view_of(camera.name if position is None else position.view, nominal)
+        if view in matched:
+            both = f"{matched[view].camera.name[:40]!r} and {camera.name[:40]!r}"
+            raise InputError(
+                f"cameras {both} are both {view_name(*divmod(view, nominal.cols))}, expected one camera per view"
+            )
+        first = np.array(_first_pixel(camera, view, flip, nominal, position), dtype=np.float64)
+        matched[view] = MatchedView(view, camera, _pose_mm(camera, rig), flip, first, truth)
+    if not matched:
         raise InputError("no camera of the calibration is a mirror of the set")
-    return tuple(found[view] for view in sorted(found))
+    return tuple(matched[view] for view in sorted(matched))
 
 
 def _pose_mm(camera: RigCamera, rig: CameraRig) -> FloatArray | None:
@@ -161,64 +161,64 @@ def _flip(pictures: PictureFlip, nominal: Layout) -> Flip | None:
 
 
 def view_of(name: str, layout: Layout) -> int:
-    """Return the mirror of a camera's name: `view_ROW_COLUMN`, "ROW-COLUMN", or a final number, counted row by row."""
+    """Return the mirror that a camera's name states: `view_ROW_COLUMN`, "ROW-COLUMN", or a final number, row by row."""
     count = len(layout.mirrors)
-    named = re.findall(r"view_(\d{1,4})_(\d{1,4})", name)
-    if len(named) == 1:
-        row, column = (int(part) for part in named[0])
+    matches = re.findall(r"view_(\d{1,4})_(\d{1,4})", name)
+    if len(matches) == 1:
+        row, column = (int(rectangle) for rectangle in matches[0])
         if row < layout.rows and column < layout.cols:
             return row * layout.cols + column
     elif name in layout.mirror_names:
         return layout.mirror_names.index(name)
-    elif not named and (number := re.search(r"(\d{1,6})$", name)) and int(number[1]) < count:
+    elif not matches and (number := re.search(r"(\d{1,6})$", name)) and int(number[1]) < count:
         return int(number[1])
     last = view_name(*divmod(count - 1, layout.cols))
     raise InputError(
-        f"camera {name[:40]!r} is of no mirror, expected view_0_0 to {last}, a number to {count - 1}, or --views FILE"
+        f"camera {name[:40]!r} names no mirror, expected view_0_0 to {last}, 0 to {count - 1}, or --views FILE"
     )
 
 
 def _first_pixel(
-    camera: RigCamera, view: int, flip: Flip | None, nominal: Layout, place: Place | None
+    camera: RigCamera, view: int, flip: Flip | None, nominal: Layout, position: ViewPosition | None
 ) -> tuple[int, int]:
     """Return the first pixel of a camera's pictures in the flipped frame."""
     width, height = nominal.camera.width_px, nominal.camera.height_px
     size = camera.size_px or (width, height)
-    if place is not None and (place.x or place.y):
-        if place.x + size[0] > width or place.y + size[1] > height:
+    if position is not None and (position.x or position.y):
+        if position.x + size[0] > width or position.y + size[1] > height:
             raise InputError(
-                f"camera {camera.name[:40]!r}: {size[0]}x{size[1]} px at ({place.x}, {place.y}) is beyond the frame of "
-                f"{width}x{height} px"
+                f"camera {camera.name[:40]!r}: {size[0]}x{size[1]} px at ({position.x}, {position.y}) is beyond the "
+                f"frame of {width}x{height} px"
             )
-        return place.x, place.y
+        return position.x, position.y
     if size == (width, height):
         return 0, 0
-    parts = _parts(nominal, view, flip)
-    for part in parts:
-        if size == (part.width, part.height):
-            return part.x, part.y
-    known = " or ".join(f"{part.width}x{part.height}" for part in parts)
+    crops = _crops(nominal, view, flip)
+    for crop in crops:
+        if size == (crop.width, crop.height):
+            return crop.x, crop.y
+    sizes = " or ".join(f"{crop.width}x{crop.height}" for crop in crops)
     raise InputError(
         f"camera {camera.name[:40]!r}: pictures of {size[0]}x{size[1]} px, expected the frame's {width}x{height}, the "
-        f"view's {known}, or x and y in --views FILE"
+        f"view's {sizes}, or x and y in --views FILE"
     )
 
 
-def _parts(nominal: Layout, view: int, flip: Flip | None) -> list[Rectangle]:
-    """Return the rectangles of the flipped frame that `mirrorcam camera export` cuts for a view: tight, with margin."""
+def _crops(nominal: Layout, view: int, flip: Flip | None) -> list[Rectangle]:
+    """Return the crops of the flipped frame that `mirrorcam camera export` writes for a view: tight, with margin."""
     views = virtual_cameras(nominal)
     name = views[view].name
-    cuts = [views[view].sub_image, *(each.crop for each in pose_cameras(nominal, views) if each.name == name)]
+    crops = [views[view].sub_image, *(camera.crop for camera in pose_cameras(nominal, views) if camera.name == name)]
     if flip == views[view].flip:
-        return cuts
-    return [_turned(_turned(cut, nominal, views[view].flip), nominal, flip) for cut in cuts]
+        return crops
+    return [_flipped(_flipped(crop, nominal, views[view].flip), nominal, flip) for crop in crops]
 
 
-def _turned(part: Rectangle, layout: Layout, flip: Flip | None) -> Rectangle:
-    """Convert a part of the frame to the flipped frame, or back."""
-    x, y = part.x, part.y
+def _flipped(rectangle: Rectangle, layout: Layout, flip: Flip | None) -> Rectangle:
+    """Convert a rectangle of the frame to the flipped frame, or back."""
+    x, y = rectangle.x, rectangle.y
     if flip == "left-right":
-        x = layout.camera.width_px - part.x - part.width
+        x = layout.camera.width_px - rectangle.x - rectangle.width
     if flip == "top-bottom":
-        y = layout.camera.height_px - part.y - part.height
-    return Rectangle(x, y, part.width, part.height)
+        y = layout.camera.height_px - rectangle.y - rectangle.height
+    return Rectangle(x, y, rectangle.width, rectangle.height)

@@ -44,7 +44,7 @@ def rows_of(scored: ScoredSet) -> list[tuple[str, str, str, str]]:
 
 
 def value_text(value: float, digits: int = 4) -> str:
-    """Format a value in a few digits; 0 for rounding errors, none for NaN."""
+    """Format a value in a few digits; "0" for rounding errors, "none" for NaN."""
     return "0" if abs(value) <= ROUNDING else figure_text(value, digits)
 
 
@@ -65,36 +65,36 @@ def view_rows(scored: ScoredSet) -> list[tuple[str, ...]]:
 
 def summary(scored: ScoredSet) -> str:
     """Return the format of the calibration and its alignment in one line."""
-    count, of_all = len(scored.views), len(scored.views) + len(scored.missing)
-    aligned = {
+    count, total = len(scored.views), len(scored.views) + len(scored.missing)
+    alignment = {
         "rigid": "aligned by the best rigid motion",
-        "similarity": "aligned by the best motion and scale, as its format has no scale",
-        "each view alone": "each view aligned alone, as there are no poses",
+        "similarity": "aligned by the best motion and scale, because its format has no scale",
+        "each view alone": "each view aligned alone, because there are no poses",
     }[scored.alignment]
     mirrored = ", in a mirrored world" if scored.mirrored else ""
-    return f"{scored.format}, {count} of {of_all} views, {aligned}{mirrored}, at {scored.distance_mm:g} mm"
+    return f"{scored.format}, {count} of {total} views, {alignment}{mirrored}, at {scored.distance_mm:g} mm"
 
 
 def markdown(report: ScoreReport, title: str = "Calibration score", level: int = 1) -> str:
-    """Return the report as Markdown under a heading of this level, which states whether it passed."""
+    """Return the report as Markdown under a heading of the given level, which states whether it passed."""
     parts = [f"{'#' * level} {title}: {'passed' if report.passed else 'failed'}\n"]
-    below = "#" * (level + 1)
+    subheading = "#" * (level + 1)
     for scored in report.sets:
-        parts.append(f"{below} {markdown_text(scored.name)}\n")
+        parts.append(f"{subheading} {markdown_text(scored.name)}\n")
         parts.append(f"`{scored.calibration.replace('`', '_')}`: {markdown_text(summary(scored))}.\n")
         parts += [f"- {markdown_text(note)}" for note in scored.notes]
         if scored.missing:
-            parts.append(f"- no camera of {', '.join(scored.missing)}")
+            parts.append(f"- no camera for {', '.join(scored.missing)}")
         if scored.notes or scored.missing:
             parts.append("")
         rows = [
-            (f"`{name}`", *map(markdown_text, others), _emphasised(result)) for name, *others, result in rows_of(scored)
+            (f"`{name}`", *map(markdown_text, cells), _emphasised(result)) for name, *cells, result in rows_of(scored)
         ]
         parts.append(_table(("figure", "value", "limit", "result"), rows))
-        views = [(f"`{view}`", *map(markdown_text, others)) for view, *others in view_rows(scored)]
+        views = [(f"`{view}`", *map(markdown_text, cells)) for view, *cells in view_rows(scored)]
         parts.append(_table(("view", "camera", *VIEW_COLUMNS.values()), views))
     if len(report.sets) > 1:
-        parts.append(f"{below} Over {len(report.sets)} sets\n")
+        parts.append(f"{subheading} Over {len(report.sets)} sets\n")
         by_name = {check.figure: check for check in report.checks_over_sets}
         rows = []
         for name, mean in report.over_sets.items():
@@ -111,8 +111,8 @@ def _emphasised(result: str) -> str:
     return f"**{result}**" if result == "failed" else result
 
 
-def _table(heads: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
-    lines = [f"| {' | '.join(heads)} |", f"|{'---|' * len(heads)}"]
+def _table(header: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> str:
+    lines = [f"| {' | '.join(header)} |", f"|{'---|' * len(header)}"]
     lines += [f"| {' | '.join(row)} |" for row in rows]
     return "\n".join(lines) + "\n"
 
@@ -124,18 +124,18 @@ def junit(report: ScoreReport) -> str:
         suites.append(("over sets", report.checks_over_sets, {}))
     root = Element("testsuites", name="mirrorcam score")
     tests = failures = 0
-    for name, found, properties in suites:
-        failed = sum(not check.passed for check in found)
-        tests, failures = tests + len(found) + 1, failures + failed
-        counts = {"tests": str(len(found) + 1), "failures": str(failed), "errors": "0", "skipped": "0", "time": "0"}
+    for name, checks, properties in suites:
+        failed = sum(not check.passed for check in checks)
+        tests, failures = tests + len(checks) + 1, failures + failed
+        counts = {"tests": str(len(checks) + 1), "failures": str(failed), "errors": "0", "skipped": "0", "time": "0"}
         suite = SubElement(root, "testsuite", {"name": _xml(name), **counts})
         if properties:
-            listed = SubElement(suite, "properties")
+            element = SubElement(suite, "properties")
             for figure, value in properties.items():
-                SubElement(listed, "property", name=figure, value=value)
+                SubElement(element, "property", name=figure, value=value)
         classname = f"mirrorcam.score.{_xml(name)}"
         SubElement(suite, "testcase", classname=classname, name="scored", time="0")
-        for check in found:
+        for check in checks:
             title = f"{check.figure} {limit_text(check)}"
             case = SubElement(suite, "testcase", classname=classname, name=title, time="0")
             if not check.passed:

@@ -18,13 +18,13 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Line, Name
 from mirrorcam.core.values import Metric, Value
 
-OF_VIEWS = (
+VIEW_FIGURES = (
     *("rms_px", "median_px", "p95_px", "max_px", "rms_mm", "bias_x_px", "bias_y_px"),
     *("shown_share", "focal_error_percent"),
 )
 """Figures over all views, and of each view as `view_ROW_COLUMN_NAME`."""
 FIGURES = (
-    *OF_VIEWS,
+    *VIEW_FIGURES,
     *("worst_view_rms_px", "focal_error_rms_percent"),
     *("baseline_error_rms_mm", "baseline_error_max_mm", "baseline_error_percent"),
     *("angle_error_rms_deg", "angle_error_max_deg"),
@@ -35,7 +35,7 @@ FIGURES = (
 AT_LEAST = frozenset({"shown_share"})
 """Figures with a lower limit; all others have an upper limit on their absolute value."""
 OVER_SETS = "over_sets"
-_OF_VIEW = re.compile(r"view_\d+_\d+_(.+)")
+_VIEW_FIGURE = re.compile(r"view_\d+_\d+_(.+)")
 
 
 class Limits(Value):
@@ -46,12 +46,12 @@ class Limits(Value):
 
     @classmethod
     def load(cls, path: Path) -> Limits:
-        """Read a TOML file; raises InputError in one line for an unknown figure or an invalid limit."""
+        """Read a TOML file; raises InputError for an unknown figure or an invalid limit."""
         tables = toml_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
         over = tables.pop(OVER_SETS, {})
         if not isinstance(over, dict):
             raise InputError(f"{path}: {OVER_SETS}: expected a table of limits")
-        return cls(each=_checked(path, tables), over_sets=_checked(path, over))
+        return cls(each=_checked_limits(path, tables), over_sets=_checked_limits(path, over))
 
 
 class Check(Value):
@@ -66,13 +66,13 @@ class Check(Value):
     reason: str = ""
 
 
-def _checked(path: Path, tables: Mapping[str, object]) -> dict[str, float]:
+def _checked_limits(path: Path, tables: Mapping[str, object]) -> dict[str, float]:
     limits = {}
     for name, value in tables.items():
         if figure_of(name) not in FIGURES:
             close = get_close_matches(name, FIGURES, n=1)
             hint = f"did you mean {close[0]}?" if close else "expected a figure of `mirrorcam score`, such as rms_px"
-            raise InputError(f"{path}: no figure {name[:40]!r}, {hint}")
+            raise InputError(f"{path}: {name[:40]!r} is not a figure, {hint}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= float(value) < np.inf:
             raise InputError(f"{path}: {name}: {str(value)[:40]!r}, expected a limit of 0 or more")
         limits[name] = float(value)
@@ -81,28 +81,28 @@ def _checked(path: Path, tables: Mapping[str, object]) -> dict[str, float]:
 
 def figure_of(name: str) -> str:
     """Return the figure in a name without its view; an unknown figure keeps the view."""
-    found = _OF_VIEW.fullmatch(name)
-    return found[1] if found and found[1] in OF_VIEWS else name
+    match = _VIEW_FIGURE.fullmatch(name)
+    return match[1] if match and match[1] in VIEW_FIGURES else name
 
 
 def checks(
     limits: Mapping[str, float], figures: Mapping[str, Metric], not_given: Mapping[str, str]
 ) -> tuple[Check, ...]:
     """Check each limit."""
-    found = []
+    results = []
     for name, limit in limits.items():
         metric, at_least = figures.get(name), figure_of(name) in AT_LEAST
         if metric is None or not metric.known:
             reason = not_given.get(name, "not given") if metric is None else metric.reason
-            found.append(
+            results.append(
                 Check(figure=name, value=None, unit="", limit=limit, at_least=at_least, passed=False, reason=reason)
             )
             continue
         passed = metric.value >= limit if at_least else abs(metric.value) <= limit
-        found.append(
+        results.append(
             Check(figure=name, value=metric.value, unit=metric.unit, limit=limit, at_least=at_least, passed=passed)
         )
-    return tuple(found)
+    return tuple(results)
 
 
 SCHEMA = "mirrorcam.score/1"
@@ -119,7 +119,7 @@ class ScoredSet(Value):
     distance_mm: float
     alignment: str
     mirrored: bool
-    views: dict[str, Line] = Field(description="camera of the calibration by the view that it is")
+    views: dict[str, Line] = Field(description="camera of the calibration, by view")
     missing: tuple[str, ...]
     figures: dict[str, Metric]
     not_given: dict[str, str]
@@ -137,7 +137,7 @@ class MeanFigure(Value):
 
 
 class ScoreReport(Value):
-    """The content of the JSON file of `mirrorcam score`."""
+    """Content of the JSON file of `mirrorcam score`."""
 
     schema_id: Literal["mirrorcam.score/1"] = Field(default="mirrorcam.score/1", alias="schema")
     sets: tuple[ScoredSet, ...]
@@ -155,7 +155,7 @@ def scored_set(
 ) -> ScoredSet:
     """Convert a score to an entry of the report."""
     missing = {
-        figure: f"no camera of {view}" for figure in limits.each for view in score.missing if figure.startswith(view)
+        figure: f"no camera for {view}" for figure in limits.each for view in score.missing if figure.startswith(view)
     }
     return ScoredSet(
         name=name,
@@ -175,10 +175,10 @@ def scored_set(
 
 
 def report_of(sets: Sequence[ScoredSet], scores: Sequence[CalibrationScore], limits: Limits = NO_LIMITS) -> ScoreReport:
-    """Return the report of sets and their scores; raises ValueError for no set."""
+    """Return the report of sets and their scores; raises ValueError if there is none."""
     if not sets:
         raise ValueError("no set, expected at least one")
-    over = {name: mean for name in FIGURES if (mean := _mean([each.figures.get(name) for each in sets])) is not None}
+    over = {name: mean for name in FIGURES if (mean := _mean([entry.figures.get(name) for entry in sets])) is not None}
     joint = pooled([score.nees for score in scores if score.nees is not None])
     for name in ("nees", "nees_low", "nees_high", "nees_freedom"):
         over.pop(name, None)
@@ -190,7 +190,8 @@ def report_of(sets: Sequence[ScoredSet], scores: Sequence[CalibrationScore], lim
             over[name] = MeanFigure(mean=value, standard_error=None, unit="1", sets=count)
     figures = {name: Metric(value=mean.mean, unit=mean.unit) for name, mean in over.items()}
     over_checks = checks(limits.over_sets, figures, {})
-    passed = all(check.passed for each in sets for check in each.checks) and all(each.passed for each in over_checks)
+    passed = all(check.passed for entry in sets for check in entry.checks)
+    passed = passed and all(check.passed for check in over_checks)
     return ScoreReport(sets=tuple(sets), over_sets=over, checks_over_sets=over_checks, passed=passed)
 
 

@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.perturbations import Perturbations, draw_as_built
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.tolerances import WORKMANSHIP, Tolerances
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.render_scenes.truth.light_rays import reflected
+from mirrorcam.render_scenes.truth.light_rays import trace_via_mirror
 from tests.nightly import a_few
 from tests.optics.rim_rays import unvignetted
 
@@ -223,7 +223,7 @@ def test_usable_efficiency_is_that_of_rays_from_the_rim(default_layout: Layout, 
         chief = camera.normalized_from_pixels(pixels)
         chief = chief[unvignetted(mirror, chief, pupil)]
         rays = np.column_stack([chief, np.ones(len(chief))])
-        _, start, direction, _ = reflected(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        _, start, direction, _ = trace_via_mirror(mirror, rays / np.linalg.norm(rays, axis=1, keepdims=True))
         for depth_mm in DEPTHS_MM:
             forward = device.view_from_rig[2]
             steps = (depth_mm - start @ forward) / (direction @ forward)

@@ -20,18 +20,19 @@ from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, 
 from mirrorcam.render_scenes.preview.preview_frame import PreviewFrame
 from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
-BEFORE, BEHIND = 0.85, 1.3
-"""Search range of depths, relative to the nearest and the farthest depth of a design."""
+NEAR_MARGIN, FAR_MARGIN = 0.85, 1.3
+"""Limits of the depth search, relative to the nearest and the farthest depth of a design."""
 BEYOND_VIEWS = 1.05
+"""Minimum depth of the search, relative to that of the nearest possible object."""
 SRGB_EXPONENT = 1.0 / 2.2
 """Approximate exponent of sRGB grey levels as a function of light."""
-FAINTEST = 0.25
+MIN_BRIGHTNESS = 0.25
 """Brightness of depths with zero confidence."""
 UNKNOWN_GREY = 64
 
 
 @dataclass(frozen=True, eq=False)
-class SeenBy:
+class PreviewProducts:
     """The preview of a layout, and its products.
 
     Attributes
@@ -56,7 +57,7 @@ class SeenBy:
     true_depth_mm: FloatArray
 
     def views_picture(self) -> NDArray[np.uint8]:
-        """Return all views in one picture (h, w, 3), arranged as in space."""
+        """Return all views in one picture (h, w, 3), in the arrangement of the mirrors."""
         return tiled_views(self.light_field)
 
     def refocused(self, depth_mm: float, tilt_deg: tuple[float, float] = (0.0, 0.0)) -> NDArray[np.uint8]:
@@ -67,7 +68,7 @@ class SeenBy:
         return to_bytes(refocus(self.light_field, FocalPlane.at_depth(self.light_field, depth_mm, tilt_deg)))
 
     def depth_picture(self, near_mm: float | None = None, far_mm: float | None = None) -> NDArray[np.uint8]:
-        """Return the depth map (v, u, 3) in colours from near (red) to far (blue), darker with less confidence.
+        """Return the depth map (v, u, 3) in colours from near (red) to far (blue), darker where confidence is lower.
 
         Colours are linear in the reciprocal of depth, over the searched or the given range. Grey means no depth.
         """
@@ -76,20 +77,20 @@ class SeenBy:
         fraction = (1.0 / self.depth.depth_mm - 1.0 / far) / (1.0 / near - 1.0 / far)
         level = np.rint(255.0 * np.clip(np.nan_to_num(fraction), 0.0, 1.0)).astype(np.uint8)
         colours = np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_TURBO))[..., ::-1]
-        bright = (FAINTEST + (1.0 - FAINTEST) * self.depth.confidence)[..., None]
+        brightness = (MIN_BRIGHTNESS + (1.0 - MIN_BRIGHTNESS) * self.depth.confidence)[..., None]
         grey = np.full_like(colours, UNKNOWN_GREY)
-        return np.where(self.depth.valid[..., None], np.rint(colours * bright).astype(np.uint8), grey)
+        return np.where(self.depth.valid[..., None], np.rint(colours * brightness).astype(np.uint8), grey)
 
     @property
     def median_error_mm(self) -> float:
         """Median error of the depth map on surfaces; NaN if no depth is known."""
-        known = self.depth.valid & np.isfinite(self.true_depth_mm)
-        error = np.abs(self.depth.depth_mm[known] - self.true_depth_mm[known])
+        valid = self.depth.valid & np.isfinite(self.true_depth_mm)
+        error = np.abs(self.depth.depth_mm[valid] - self.true_depth_mm[valid])
         return float(np.median(error)) if error.size else float("nan")
 
 
-def seen_in(frame: PreviewFrame) -> SeenBy:
-    """Decode a preview, and measure depth in it by the fast search.
+def preview_products(frame: PreviewFrame) -> PreviewProducts:
+    """Decode a preview, and measure depth in it with the fast search.
 
     Raises InputError if a mirror shows nothing, views share no field, or there is only one view.
     """
@@ -97,34 +98,35 @@ def seen_in(frame: PreviewFrame) -> SeenBy:
     light_field = decoder.decode(frame.picture)
     near, far = _searched_mm(frame.layout, light_field)
     depth = DepthEstimator(light_field, near_mm=near, far_mm=far, quality="fast").estimate(light_field)
-    return SeenBy(frame, light_field, depth, (near, far), _true_depth(decoder, frame))
+    return PreviewProducts(frame, light_field, depth, (near, far), _true_depth(decoder, frame))
 
 
 def _decoder(frame: PreviewFrame) -> Decoder:
-    """Return the decoder of a preview, with the response of its grey levels to light."""
+    """Return the decoder of a preview, for the response of its grey levels to light."""
     decoder = Decoder(frame.layout)
     if frame.sensor.tone_curve == "linear":
         return decoder
-    even = np.ones((decoder.views.rows, decoder.views.cols, 3))
+    unit_gain = np.ones((decoder.views.rows, decoder.views.cols, 3))
     identity = decoder.views.layout_identity
-    return decoder.equalised(Equalisation(layout_identity=identity, gain=even, exponent=SRGB_EXPONENT))
+    return decoder.equalised(Equalisation(layout_identity=identity, gain=unit_gain, exponent=SRGB_EXPONENT))
 
 
 def _searched_mm(layout: Layout, views: LightField) -> tuple[float, float]:
-    """Return the search range of a preview: the depths of its subject with a margin, but beyond the mirrors."""
+    """Return the search range of a preview: the depths of its subject with a margin, but always beyond the mirrors."""
     depths = default_depths_mm(layout)
-    least = views.reference_view_depth_mm + float(views.positions_mm[..., 2].max())
-    near = max(BEFORE * min(depths), BEYOND_VIEWS * least)
-    return near, max(BEHIND * max(depths), BEHIND * near)
+    foremost_mm = views.reference_view_depth_mm + float(views.positions_mm[..., 2].max())
+    near = max(NEAR_MARGIN * min(depths), BEYOND_VIEWS * foremost_mm)
+    return near, max(FAR_MARGIN * max(depths), FAR_MARGIN * near)
 
 
 def _true_depth(decoder: Decoder, frame: PreviewFrame) -> FloatArray:
     """Return the depths (v, u) of the surfaces in the reference view."""
     reference = reference_index(decoder.views)
-    farthest = np.isinf(frame.light.depth_mm)
-    depth = np.where(farthest, 0.0, frame.light.depth_mm)
-    decoded = decoder.decode(np.stack([depth, farthest, farthest], axis=-1).astype(np.float32)).samples[reference]
+    is_background = np.isinf(frame.light.depth_mm)
+    depth = np.where(is_background, 0.0, frame.light.depth_mm)
+    channels = np.stack([depth, is_background, is_background], axis=-1).astype(np.float32)
+    decoded = decoder.decode(channels).samples[reference]
     # Pixels that mix a surface with the background have no depth.
-    shown = np.where(decoded[..., 1] == 0.0, decoded[..., 0].astype(np.float64), np.nan)
-    shown[decoded[..., 1] == 1.0] = np.inf
-    return np.where(decoder.weights[reference] >= UNVIGNETTED, shown, np.nan)
+    true_depth = np.where(decoded[..., 1] == 0.0, decoded[..., 0].astype(np.float64), np.nan)
+    true_depth[decoded[..., 1] == 1.0] = np.inf
+    return np.where(decoder.weights[reference] >= UNVIGNETTED, true_depth, np.nan)

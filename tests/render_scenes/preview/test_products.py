@@ -13,7 +13,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.render_scenes.preview.mirror_views import mirror_views
 from mirrorcam.render_scenes.preview.preview_frame import preview_frame, sensor_light, view_from_board
-from mirrorcam.render_scenes.preview.seen_by import SeenBy, seen_in
+from mirrorcam.render_scenes.preview.products import PreviewProducts, preview_products
 from mirrorcam.render_scenes.preview.traced_scene import traced_board
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, ToneCurve
@@ -21,11 +21,11 @@ from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
 
 @pytest.fixture(scope="module")
-def seen(fold_90_layout: Layout) -> SeenBy:
-    return seen_in(preview_frame(fold_90_layout, "tabletop", 640))
+def seen(fold_90_layout: Layout) -> PreviewProducts:
+    return preview_products(preview_frame(fold_90_layout, "tabletop", 640))
 
 
-def test_depth_is_measured_in_views_that_show_the_same_scene(seen: SeenBy) -> None:
+def test_depth_is_measured_in_views_that_show_the_same_scene(seen: PreviewProducts) -> None:
     assert seen.light_field.samples.shape[:2] == (3, 3)
     shown = np.isfinite(seen.true_depth_mm)
     assert shown.mean() > 0.8
@@ -41,7 +41,7 @@ def test_depth_is_measured_in_views_that_show_the_same_scene(seen: SeenBy) -> No
     assert len(sure) > 0.3 * len(error)
 
 
-def test_the_depth_of_the_reference_view_is_that_of_its_rays(seen: SeenBy) -> None:
+def test_the_depth_of_the_reference_view_is_that_of_its_rays(seen: PreviewProducts) -> None:
     views = seen.light_field
     grid = views.pixel_grid()
     t, s = np.unravel_index(np.abs(views.positions_mm).sum(axis=2).argmin(), views.positions_mm.shape[:2])
@@ -62,7 +62,7 @@ def test_the_depth_of_the_reference_view_is_that_of_its_rays(seen: SeenBy) -> No
     assert checked > 50
 
 
-def test_a_picture_is_sharp_where_it_is_focused(seen: SeenBy) -> None:
+def test_a_picture_is_sharp_where_it_is_focused(seen: PreviewProducts) -> None:
     # The page and the tin stand at the second of three depths.
     near, middle, far = default_depths_mm(seen.frame.layout)
     page = np.abs(seen.true_depth_mm - middle) < 12.0
@@ -77,7 +77,7 @@ def test_a_picture_is_sharp_where_it_is_focused(seen: SeenBy) -> None:
         seen.refocused(-500.0)
 
 
-def test_pictures_are_those_of_screens(seen: SeenBy) -> None:
+def test_pictures_suit_screens(seen: PreviewProducts) -> None:
     views = seen.light_field
     assert seen.refocused(400.0).shape == (views.height_px, views.width_px, 3)
     assert seen.views_picture().shape[0] >= 3 * views.height_px
@@ -103,16 +103,16 @@ def test_views_of_an_even_board_are_even_up_to_their_borders(curve: ToneCurve, f
     camera = frame.layout.camera
     light = sensor_light(camera, mirror_views(frame.layout, camera.pupil, 1.0), even)
     picture = photograph(light.radiance, 1, camera, sensor.replaced(lens_blur_px=0.0), np.random.default_rng(0))
-    found = seen_in(replace(frame, picture=picture)).light_field
+    found = preview_products(replace(frame, picture=picture)).light_field
     partial = (found.weights < 0.8) & (found.weights > 0.4)
     assert partial.sum() > 1000
     whole = found.samples[found.weights == 1.0].mean()
     assert found.samples[partial].mean() == pytest.approx(whole, rel=0.02)
 
 
-def test_beside_a_small_board_there_is_nothing(fold_90_layout: Layout) -> None:
+def test_there_is_no_depth_around_a_small_board(fold_90_layout: Layout) -> None:
     board = Checkerboard(cols=7, rows=6, square_mm=8.0)
-    seen = seen_in(preview_frame(fold_90_layout, "board", target=board))
+    seen = preview_products(preview_frame(fold_90_layout, "board", target=board))
     assert np.isinf(seen.true_depth_mm).mean() > 0.3
     # 72 x 64 mm at the middle depth, slightly turned.
     shown = (
@@ -128,4 +128,4 @@ def test_a_single_view_has_no_depth(fold_90_layout: Layout) -> None:
         rows=1, cols=1, mirrors=fold_90_layout.mirrors[4:5], spec=None, metrics={}, verdict={}
     )
     with pytest.raises(InputError, match=r"^light field has one view"):
-        seen_in(preview_frame(one, "tabletop", 320))
+        preview_products(preview_frame(one, "tabletop", 320))
