@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,12 @@ def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
     pictures = source.read()
     start_s = time.perf_counter()
     calibration = calibrate_with_direct_view(
-        pictures, target, mirrors=MIRRORS, names=source.names, max_pictures=source.max_pictures, adjacent=source.adjacent
+        pictures,
+        target,
+        mirrors=MIRRORS,
+        names=source.names,
+        max_pictures=source.max_pictures,
+        adjacent=source.adjacent,
     )
     assert calibration.diagnostics is not None
     print(f"calibrated in {time.perf_counter() - start_s:.1f} s: {calibration.notes[0]}")
@@ -59,9 +65,11 @@ def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
     for alarm in calibration.diagnostics.alarms:
         print(f"alarm: {alarm}")
 
-    full = calibrate_with_direct_view(pictures, target, mirrors=MIRRORS, names=source.names, adjacent=source.adjacent)
+    full = calibrate()
     rows = full.observations.where(full.inliers)
-    fitted = refitted(full, rows, Board.rigid(target.corners_in_board_mm), calibration.diagnostics.model_name.split("+")[1:])
+    fitted = refitted(
+        full, rows, Board.rigid(target.corners_in_board_mm), calibration.diagnostics.model_name.split("+")[1:]
+    )
     frames = len(fitted.solution.estimate.rig_from_board)
     late = np.arange(frames) >= 2 * frames // 3
     print(f"\nlast third, {late.sum()} of {frames} frames, by a fit to the others, px")
