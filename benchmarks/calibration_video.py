@@ -46,14 +46,10 @@ def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
     source = calibration_pictures([clip], 30, on_note=print)
     pictures = source.read()
     start_s = time.perf_counter()
-    calibration = calibrate_with_direct_view(
-        pictures,
-        target,
-        mirrors=MIRRORS,
-        names=source.names,
-        max_pictures=source.max_pictures,
-        adjacent=source.adjacent,
+    calibrate = partial(
+        calibrate_with_direct_view, pictures, target, mirrors=MIRRORS, names=source.names, adjacent=source.adjacent
     )
+    calibration = calibrate(max_pictures=source.max_pictures)
     assert calibration.diagnostics is not None
     print(f"calibrated in {time.perf_counter() - start_s:.1f} s: {calibration.notes[0]}")
     print(f"model {calibration.diagnostics.model_name}")
