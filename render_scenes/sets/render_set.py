@@ -91,7 +91,7 @@ def render_set(
     out
         Folder for the set: `frames/`, `base/`, `layout.json` (nominal), `board.toml`, `dataset.json`, and `truth/`.
         Pictures that an interrupted run with the same request has finished are kept.
-    render_tasks
+    run
         Renders the tasks and yields the index and files of each picture, in any order; by default in this process.
     variant
         Mitsuba's variant, on which the bytes depend; by default the fastest available.

@@ -74,7 +74,7 @@ COMMANDS = {
         "decode": ("lightfield.decode_command:decode", "Decode frames, videos or a camera into light fields."),
         "depth": ("lightfield.depth_command:depth", "Estimate depth maps of light fields."),
         "refocus": ("lightfield.refocus_command:refocus", "Refocus light fields, and render other viewpoints."),
-        "features": ("lightfield.features_command:features", "Find features that all views agree on."),
+        "features": ("lightfield.features_command:features", "Find features on which all views agree."),
         "track": ("lightfield.track_command:track", "Track the camera past a static scene."),
         "filter": ("lightfield.filter_command:filter", "Filter light fields in the frequency domain."),
         "export": ("lightfield.export_command:export", "Convert a light field between formats."),

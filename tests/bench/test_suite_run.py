@@ -150,7 +150,7 @@ def test_designs_without_a_solution_are_refused_by_the_name_of_their_set(tmp_pat
 
 def test_a_set_too_large_for_a_message_is_refused(default_layout: Layout, tmp_path: Path) -> None:
     suite = small_suite(default_layout, binned=1.0, maps=True, frames=100)
-    with pytest.raises(InputError, match=r"set one: takes about 1\.. GB, expected 1 GB or less"):
+    with pytest.raises(InputError, match=r"set one: takes about 1\.. GB, expected at most 1 GB"):
         rendered_into(tmp_path, suite, workers(share_the_folder=False))
 
 

@@ -91,7 +91,7 @@ def test_an_interrupted_publication_goes_on(stored: Store, finished_suite: Path)
 def test_what_others_have_stored_is_not_replaced(stored: Store, finished_suite: Path) -> None:
     manifest = read_finished(finished_suite).manifest
     for name, message in (
-        (f"{manifest.sets[0].folder}/{MANIFEST}", "is of another set"),
+        (f"{manifest.sets[0].folder}/{MANIFEST}", "belongs to a different set"),
         ("small.suite.json", "is not a suite manifest"),
     ):
         before = files_of(stored)
@@ -133,8 +133,8 @@ def test_hostile_and_damaged_sets_are_refused_and_leave_nothing(
         listing("../../out"): "expected only the files of a set",
         listing("/etc/out"): "expected only the files of a set",
         listing("frames/../../../out"): "expected only the files of a set",
-        another(frames=7): "has another frames",
-        another(width_px=241): "has another width_px",
+        another(frames=7): "differs in frames",
+        another(width_px=241): "differs in width_px",
         json.dumps(stated | {"files": {}}).encode(): "lacks frames/0000.jpg",
         json.dumps(
             stated | {"files": stated["files"] | {"frames/0000.jpg": "0" * 64}}

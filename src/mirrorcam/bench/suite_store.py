@@ -183,7 +183,7 @@ def fetch_set(store: Store, recipe: SetRecipe, folder: Path) -> None:
     where = f"{store.url}: {name}"
     dataset = model_from(Dataset, where, json_of(where, store.read(name)))
     if other := differing_keys(_requested_by(recipe), _stated_by(dataset)):
-        raise InputError(f"{store.url}: {name} has a different {other[0]}, expected that of the set {recipe.name}")
+        raise InputError(f"{store.url}: {name} differs in {other[0]} from the set {recipe.name}")
 
     def download(staging: Path) -> None:
         for file in dataset.files:

@@ -207,7 +207,7 @@ def test_only_the_emitting_side_of_a_lamp_is_visible_in_glass() -> None:
     for side, bright in ((1.0, True), (-1.0, False)):
         moved = lamp.copy()
         # A lamp straight behind the ball, visible through its centre.
-        moved[CENTRE] = CENTRE + np.array([0.0, 0.0, 200.0])
+        moved[LAMP_CENTRE] = CENTRE + np.array([0.0, 0.0, 200.0])
         moved[FACING] = [0.0, 0.0, -side]
         moved[FIRST_SIDE], moved[FIRST_SIDE + 1] = [40.0, 0.0, 0.0], [0.0, 40.0, 0.0]
         colour, _ = seen(scene._replace(lamp=moved), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0))

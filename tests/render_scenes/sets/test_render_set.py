@@ -253,7 +253,7 @@ def test_another_request_in_the_same_folder_is_refused(
     render: Render, finished: Path, changes: dict[str, object], named: str
 ) -> None:
     before = contents(finished)
-    with pytest.raises(InputError, match=f"holds a set of another {named}"):
+    with pytest.raises(InputError, match=f"holds a set that differs in {named}"):
         render(finished, **changes)
     assert contents(finished) == before
 

@@ -297,7 +297,9 @@ def test_an_interrupted_set_is_continued_to_the_same_bytes(
 
 def test_other_requests_leave_a_set_alone(finished: Path, asked: TabletopRequest, tmp_path: Path) -> None:
     before = contents(finished)
-    with pytest.raises(InputError, match=r"holds a scene of another spp, expected the same request or a new folder$"):
+    with pytest.raises(
+        InputError, match=r"holds a scene that differs in spp, expected the same request or a new folder$"
+    ):
         render_tabletop(asked.replaced(spp=32), finished)
     with pytest.raises(InputError, match=r"holds a scene of another seed \(or of another version of this program\)"):
         render_tabletop(asked.replaced(seed=12), finished)

@@ -79,7 +79,7 @@ class FolderManifest(Value):
             other = differing_keys(*({name: getattr(item, name) for name in described} for item in (saved, self)))
             differs = " and ".join(other) or "seed (or by another version of this program)"
             raise InputError(
-                f"{folder}: holds a {self.NOUN} with a different {differs}, expected the same request or a new folder"
+                f"{folder}: holds a {self.NOUN} that differs in {differs}, expected the same request or a new folder"
             )
         refuse_blocked(folder, planned)
         discard(folder / UNFINISHED)

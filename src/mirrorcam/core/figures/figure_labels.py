@@ -67,7 +67,7 @@ MIRRORS: Mapping[str, str] = {
     "bond_error_um": "largest error of the bond line",
     "seat_angle_deg": "largest seat tilt",
     "seat_cover": "smallest fraction over glue",
-    "seat_cover_lost": "glued fraction lost against plan",
+    "seat_cover_lost": "loss of the glued fraction",
     "seat_span_mm": "largest span off the seat",
     "pocket_walls": "pocket walls found",
     "pocket_error_um": "largest pocket wall error",
