@@ -301,7 +301,9 @@ def test_other_requests_leave_a_set_alone(finished: Path, asked: TabletopRequest
         InputError, match=r"holds a scene that differs in spp, expected the same request or a new folder$"
     ):
         render_tabletop(asked.replaced(spp=32), finished)
-    with pytest.raises(InputError, match=r"holds a scene of another seed \(or of another version of this program\)"):
+    with pytest.raises(
+        InputError, match=r"holds a scene that differs in seed \(or by another version of this program\)"
+    ):
         render_tabletop(asked.replaced(seed=12), finished)
     assert contents(finished) == before
     (tmp_path / "truth").mkdir()
