@@ -1,7 +1,7 @@
 """Errors of a depth map in px and in sigmas, and whether its stated probabilities are right.
 
-Errors are disparities in the farthest view, px: the confidence of a depth map is the probability that its error is less
-than 0.5 px there.
+Errors are disparities at the longest baseline, px: the confidence of a depth map is the probability that its error is
+less than 0.5 px there.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class MeasuredScene:
     disparity_px, truth_px : ndarray of float32
         (v, u), px per view step of the full grid; NaN where unknown.
     sigma_px, confidence : ndarray
-        (v, u), of the depth map: standard deviation of the disparity in the farthest view, px, and probability.
+        (v, u), of the depth map: standard deviation of the disparity at the longest baseline, px, and probability.
     farthest_steps : float
         Steps of the full grid from the central to the farthest view, along an axis.
     """
@@ -49,7 +49,7 @@ class MeasuredScene:
 
     @cached_property
     def error_px(self) -> FloatArray:
-        """Absolute error (v, u) of the disparity in the farthest view, px; NaN without depth or truth, and at the
+        """Absolute error (v, u) of the disparity at the longest baseline, px; NaN without depth or truth, and at the
         border that the benchmark excludes."""
         error = np.full(self.truth_px.shape, np.nan)
         inner = (slice(BORDER_PX, -BORDER_PX),) * 2
@@ -98,7 +98,7 @@ def at_edges(truth_px: Disparity) -> Mask:
 
 
 def sigma_px(depth: DepthMap) -> FloatArray:
-    """Return the standard deviation (v, u) of the disparity in the farthest view, px."""
+    """Return the standard deviation (v, u) of the disparity at the longest baseline, px."""
     views = depth.views
     distance = depth.depth_mm.astype(np.float64) - views.reference_view_depth_mm
     scale = views.focal_px * float(np.abs(views.positions_mm[..., :2]).max())

@@ -124,7 +124,7 @@ def print_scores(scenes: Sequence[str], every: int, step: int | None, quality: Q
         both = (f"{score['bad']:.2f}, {score['mse']:.2f}" for score in (result.ours, result.sgbm))
         spread = f"{np.median(flat):.2f}", f"{np.mean(flat > 3):.1%}", f"{result.seconds / result.pair_seconds:.1f}"
         rows.add(Path(folder).name, views, *both, *spread)
-    print("confidence: its mean, and the fraction of pixels that are right to half a pixel in the farthest view")
+    print("confidence: its mean, and the fraction of pixels that are right to half a pixel at the longest baseline")
     for group in reliability([result.measured for result in results], CLASSES):
         print(f"  {group.stated:.3f}, right {group.right:.3f} ({group.low:.3f} to {group.high:.3f}), {group.count} px")
     return rows

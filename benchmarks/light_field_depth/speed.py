@@ -42,7 +42,7 @@ def times(light_field: LightField, rounds: int) -> dict[str, float]:
     maps = cv2.convertMaps(columns, rows, cv2.CV_16SC2)
     best, fast = (DepthEstimator(light_field, quality=quality) for quality in ("best", "fast"))
     # As many disparities as one view moves between the nearest and the farthest plane.
-    disparities = 16 * int(np.ceil(best.planes * 0.5 / 16))
+    disparities = 16 * int(np.ceil(best.plane_count * 0.5 / 16))
     matcher = cv2.StereoSGBM.create(numDisparities=disparities, blockSize=5, P1=600, P2=2400, disp12MaxDiff=1)
     left, right = (np.ascontiguousarray(light_field.samples[0, col]) for col in (0, 1))
 

@@ -4,7 +4,7 @@ Light is traced from the pupil via the mirrors, including refraction in second-s
 assesses layouts, not by the cones and beams that are subtracted from parts. All coordinates are in the rig frame, mm.
 
 Two more checks cast rays. The first tests the camera's view in calibration pictures against the pieces assembled by
-that step: pictures of the bare camera need a free view, and pictures through the mirrors need every mirror's part of
+that step: pictures of the bare camera need a free view, and pictures via the mirrors need every mirror's part of
 the frame. The second measures how much light from the surroundings reaches the mirrors past a hood.
 """
 

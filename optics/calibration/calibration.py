@@ -1,4 +1,4 @@
-"""Calibration of a mirror camera from frames through the mirrors, frames of the bare camera, and the nominal layout.
+"""Calibration of a mirror camera from frames via the mirrors, frames of the bare camera, and the nominal layout.
 
 The board is detected in all pictures; `corner_calibration` then fits the detected corners.
 """
@@ -16,7 +16,7 @@ from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
 from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
-from mirrorcam.core.images.pictures import agree_on_bits, check_size, read_image
+from mirrorcam.core.images.pictures import check_size, read_image, set_common_bit_depth
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -26,7 +26,7 @@ from mirrorcam.optics.calibration.detection.frame_choice import most_informative
 from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
 from mirrorcam.optics.calibration.detection.other_boards import MAX_PICTURES, other_board
 from mirrorcam.optics.calibration.detection.segmentation import Extremes
-from mirrorcam.optics.calibration.diagnostics.board_scale import other_size
+from mirrorcam.optics.calibration.diagnostics.board_scale import wrong_size_message
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
 )
@@ -66,7 +66,7 @@ def calibrate(
     Parameters
     ----------
     frames
-        Pictures of the board through the mirrors: grey values (h, w), or paths of picture files. A damaged file is
+        Pictures of the board in the mirrors: grey values (h, w), or paths of picture files. A damaged file is
         skipped, named in the notes and counted in the metrics.
     base_frames
         Pictures of the board taken by the camera without mirrors, in the same forms. If empty, the fit starts from the
@@ -76,19 +76,19 @@ def calibrate(
     target
         The board.
     model
-        Model to fit, as `RequestedModel.parse("fisheye+bend")`. Default: the largest one that the pictures support.
+        Model to fit, for example `RequestedModel.parse("fisheye+bend")`. Default: the largest that pictures support.
     detections
         Folder that caches detected corners, so that each picture is searched only once.
     workers
         Number of detection threads.
     max_pictures
-        Maximum number of pictures through the mirrors, and without them; None uses all.
+        Maximum number of pictures via the mirrors, and without them; None uses all.
     names
-        Names of the pictures through the mirrors, and without them. Default: their numbers.
+        Names of the pictures via the mirrors, and without them. Default: their numbers.
     on_frame
         Called with the number of pictures searched so far.
     on_observations
-        Called after each picture through the mirrors with all observations so far.
+        Called after each picture via the mirrors with all observations so far.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def calibrate(
     )
     # A board that is often partly out of view is found in few pictures only, so one detection confirms it.
     board_found = any(len(o) for o in mirrored), any(len(o) for o in base)
-    reader.refuse_other_board(target, mirrored=board_found[0], base=board_found[1], fits=True)
+    reader.check_board(target, mirrored=board_found[0], base=board_found[1], fits=True)
     if reader.damaged and not any(map(len, mirrored)):
         raise InputError(f"{reader.damaged[0]}; no corner of the board found in other frames")
     try:
@@ -149,9 +149,9 @@ def calibrate(
         )
     except InputError:
         # The stated board was found but does not fit: parts of a larger checkerboard can look like it.
-        reader.refuse_other_board(target, mirrored=board_found[0], base=board_found[1], fits=False)
-        if other := other_size(reader.first(mirrored=True), layout, target):
-            raise InputError(other) from None
+        reader.check_board(target, mirrored=board_found[0], base=board_found[1], fits=False)
+        if message := wrong_size_message(reader.first(mirrored=True), layout, target):
+            raise InputError(message) from None
         if fits_upside_down(mirrored, layout, target):
             raise InputError(UPSIDE_DOWN) from None
         raise
@@ -199,9 +199,9 @@ class PictureReader:
     damaged
         Errors for the damaged files so far.
     extremes
-        Pixel-wise extremes of the pictures through the mirrors so far.
+        Pixel-wise extremes of the pictures via the mirrors so far.
     mirrored
-        The pictures through the mirrors so far. None replaces a damaged one, and an array from an iterator once
+        The pictures via the mirrors so far; None for a damaged file, and for further arrays from an iterator when
         `MAX_KEPT` arrays are kept.
     """
 
@@ -220,7 +220,7 @@ class PictureReader:
         """
         in_memory = isinstance(pictures, Sequence)
         if in_memory:
-            agree_on_bits([picture for picture in pictures if isinstance(picture, Path)])
+            set_common_bit_depth([picture for picture in pictures if isinstance(picture, Path)])
         for picture in pictures:
             grey = self._grey(picture)
             yield grey
@@ -237,20 +237,20 @@ class PictureReader:
                 self._first[mirrored].append(grey)
 
     def first(self, *, mirrored: bool) -> Sequence[Grey]:
-        """The first pictures through the mirrors or without them, at most `MAX_PICTURES`."""
+        """The first pictures via the mirrors or without them, at most `MAX_PICTURES`."""
         return self._first[mirrored]
 
-    def refuse_other_board(self, target: Target, *, mirrored: bool, base: bool, fits: bool) -> None:
+    def check_board(self, target: Target, *, mirrored: bool, base: bool, fits: bool) -> None:
         """Raise InputError if the first pictures show a board other than `target`.
 
-        `mirrored` and `base` state whether `target` was found in any picture through the mirrors, and without them;
-        `fits`, whether the calibration fits so far.
+        `mirrored` and `base` state whether `target` was found in any picture via the mirrors, and without them;
+        `fits`, whether the calibration has not failed to fit.
         """
         found = mirrored or base
         for kind, found_in_kind in ((False, base), (True, mirrored)):
-            other = other_board(self._first[kind], target, mirrored=kind, found=found, fits=fits and found_in_kind)
-            if other is not None:
-                raise InputError(other)
+            message = other_board(self._first[kind], target, mirrored=kind, found=found, fits=fits and found_in_kind)
+            if message is not None:
+                raise InputError(message)
 
     def _grey(self, picture: Grey | Path) -> Grey | None:
         if not isinstance(picture, Path):

@@ -46,7 +46,7 @@ class CornerTable:
     Attributes
     ----------
     mirrored, base
-        The corners of each picture through the mirrors, and of each by the bare camera, all numbered frame 0.
+        The corners of each picture via the mirrors, and of each by the bare camera, all numbered frame 0.
     notes
         Notes on corners left out.
     """

@@ -20,12 +20,12 @@ from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
 from mirrorcam.optics.design.program.seeds import faceted_parabola, layout_of, mirrors_of
 from mirrorcam.optics.design.program.separation import PairConstraint, neighbour_pairs
 from mirrorcam.optics.design.search import (
-    MEETINGS,
-    best_from_detours,
+    CONVERGENCE_DEPTHS,
     best_from_seeds,
     best_of,
-    check_at_once,
-    seed_meeting,
+    best_via_feasible_points,
+    check_obvious_infeasibility,
+    converging_seed,
 )
 from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
@@ -89,7 +89,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
         unknown reason.
     """
     check_type("spec", spec, DesignSpec)
-    check_at_once(spec)
+    check_obvious_infeasibility(spec)
     optimum = _for_overlap(spec, calls)
     if spec.objective == "depth":
         optimum = _for_depth(spec, optimum, calls)
@@ -104,11 +104,11 @@ def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:
     """
     pairs, values = neighbour_pairs(spec.arrangement), start
     if spec.fold_deg == "auto":
-        problem = overlap_problem(spec, seed_meeting(spec), pairs, max_iterations=NEAR_ITERATIONS)
+        problem = overlap_problem(spec, converging_seed(spec), pairs, max_iterations=NEAR_ITERATIONS)
         outcome = problem.solver.optimise(values)
         spec, values = spec.replaced(fold_deg=_fold_deg(problem, outcome.values)), outcome.values
     while True:
-        problem = overlap_problem(spec, seed_meeting(spec), pairs, max_iterations=NEAR_ITERATIONS)
+        problem = overlap_problem(spec, converging_seed(spec), pairs, max_iterations=NEAR_ITERATIONS)
         outcome = problem.solver.optimise(values)
         if not outcome.solved:
             return None
@@ -149,11 +149,11 @@ def _for_overlap(spec: DesignSpec, calls: Calls) -> _Optimum:
 
 
 def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None, calls: Calls) -> _Optimum:
-    """The optimum under constraints on pairs: from earlier values if there are any, else from seeds or by detours."""
-    problem = overlap_problem(spec, seed_meeting(spec), pairs)
+    """The optimum under constraints on pairs: from earlier values, if any, else from seeds or via feasible points."""
+    problem = overlap_problem(spec, converging_seed(spec), pairs)
     outcome = None if values is None else best_of([problem.solver.optimise(values)])
     if outcome is None:
-        outcome = best_from_seeds(spec, pairs, calls) or best_from_detours(spec, pairs, calls)
+        outcome = best_from_seeds(spec, pairs, calls) or best_via_feasible_points(spec, pairs, calls)
     return _Optimum(spec, problem, pairs, outcome.values)
 
 
@@ -164,7 +164,7 @@ def _with_best_fold(
 
     Without an optimum, the spec gets the fold from which the search starts, and there are no values.
     """
-    problem = overlap_problem(spec, seed_meeting(spec), pairs)
+    problem = overlap_problem(spec, converging_seed(spec), pairs)
     outcome = best_from_seeds(spec, pairs, calls)
     if outcome is None:
         return spec.replaced(fold_deg=FIRST_FOLD_DEG), None
@@ -190,7 +190,7 @@ def _stricter(optimum: _Optimum) -> tuple[PairConstraint, ...]:
 def _as_built(nominal: _Optimum) -> _Optimum:
     """The optimum over devices as built, started from the optimum for the exact device."""
     spec = nominal.spec
-    problem = overlap_problem(spec, seed_meeting(spec), nominal.pairs, DEVICES)
+    problem = overlap_problem(spec, converging_seed(spec), nominal.pairs, DEVICES)
     outcome = problem.solver.optimise(nominal.values)
     if not outcome.solved:
         tilted = f"mirrors tilted by {spec.robust_tilt_deg:g}°"
@@ -204,15 +204,15 @@ def _for_depth(spec: DesignSpec, overlap: _Optimum, calls: Calls) -> _Optimum:
     Raises InfeasibleDesign if no start leads to an optimum.
     """
     target, pairs = _target(overlap), overlap.pairs
-    starts: list[tuple[float, FloatArray | None]] = [(meeting, None) for meeting in MEETINGS]
-    starts.append((MEETINGS[0], overlap.values))
+    starts: list[tuple[float, FloatArray | None]] = [(convergence, None) for convergence in CONVERGENCE_DEPTHS]
+    starts.append((CONVERGENCE_DEPTHS[0], overlap.values))
     while True:
         outcome = best_of(calls([(_depth_optimum, (spec, start, pairs, target)) for start in starts]))
         if outcome is None:
             raise InfeasibleDesign(GAVE_UP, "the search for the minimum standard deviation of depth found no optimum")
-        problem = depth_problem(spec, seed_meeting(spec), pairs, target)
+        problem = depth_problem(spec, converging_seed(spec), pairs, target)
         optimum = _Optimum(spec, problem, pairs, outcome.values)
-        starts = [(MEETINGS[0], outcome.values)]
+        starts = [(CONVERGENCE_DEPTHS[0], outcome.values)]
         if spec.fold_deg == "auto":
             spec = spec.replaced(fold_deg=_fold_deg(optimum.problem, outcome.values))
             continue
@@ -229,8 +229,8 @@ def _depth_optimum(
     target: OverlapDesign,
 ) -> SolverOutcome:
     """The optimum for depth near earlier values if there are any, else near a seed."""
-    meeting, values = start
-    return depth_problem(spec, seed_meeting(spec, meeting), pairs, target).solver.optimise(values)
+    convergence, values = start
+    return depth_problem(spec, converging_seed(spec, convergence), pairs, target).solver.optimise(values)
 
 
 def _target(overlap: _Optimum) -> OverlapDesign:

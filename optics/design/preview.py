@@ -13,7 +13,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.layout_metrics import grid_error
 from mirrorcam.optics.design.program.design_problem import REFERENCE_GRID_ERROR
 from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, sensor_bounds, sensor_rectangle
-from mirrorcam.optics.design.search import seed_meeting
+from mirrorcam.optics.design.search import converging_seed
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import fields_of_view, sensor_polygon
@@ -164,7 +164,7 @@ def _mixed(spec: DesignSpec, parts: Sequence[tuple[Layout, float]]) -> Layout | 
     for layout, weight in parts:
         solved = _spec_of(layout)
         at_fold = spec if solved.fold_deg == spec.fold_deg else spec.replaced(fold_deg=solved.fold_deg)
-        shift = seed_meeting(at_fold).centres - seed_meeting(solved).centres
+        shift = converging_seed(at_fold).centres - converging_seed(solved).centres
         centres += weight * (layout.virtual_centres_in_view_mm.reshape(-1, 3) / solved.scale_mm + shift)
         solved_low, solved_high = sensor_rectangle(solved.camera)
         outlines = np.array([mirror.apparent.outline_normalized for mirror in layout.mirrors])

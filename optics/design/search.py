@@ -1,4 +1,4 @@
-"""The search for the optimum of a design's program: starts, continuation from easier specs, and reasons for failure."""
+"""The optimum of a design's nonlinear program: starts, continuation from easier specs, and reasons for failure."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from mirrorcam.optics.design.program.separation import PairConstraint
 from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 
-MET, CLEARLY_MISSED = 1e-5, 1e-3
-"""Violations, in units of the design scale, up to which a limit is met, and beyond which it is clearly missed."""
+MAX_VIOLATION, CLEAR_VIOLATION = 1e-5, 1e-3
+"""Violations, in units of the design scale, up to which a constraint is met, and beyond which it clearly is not."""
 
-MEETINGS = (1.0, 3.0)
-"""Depths where the chief rays of the seeds meet, relative to the working depth; the best optimum is kept."""
+CONVERGENCE_DEPTHS = (1.0, 3.0)
+"""Depths at which the chief rays of the seeds converge, in units of the working depth; the best optimum is kept."""
 
 CONTINUATION = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Fractions of a spec's demands in the steps of a continuation."""
 
 
-def _refusal(
+def _infeasibility(
     spec: DesignSpec,
     violations: dict[str, float],
     mirrors: tuple[FloatArray, FloatArray],
@@ -43,7 +43,7 @@ def _refusal(
         "spacing": f"mirrors cannot be {spec.spacing_mm:g} mm apart: they come {excess_mm:.3g} mm too close",
         "seen gap": f"sub-images cannot be {_gap_text(spec)} apart: they come {excess_mm:.3g} mm too close",
         "occlusion": f"mirrors of {spec.thickness_mm:g} mm reach {excess_mm:.3g} mm into light between pupil and scene",
-        "body": f"mirrors or their light come {excess_mm:.3g} mm too close to the camera's body, which needs "
+        "body": f"mirrors or their ray cones come {excess_mm:.3g} mm too close to the camera's body, which needs "
         f"a clearance of {spec.body_clearance_mm:g} mm",
         "depth": f"{min(spec.depths_mm):g} mm is nearer than the mirrors: they reach {excess_mm:.3g} mm past it",
         "overlap": f"the views share no region at {depths} mm that {MIN_EFFICIENCY:.0%} of the sensor sees: "
@@ -65,7 +65,7 @@ def _working_depth_mm(spec: DesignSpec) -> float:
     return len(spec.depths_mm) / sum(1.0 / depth for depth in spec.depths_mm)
 
 
-def check_at_once(spec: DesignSpec) -> None:
+def check_obvious_infeasibility(spec: DesignSpec) -> None:
     """Raise InfeasibleDesign for specs that are clearly infeasible, without a search.
 
     These have a depth nearer than the centres of the seed's mirrors, gaps wider than the sensor, or mirrors so thick
@@ -76,12 +76,12 @@ def check_at_once(spec: DesignSpec) -> None:
     points_mm = seed.chief_points(spec.view_from_rig) * spec.scale_mm
     excess_mm = float(points_mm[:, 2].max()) - min(spec.depths_mm)
     if excess_mm >= 0:
-        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": excess_mm / spec.scale_mm}, start)
+        raise _infeasibility(spec, dict.fromkeys(ELASTIC, 0.0) | {"depth": excess_mm / spec.scale_mm}, start)
     low, high = sensor_bounds(spec.camera)
     excess = spec.seen_gap_mm / spec.scale_mm - float(np.linalg.norm(high - low))
     if excess >= 0:
-        raise _refusal(spec, dict.fromkeys(ELASTIC, 0.0) | {"seen gap": excess}, start)
-    # The angle of incidence of the optical axis is 90 degrees minus half the fold.
+        raise _infeasibility(spec, dict.fromkeys(ELASTIC, 0.0) | {"seen gap": excess}, start)
+    # The angle of incidence of the optical axis is 90 degrees minus half the fold angle.
     cosine = float(np.sqrt((1.0 - spec.view_from_rig[2, 2]) / 2.0))
     glass_mm = 0.0
     if spec.is_second_surface:
@@ -110,9 +110,9 @@ def _easier(spec: DesignSpec, fraction: float) -> DesignSpec:
     )
 
 
-def seed_meeting(spec: DesignSpec, meeting: float = MEETINGS[0]) -> Seed:
-    """The seed whose chief rays meet at a multiple of the working depth."""
-    return seed_of(spec, meeting * _working_depth_mm(spec))
+def converging_seed(spec: DesignSpec, convergence: float = CONVERGENCE_DEPTHS[0]) -> Seed:
+    """The seed whose chief rays converge at a multiple of the working depth."""
+    return seed_of(spec, convergence * _working_depth_mm(spec))
 
 
 def best_of(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
@@ -120,21 +120,21 @@ def best_of(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
     return min((outcome for outcome in outcomes if outcome.solved), key=lambda outcome: outcome.objective, default=None)
 
 
-def optimum_from(spec: DesignSpec, meeting: float, pairs: tuple[PairConstraint, ...]) -> SolverOutcome:
-    """The optimum near the seed whose chief rays meet at a multiple of the working depth."""
-    return overlap_problem(spec, seed_meeting(spec, meeting), pairs).solver.optimise()
+def optimum_from(spec: DesignSpec, convergence: float, pairs: tuple[PairConstraint, ...]) -> SolverOutcome:
+    """The optimum near the seed whose chief rays converge at a multiple of the working depth."""
+    return overlap_problem(spec, converging_seed(spec, convergence), pairs).solver.optimise()
 
 
 def best_from_seeds(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome | None:
-    """The best of the optima near the seeds; None without trying the others if the first seed leads to none."""
-    with closing(calls([(optimum_from, (spec, meeting, pairs)) for meeting in MEETINGS])) as outcomes:
+    """The best of the optima near the seeds; None, without trying the others, if the first seed leads to no optimum."""
+    with closing(calls([(optimum_from, (spec, convergence, pairs)) for convergence in CONVERGENCE_DEPTHS])) as outcomes:
         first: SolverOutcome = next(outcomes)
         return best_of([first, *outcomes]) if first.solved else None
 
 
 @dataclass(frozen=True)
-class _Detour:
-    """The values with the smallest violation near a start, by family; without violation, also the optimum near them."""
+class _FeasibilityResult:
+    """The point of least violation near a start, its violation by constraint family, and an optimum near it, if any."""
 
     feasible: SolverOutcome
     violations: dict[str, float]
@@ -143,50 +143,54 @@ class _Detour:
     regions: FloatArray
 
 
-def detour_from(
-    spec: DesignSpec, meeting: float, pairs: tuple[PairConstraint, ...], start: FloatArray | None = None
-) -> _Detour:
-    """Minimise the violation near given values, or near the seed whose chief rays meet at a relative depth."""
-    problem = overlap_problem(spec, seed_meeting(spec, meeting), pairs)
+def feasibility_from(
+    spec: DesignSpec, convergence: float, pairs: tuple[PairConstraint, ...], start: FloatArray | None = None
+) -> _FeasibilityResult:
+    """Minimise the violation near given values, or near the seed whose chief rays converge at a relative depth."""
+    problem = overlap_problem(spec, converging_seed(spec, convergence), pairs)
     feasible, violations = problem.solver.find_feasible(start)
-    is_met = feasible.solved and max(violations.values()) <= MET
+    is_met = feasible.solved and max(violations.values()) <= MAX_VIOLATION
     optimum = problem.solver.optimise(feasible.values) if is_met else None
     mirrors, regions = problem.solution(feasible.values), problem.outlines(spec, feasible.values)
-    return _Detour(feasible, violations, optimum, mirrors, regions)
+    return _FeasibilityResult(feasible, violations, optimum, mirrors, regions)
 
 
-def best_from_detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome:
-    """The optimum near the nearest feasible points or, if there seem to be none, after a continuation.
+def best_via_feasible_points(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome:
+    """The optimum near the feasible points closest to the seeds or, if there seem to be none, after a continuation.
 
     Raises InfeasibleDesign if both seeds lead to points that clearly violate a constraint, or no start leads to an
     optimum.
     """
-    candidates: list[_Detour] = []
-    with closing(_detours(spec, pairs, calls)) as detours:
-        for detour in detours:
-            if not detour.feasible.solved:
+    candidates: list[_FeasibilityResult] = []
+    with closing(_feasibility_results(spec, pairs, calls)) as results:
+        for result in results:
+            if not result.feasible.solved:
                 continue
-            candidates.append(detour)
-            if detour.optimum is not None and detour.optimum.solved:
-                return detour.optimum
-            if len(candidates) == len(MEETINGS) and _violation(candidates) > CLEARLY_MISSED:
+            candidates.append(result)
+            if result.optimum is not None and result.optimum.solved:
+                return result.optimum
+            if len(candidates) == len(CONVERGENCE_DEPTHS) and _violation(candidates) > CLEAR_VIOLATION:
                 break
-    if not candidates or _violation(candidates) <= MET:
+    if not candidates or _violation(candidates) <= MAX_VIOLATION:
         raise InfeasibleDesign(GAVE_UP, "the search found no layout that meets all constraints")
-    best = min(candidates, key=lambda detour: sum(detour.violations[name] * SLACK_WEIGHTS[name] for name in ELASTIC))
-    raise _refusal(spec, best.violations, best.mirrors, best.regions)
+    best = min(candidates, key=lambda result: sum(result.violations[name] * SLACK_WEIGHTS[name] for name in ELASTIC))
+    raise _infeasibility(spec, best.violations, best.mirrors, best.regions)
 
 
-def _violation(detours: Iterable[_Detour]) -> float:
-    """The largest violation in the detour where it is smallest."""
-    return min(max(detour.violations.values()) for detour in detours)
+def _violation(results: Iterable[_FeasibilityResult]) -> float:
+    """The minimum, over the results, of the largest violation of a constraint."""
+    return min(max(result.violations.values()) for result in results)
 
 
-def _detours(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> Generator[_Detour, None, None]:
+def _feasibility_results(
+    spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls
+) -> Generator[_FeasibilityResult, None, None]:
     """Search for feasible points from each seed, then from the end of a continuation, which takes longest."""
-    with closing(calls([(detour_from, (spec, meeting, pairs)) for meeting in MEETINGS])) as near_seeds:
+    with closing(
+        calls([(feasibility_from, (spec, convergence, pairs)) for convergence in CONVERGENCE_DEPTHS])
+    ) as near_seeds:
         yield from near_seeds
-    yield detour_from(spec, MEETINGS[0], pairs, _continued(spec, pairs))
+    yield feasibility_from(spec, CONVERGENCE_DEPTHS[0], pairs, _continued(spec, pairs))
 
 
 def _continued(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> FloatArray | None:
@@ -194,7 +198,7 @@ def _continued(spec: DesignSpec, pairs: tuple[PairConstraint, ...]) -> FloatArra
     values: FloatArray | None = None
     for fraction in CONTINUATION:
         easier = _easier(spec, fraction)
-        outcome = overlap_problem(easier, seed_meeting(easier), pairs).solver.optimise(values)
+        outcome = overlap_problem(easier, converging_seed(easier), pairs).solver.optimise(values)
         if outcome.solved:
             values = outcome.values
     return values

@@ -16,7 +16,13 @@ from mirrorcam.optics.design.optimise import design_near
 from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, overlap_draft, relaxed_fold, relaxed_program
 from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
 from mirrorcam.optics.design.program.separation import neighbour_pairs
-from mirrorcam.optics.design.search import MEETINGS, MET, check_at_once, optimum_from, seed_meeting
+from mirrorcam.optics.design.search import (
+    CONVERGENCE_DEPTHS,
+    MAX_VIOLATION,
+    check_obvious_infeasibility,
+    converging_seed,
+    optimum_from,
+)
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -165,7 +171,7 @@ def _reducible_counts(spec: DesignSpec) -> Iterator[str]:
 def _with_fewer(spec: DesignSpec, name: str) -> Suggestion | None:
     """The suggestion of one row or column fewer."""
     fewer = spec.replaced(**{name: getattr(spec, name) - 1})
-    outcome = optimum_from(fewer, MEETINGS[0], neighbour_pairs(fewer.arrangement))
+    outcome = optimum_from(fewer, CONVERGENCE_DEPTHS[0], neighbour_pairs(fewer.arrangement))
     layout = design_near(fewer, outcome.values) if outcome.solved else None
     return None if layout is None else Suggestion(name, fewer, layout, 1.0 / getattr(spec, name))
 
@@ -177,7 +183,7 @@ def _with_one_changed(spec: DesignSpec, index: int) -> Suggestion | None:
     if (limit == current).all():
         return None
     easy = _with_value(spec, parameter.name, limit)
-    seed, pairs = seed_meeting(easy), neighbour_pairs(spec.arrangement)
+    seed, pairs = converging_seed(easy), neighbour_pairs(spec.arrangement)
     program, changed = (overlap_draft(end, seed, pairs)[0].program for end in (spec, easy))
     outcome = _nearest(Solver(relaxed_program(program, changed, FIRST_CHANGE), SLACK_WEIGHTS, MAX_ITERATIONS))
     if outcome is None:
@@ -196,7 +202,7 @@ def _with_fold(spec: DesignSpec) -> Suggestion | None:
     """The suggestion of a different fold, to a tenth of a degree; None if changing it alone does not help."""
     requested = float(spec.fold_deg)
     easy = spec.replaced(fold_deg=EASY_FOLD_DEG)
-    draft, _ = overlap_draft(easy, seed_meeting(easy), neighbour_pairs(spec.arrangement))
+    draft, _ = overlap_draft(easy, converging_seed(easy), neighbour_pairs(spec.arrangement))
     fold = np.deg2rad([requested, FOLD_DEG.min, FOLD_DEG.max])
     outcome = _nearest(Solver(relaxed_fold(draft.program, draft.fold, *fold), SLACK_WEIGHTS, MAX_ITERATIONS))
     if outcome is None:
@@ -216,7 +222,7 @@ def _with_fold(spec: DesignSpec) -> Suggestion | None:
 def _designed(spec: DesignSpec, values: FloatArray) -> Layout | None:
     """The design near given values; None if there is none, or `design` would refuse the spec at once."""
     try:
-        check_at_once(spec)
+        check_obvious_infeasibility(spec)
     except InfeasibleDesign:
         return None
     return design_near(spec, values)
@@ -225,7 +231,7 @@ def _designed(spec: DesignSpec, values: FloatArray) -> Layout | None:
 def _nearest(solver: Solver) -> SolverOutcome | None:
     """The smallest change that meets all constraints; None if the search finds none."""
     outcome, violations = solver.find_relaxed(INTERIOR)
-    return outcome if outcome.solved and max(violations.values()) <= MET else None
+    return outcome if outcome.solved and max(violations.values()) <= MAX_VIOLATION else None
 
 
 def _with_value(spec: DesignSpec, parameter: str, value: FloatArray) -> DesignSpec:

@@ -1,9 +1,9 @@
-"""Detection of mirrors that rotated or shifted since the calibration: sequential likelihood-ratio tests of the mirrors.
+"""Detection of mirrors that rotated or shifted since the calibration: forward selection by likelihood-ratio tests.
 
 Under the null hypothesis, errors of the calibration (its covariance), small motions of every mirror (FLOOR_DEG,
 FLOOR_MM) and any common motion of all mirrors explain the matched points. Under the alternative, one mirror also moved
-freely. The mirror with the largest likelihood ratio counts as moved if its ratio exceeds the threshold that chance
-exceeds in one of RECORDINGS recordings; then the others are tested again. As the size of the motion is unknown, the
+freely. The mirror with the largest likelihood ratio counts as moved if its ratio exceeds a threshold that gives at most
+one false alarm in RECORDINGS recordings; then the others are tested again. As the size of the motion is unknown, the
 likelihood is averaged over sizes. By Markov's inequality, this ratio exceeds x with a probability of at most 1 / x.
 """
 
@@ -57,7 +57,7 @@ MIN_EXPLAINED = 0.25
 """Minimum fraction of a frame's textured corners that other views show if the frame matches the layout."""
 
 
-def shows_drift(layout: Layout) -> bool:
+def can_test_drift(layout: Layout) -> bool:
     """Whether a layout can be tested for drift: its mirrors were measured, and there are at least MIN_MIRRORS."""
     return layout.kind != "nominal" and len(layout.mirrors) >= MIN_MIRRORS
 
@@ -97,7 +97,7 @@ class MirrorMove:
 
     @property
     def tested(self) -> bool:
-        """Whether the mirror shows enough points for its other figures to be meaningful."""
+        """Whether the mirror shows enough points for its other values to be meaningful."""
         return self.detectable_deg < UNDETERMINED_DEG
 
     @property
@@ -177,7 +177,7 @@ def find_drift(layout: Layout, matches: MatchedPoints) -> Drift:
 
 
 def explained_matches(layout: Layout, matches: MatchedPoints, prior: FloatArray) -> MatchedPoints:
-    """The points of frames whose matches some motion of the mirrors explains; other frames have wrong matches."""
+    """The points of frames whose matches can be explained by motions of the mirrors; others have wrong matches."""
     is_explained = np.zeros(len(matches.point), dtype=bool)
     for frame in np.unique(matches.frame):
         rows = matches.frame[matches.point] == frame
@@ -232,7 +232,7 @@ class _Marginal:
     score: FloatArray
     information: FloatArray
 
-    def gain(self, rows: IntArray, block: FloatArray) -> float:
+    def ratio_statistic(self, rows: IntArray, block: FloatArray) -> float:
         """Twice the log-likelihood ratio of a further motion of parameters `rows` with covariance `block` (3, 3)."""
         system = np.eye(3) + self.information[np.ix_(rows, rows)] @ block
         score = self.score[rows]
@@ -255,21 +255,22 @@ class _Test:
     def run(self) -> Drift:
         """Add moved mirrors until the largest likelihood ratio is below the threshold."""
         moved_blocks: dict[int, FloatArray] = {}
-        gains = dict.fromkeys(range(len(self.layout.mirrors)), 0.0)
+        statistics = dict.fromkeys(range(len(self.layout.mirrors)), 0.0)
         tested = [k for k in range(len(self.layout.mirrors)) if self.scene.point_counts[k] >= MIN_POINTS]
         while len(moved_blocks) < len(tested) - 1:
             marginal = self._marginal(moved_blocks)
             candidates = [k for k in tested if k not in moved_blocks]
-            gains |= {k: self._mean_gain(marginal, k) for k in candidates}
-            best = max(candidates, key=lambda k: gains[k])
-            if gains[best] <= self.limit:
+            statistics |= {k: self._mean_statistic(marginal, k) for k in candidates}
+            best = max(candidates, key=lambda k: statistics[k])
+            if statistics[best] <= self.threshold:
                 break
             moved_blocks[best] = self._likeliest(marginal, best)
         marginal, motions = self._marginal(moved_blocks), covariance_of_centres(moved_blocks, self.names)
         rotation, sigma = self._common_rotation(marginal)
         return Drift(
             mirrors=tuple(
-                self._move(k, moved_blocks, gains.get(k, 0.0) / self.limit) for k in range(len(self.layout.mirrors))
+                self._move(k, moved_blocks, statistics.get(k, 0.0) / self.threshold)
+                for k in range(len(self.layout.mirrors))
             ),
             names=self.names,
             change=motions @ marginal.score,
@@ -282,8 +283,8 @@ class _Test:
         )
 
     @property
-    def limit(self) -> float:
-        """Threshold for twice the log-likelihood ratio: chance exceeds it in at most one of RECORDINGS cases."""
+    def threshold(self) -> float:
+        """Threshold for twice the log-likelihood ratio: at most one false alarm in RECORDINGS recordings."""
         return 2.0 * float(np.log(RECORDINGS * len(self.layout.mirrors)))
 
     def _marginal(self, moved_blocks: dict[int, FloatArray]) -> _Marginal:
@@ -293,13 +294,16 @@ class _Test:
         solution = np.linalg.solve(system, np.column_stack([self.gradient, self.information]))
         return _Marginal(np.asarray(solution[:, 0], np.float64), np.asarray(solution[:, 1:], np.float64))
 
-    def _mean_gain(self, marginal: _Marginal, k: int) -> float:
+    def _mean_statistic(self, marginal: _Marginal, k: int) -> float:
         """Twice the logarithm of the likelihood ratio for a moved mirror, averaged over ROTATION_SIGMAS_DEG."""
         rows = centre_rows(self.names, k)
-        gains = np.array(
-            [marginal.gain(rows, hinged_covariance(self.layout.mirrors[k], sigma)) for sigma in ROTATION_SIGMAS_DEG]
+        statistics = np.array(
+            [
+                marginal.ratio_statistic(rows, hinged_covariance(self.layout.mirrors[k], sigma))
+                for sigma in ROTATION_SIGMAS_DEG
+            ]
         )
-        return 2.0 * float(logsumexp(gains / 2.0) - np.log(len(gains)))
+        return 2.0 * float(logsumexp(statistics / 2.0) - np.log(len(statistics)))
 
     def _likeliest(self, marginal: _Marginal, k: int) -> FloatArray:
         """The prior covariance (3, 3) of a mirror's motion with the largest likelihood (empirical Bayes).
@@ -309,7 +313,7 @@ class _Test:
         """
         rows = centre_rows(self.names, k)
         motions = [hinged_covariance(self.layout.mirrors[k], sigma) for sigma in ROTATION_SIGMAS_DEG]
-        return max(motions, key=lambda block: marginal.gain(rows, block))
+        return max(motions, key=lambda block: marginal.ratio_statistic(rows, block))
 
     def _common_rotation(self, marginal: _Marginal) -> tuple[FloatArray, FloatArray]:
         """Rotation vector (3,) of all mirrors together, and standard deviations (3,), deg."""
@@ -319,7 +323,7 @@ class _Test:
         return COMMON_DEG * common[:3], COMMON_DEG * np.sqrt(np.maximum(np.diag(covariance)[:3], 0.0))
 
     def _move(self, k: int, moved_blocks: dict[int, FloatArray], statistic: float) -> MirrorMove:
-        """The motion of one mirror, assuming that it and the moved mirrors may have moved."""
+        """The motion of one mirror, given priors for it and for the mirrors found to have moved."""
         without_mirror = self._marginal({m: block for m, block in moved_blocks.items() if m != k})
         block = moved_blocks[k] if k in moved_blocks else self._likeliest(without_mirror, k)
         marginal = self._marginal(moved_blocks | {k: block})
@@ -348,21 +352,21 @@ class _Test:
         rate = float(np.linalg.eigvalsh(changes @ marginal.information[np.ix_(rows, rows)] @ changes.T)[0])
         if self.scene.point_counts[k] < MIN_POINTS or rate <= 0.0:
             return UNDETERMINED_DEG
-        threshold = self.limit + 3.0 * np.log(self.limit) + 2.0 * np.log(len(ROTATION_SIGMAS_DEG))
-        return min(float(np.degrees((np.sqrt(threshold) + DETECTION_SIGMAS) / np.sqrt(rate))), UNDETERMINED_DEG)
+        raised_threshold = self.threshold + 3.0 * np.log(self.threshold) + 2.0 * np.log(len(ROTATION_SIGMAS_DEG))
+        return min(float(np.degrees((np.sqrt(raised_threshold) + DETECTION_SIGMAS) / np.sqrt(rate))), UNDETERMINED_DEG)
 
     def _covariance(self, motions: FloatArray) -> FloatArray:
-        """Covariance of the parameters once the moved mirrors' changes are applied (Joseph's form)."""
+        """Covariance of the parameters once the moved mirrors' changes are applied (Joseph form)."""
         identity = np.eye(len(motions))
         prior = self.calibrated + self.small + self.common + motions
-        gain = motions @ np.linalg.inv(identity + self.information @ prior)
-        residual = identity - gain @ self.information
+        kalman_gain = motions @ np.linalg.inv(identity + self.information @ prior)
+        residual = identity - kalman_gain @ self.information
         # Small motions of other mirrors propagate into the moved mirrors, as noise does.
         noise = self.information + self.information @ self.small @ self.information
-        return np.asarray(residual @ (self.calibrated + motions) @ residual.T + gain @ noise @ gain.T)
+        return np.asarray(residual @ (self.calibrated + motions) @ residual.T + kalman_gain @ noise @ kalman_gain.T)
 
 
-def resolved_layout(layout: Layout, drift: Drift, source: str) -> Layout:
+def drift_corrected_layout(layout: Layout, drift: Drift, source: str) -> Layout:
     """The layout with the planes and covariance of the moved mirrors updated, and its provenance.
 
     Other mirrors and the camera remain as calibrated. `source` names the recording.

@@ -24,7 +24,7 @@ MAX_HIDDEN = 0.02
 """Fraction of a sub-image that another may hide in a device as built; a larger overlap means wrong mirrors."""
 WORKING_DISTANCE = "working_distance_mm"
 """Median distance of the calibration's corners from the views, in the metrics of a calibrated layout."""
-VOLUME = (0.7, 1.0, 1.4)
+VOLUME_FACTORS = (0.7, 1.0, 1.4)
 """Distances within the working volume, relative to the working distance."""
 
 
@@ -142,7 +142,7 @@ class Layout(Value):
         return self.arrangement.central_index
 
     def project(self, points_in_rig: FloatArray, mirror_index: int) -> FloatArray:
-        """Pixels (..., 2) of points (..., 3) in the rig frame in one mirror, as if its outline had no limits.
+        """Pixels (..., 2) of points (..., 3) in the rig frame in one mirror, as if the mirror were unbounded.
 
         Exact, also for second-surface and bent mirrors (`Mirror.image_of`).
         """
@@ -185,7 +185,7 @@ class Layout(Value):
 
     @classmethod
     def load(cls, path: AnyPath) -> Self:
-        """Read `layout.json`. Raises InputError, one line, for content that does not belong in it."""
+        """Read `layout.json`. Raises InputError, with a one-line message, for invalid content."""
         return read_model(cls, path_of("path", path), LARGEST_LAYOUT_BYTES)
 
 
@@ -202,5 +202,5 @@ def working_range_mm(layout: Layout) -> tuple[float, float] | None:
     depths = [] if layout.spec is None else list(layout.spec.depths_mm)
     measured = layout.metrics.get(WORKING_DISTANCE)
     if measured is not None and measured.known:
-        depths += [factor * measured.value for factor in VOLUME]
+        depths += [factor * measured.value for factor in VOLUME_FACTORS]
     return (min(depths), max(depths)) if depths else None

@@ -1,4 +1,4 @@
-"""Mirrors as component-first arrays with one column per point and its mirror; quantities broadcast."""
+"""Mirrors as component-first arrays: one column per point, for the mirror that images it; arrays broadcast."""
 
 from __future__ import annotations
 

@@ -5,13 +5,13 @@ point.
 
 The surface of a bent mirror is n.x + d = h(u, v), h = (k_xx u^2 + k_yy v^2) / 2 + k_xy u v, in the mirror's own frame,
 whose origin is the outline's centre projected on the plane. Light is reflected as if by the tangent plane at the
-point (u, v) = E(u, v) where it meets the reflecting surface. The chord method solves this fixed-point equation;
-its derivative is implicit, (I - E') d(u, v) = dE.
+point (u, v) where it meets the reflecting surface: the fixed point of a map E, (u, v) = E(u, v). The chord method
+finds it; its derivative is implicit, (I - E') d(u, v) = dE.
 
 A bent plate has the same thickness everywhere. Where light enters and leaves its front, the front is taken as parallel
 to the tangent plane. The true slopes at the two points deviate by the same amount in opposite directions, so the
-direction is exact and only a shift is neglected: at most 0.004 px of a C920 for 2 mm of acrylic with 0.3 / m (0.1 mm
-over a mirror of 50 mm), growing with t^2 k.
+direction is exact and only a shift is neglected: at most 0.004 px of a C920 for 2 mm of acrylic with a curvature of
+0.3 / m (a sag of 0.1 mm over a mirror of 50 mm), growing with t^2 k.
 """
 
 from __future__ import annotations
@@ -54,11 +54,15 @@ def images(points_mm: FloatArray, mirrors: MirrorArrays, *, bent: bool = False) 
     """
     if bent or np.any(mirrors.curvature_per_m):
         return BentImages.of(points_mm, mirrors)
-    return PlateImages.of(points_mm, mirrors) if np.any(mirrors.thickness_mm) else PlainImages.of(points_mm, mirrors)
+    return (
+        PlateImages.of(points_mm, mirrors)
+        if np.any(mirrors.thickness_mm)
+        else FirstSurfaceImages.of(points_mm, mirrors)
+    )
 
 
 @dataclass(frozen=True)
-class PlainImages:
+class FirstSurfaceImages:
     """Images (3, n) in flat first-surface mirrors."""
 
     image_mm: FloatArray
@@ -68,7 +72,7 @@ class PlainImages:
     _fraction: FloatArray
 
     @classmethod
-    def of(cls, points_mm: FloatArray, mirrors: MirrorArrays) -> PlainImages:
+    def of(cls, points_mm: FloatArray, mirrors: MirrorArrays) -> FirstSurfaceImages:
         centre = mirrors.centre_mm
         squared = dot(centre, centre)
         fraction = dot(points_mm, centre) / squared
@@ -238,7 +242,7 @@ class BentImages:
                 break
             if chord is None:
                 chord = tangent.implicit_matrix(path.reflection_point_vjp(np.stack(base.axes)))
-            du, dv = _solved(chord, error_u, error_v)
+            du, dv = _solve_2x2(chord, error_u, error_v)
             u, v = u + du, v + dv
         return cls(np.where(unsolved, np.nan, path.image_mm()), path, tangent)
 
@@ -247,7 +251,7 @@ class BentImages:
         tangent, path = self._tangent, self._path
         direct, contact = path.image_vjp(d_image), path.reflection_point_vjp(np.stack(tangent.base.axes))
         d_uv = tangent.uv_vjp(direct.normal, direct.distance)
-        d_u, d_v = _solved(np.swapaxes(tangent.implicit_matrix(contact), 0, 1), *d_uv)
+        d_u, d_v = _solve_2x2(np.swapaxes(tangent.implicit_matrix(contact), 0, 1), *d_uv)
 
         def total(partial: FloatArray, d_uv: FloatArray) -> FloatArray:
             """Total derivatives from the partial ones at constant (u, v) and the derivatives (2, ..., n) of (u, v)."""
@@ -263,7 +267,7 @@ class BentImages:
         )
 
 
-def _solved(matrix: FloatArray, a: FloatArray, b: FloatArray) -> Pair:
+def _solve_2x2(matrix: FloatArray, a: FloatArray, b: FloatArray) -> Pair:
     """Solutions (..., n) of 2 x 2 systems (2, 2, n) with right-hand sides a and b (..., n)."""
     (aa, ab), (ba, bb) = matrix
     determinant = aa * bb - ab * ba

@@ -8,7 +8,7 @@ from pathlib import Path
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, read_json
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
-from mirrorcam.core.images.pictures import agree_on_bits, check_size, is_picture, picture_size
+from mirrorcam.core.images.pictures import check_size, is_picture, picture_size, set_common_bit_depth
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import check_belongs
@@ -53,7 +53,7 @@ def check_frames(
             identities[folder] = layout_identity_of(path)
         if (identity := identities[folder]) is not None:
             check_belongs(layout, identity, str(path))
-    agree_on_bits(paths, report)
+    set_common_bit_depth(paths, report)
 
 
 def video_size(path: Path) -> tuple[int, int]:

@@ -197,8 +197,8 @@ class _LoadedFootprints:
 class _ViewWindow:
     """Window (h, w) of the picture around the subpixels of a view.
 
-    `x`, `y` (h, w) are normalized coordinates, `spread` (h, w) is the defocus relative to that of the full pupil. All
-    are empty for a pinhole.
+    `x`, `y` (h, w) are normalized coordinates, `relative_spread` (h, w) is the defocus relative to that of the full
+    pupil. All are empty for a pinhole.
     """
 
     view: int
@@ -207,7 +207,7 @@ class _ViewWindow:
     weight: NDArray[np.float32]
     x: NDArray[np.float32]
     y: NDArray[np.float32]
-    spread: NDArray[np.float32]
+    relative_spread: NDArray[np.float32]
 
 
 class FastScene:
@@ -302,7 +302,7 @@ class FastScene:
         sigma_px = a * window.x
         sigma_px += b * window.y
         sigma_px += c
-        sigma_px *= window.spread
+        sigma_px *= window.relative_spread
         sigma_px *= sigma_px
         return sigma_px
 
@@ -331,7 +331,7 @@ class FastScene:
             weight=image_of("weight"),
             x=image_of("x") if blurred else empty,
             y=image_of("y") if blurred else empty,
-            spread=image_of("spread") if blurred else empty,
+            relative_spread=image_of("relative_spread") if blurred else empty,
         )
 
     def _loaded(self, footprints: PixelFootprints, subpixel: NDArray[np.uint32]) -> _LoadedFootprints:

@@ -42,12 +42,12 @@ MIN_BLUR = 4.0  # radius of the pupil, in units of the edge's motion per subpixe
 
 @dataclass(frozen=True)
 class PixelFootprints:
-    """Subpixels of the sensor in a view, without repetition; all arrays but `steps` are (n,).
+    """Subpixels of the sensor on an optical path, without repetition; all arrays but `steps` are (n,).
 
     Attributes
     ----------
     view
-        Index of the view.
+        Index of the path's view: its mirror's, or 0 for the bare camera.
     subpixel
         Index of the subpixel in the picture, row by row.
     x, y
@@ -55,11 +55,11 @@ class PixelFootprints:
     centre_shift_mm
         Shift of the view's centre along the mirror's normal, towards the back.
     weight
-        Transmittance of mirror and plate, times the mirror's unvignetted fraction of the pupil or, for a pinhole, the
+        Throughput of mirror and plate, times the mirror's unvignetted fraction of the pupil or, for a pinhole, the
         fraction of the subpixel.
     pupil_x, pupil_y
         Point at which the ray from the centroid of the unvignetted part crosses z = 0, mm.
-    spread
+    relative_spread
         Standard deviation of this part about its centroid, divided by the full pupil's.
     steps
         (2, 2): mean change of x and y (rows) to the next subpixel to the right and down (columns).
@@ -73,7 +73,7 @@ class PixelFootprints:
     weight: NDArray[np.float32]
     pupil_x: NDArray[np.float32]
     pupil_y: NDArray[np.float32]
-    spread: NDArray[np.float32]
+    relative_spread: NDArray[np.float32]
     steps: FloatArray
 
 
@@ -88,9 +88,9 @@ class _Visible:
 def pixel_footprints(
     camera: Camera, mirrors: tuple[Mirror, ...], subpixels: int, reflectances: FloatArray, pupil: Pupil
 ) -> tuple[tuple[PixelFootprints, ...], ...]:
-    """Assign the subpixels of a sensor to views, whose radiances add up.
+    """Assign the subpixels of a sensor to optical paths, whose radiances add up.
 
-    There is a view for each mirror and number of passes through its plate. With a pupil, a view includes a margin of
+    There is a path for each mirror and number of passes through its plate. With a pupil, a path includes a margin of
     subpixels of zero weight, so that it can be blurred there.
 
     Parameters
@@ -107,7 +107,7 @@ def pixel_footprints(
     Returns
     -------
     tuple
-        The footprints of each view, separately for the full pupil and for parts of it. No subpixel occurs twice.
+        The footprints of each path, separately for the full pupil and for parts of it. No subpixel occurs twice.
     """
     grid = _SensorGrid(camera, subpixels)
     if not mirrors:
@@ -127,7 +127,7 @@ def pixel_footprints(
             visible = grid.visible(mirror, passes, pupil)
             subpixel, share = visible.subpixel, np.minimum(visible.part.fraction, free[visible.subpixel])
             free[subpixel] -= share
-            centre_shift_mm, light = _shift_and_transmittance(
+            centre_shift_mm, light = _shift_and_throughput(
                 mirror, passes, grid.points(subpixel), float(reflectances[index])
             )
             off_axis: NDArray[np.bool_] = np.asarray(visible.part.centroid.any(axis=1))
@@ -152,10 +152,10 @@ def _full_pupil(count: int) -> DiscPart:
     return DiscPart(np.ones(count), np.zeros((count, 2)), np.tile([0.25, 0.25, 0.0], (count, 1)))
 
 
-def _shift_and_transmittance(
+def _shift_and_throughput(
     mirror: Mirror, passes: int, normalized: FloatArray, reflectance: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the shift (n,), mm, of the centre, and the transmittance (n,), along rays (n, 2)."""
+    """Return the shift (n,), mm, of the centre, and the throughput (n,), along rays (n, 2)."""
     count = len(normalized)
     if not mirror.is_second_surface:
         return np.zeros(count), np.full(count, reflectance)
@@ -210,7 +210,7 @@ class _SensorGrid:
             weight=float32(weight),
             pupil_x=float32(pupil_x),
             pupil_y=float32(pupil_y),
-            spread=float32(np.sqrt(2.0 * part.spread[:, :2].sum(axis=1))),
+            relative_spread=float32(np.sqrt(2.0 * part.spread[:, :2].sum(axis=1))),
             steps=np.column_stack([step.mean(axis=0) for step in self._steps(sample)]),
         )
 
@@ -254,8 +254,8 @@ class _SensorGrid:
     ) -> tuple[DiscPart, FloatArray]:
         """Return the unvignetted part of the pupil at subpixels (n,), and their distances (n,) from the edge, mm.
 
-        If a subpixel covers much of the blurred edge, the part is the mean of `EDGE_SAMPLES` squared samples. If it is
-        empty, the centroid is the last point of the pupil to be vignetted.
+        If a subpixel covers much of the blurred edge, its fraction is the mean over `EDGE_SAMPLES` x `EDGE_SAMPLES`
+        samples. If the part is empty, the centroid is the last point of the pupil to be vignetted.
         """
         planes = _unvignetted(mirror, self.points(subpixel), pupil, passes)
         part = disc_part(planes, pupil.radius_mm)

@@ -22,7 +22,7 @@ from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
 NEAR_MARGIN, FAR_MARGIN = 0.85, 1.3
 """Limits of the depth search, relative to the nearest and the farthest depth of a design."""
-BEYOND_VIEWS = 1.05
+MIN_DEPTH_FACTOR = 1.05
 """Minimum depth of the search, relative to that of the nearest possible object."""
 SRGB_EXPONENT = 1.0 / 2.2
 """Approximate exponent of sRGB grey levels as a function of light."""
@@ -43,7 +43,7 @@ class PreviewProducts:
         The views decoded from the picture.
     depth
         Depth of the reference view, measured in all views, with its confidence.
-    searched_mm
+    search_range_mm
         Search range of depths.
     true_depth_mm
         (v, u): true depth in the reference view; infinite where there is no surface, NaN where the view has no sample
@@ -53,7 +53,7 @@ class PreviewProducts:
     frame: PreviewFrame
     light_field: LightField
     depth: DepthMap
-    searched_mm: tuple[float, float]
+    search_range_mm: tuple[float, float]
     true_depth_mm: FloatArray
 
     def views_picture(self) -> NDArray[np.uint8]:
@@ -70,9 +70,9 @@ class PreviewProducts:
     def depth_picture(self, near_mm: float | None = None, far_mm: float | None = None) -> NDArray[np.uint8]:
         """Return the depth map (v, u, 3) in colours from near (red) to far (blue), darker where confidence is lower.
 
-        Colours are linear in the reciprocal of depth, over the searched or the given range. Grey means no depth.
+        Colours are linear in the reciprocal of depth, over the search range or the given one. Grey means no depth.
         """
-        near, far = self.searched_mm
+        near, far = self.search_range_mm
         near, far = near if near_mm is None else near_mm, far if far_mm is None else far_mm
         fraction = (1.0 / self.depth.depth_mm - 1.0 / far) / (1.0 / near - 1.0 / far)
         level = np.rint(255.0 * np.clip(np.nan_to_num(fraction), 0.0, 1.0)).astype(np.uint8)
@@ -92,17 +92,17 @@ class PreviewProducts:
 def preview_products(frame: PreviewFrame) -> PreviewProducts:
     """Decode a preview, and measure depth in it with the fast search.
 
-    Raises InputError if a mirror shows nothing, views share no field, or there is only one view.
+    Raises InputError if a mirror shows nothing, views share no field of view, or there is only one view.
     """
     decoder = _decoder(frame)
     light_field = decoder.decode(frame.picture)
-    near, far = _searched_mm(frame.layout, light_field)
+    near, far = _search_range_mm(frame.layout, light_field)
     depth = DepthEstimator(light_field, near_mm=near, far_mm=far, quality="fast").estimate(light_field)
     return PreviewProducts(frame, light_field, depth, (near, far), _true_depth(decoder, frame))
 
 
 def _decoder(frame: PreviewFrame) -> Decoder:
-    """Return the decoder of a preview, for the response of its grey levels to light."""
+    """Return the decoder of a preview, matched to the tone curve of its grey levels."""
     decoder = Decoder(frame.layout)
     if frame.sensor.tone_curve == "linear":
         return decoder
@@ -111,11 +111,11 @@ def _decoder(frame: PreviewFrame) -> Decoder:
     return decoder.equalised(Equalisation(layout_identity=identity, gain=unit_gain, exponent=SRGB_EXPONENT))
 
 
-def _searched_mm(layout: Layout, views: LightField) -> tuple[float, float]:
+def _search_range_mm(layout: Layout, views: LightField) -> tuple[float, float]:
     """Return the search range of a preview: the depths of its subject with a margin, but always beyond the mirrors."""
     depths = default_depths_mm(layout)
     foremost_mm = views.reference_view_depth_mm + float(views.positions_mm[..., 2].max())
-    near = max(NEAR_MARGIN * min(depths), BEYOND_VIEWS * foremost_mm)
+    near = max(NEAR_MARGIN * min(depths), MIN_DEPTH_FACTOR * foremost_mm)
     return near, max(FAR_MARGIN * max(depths), FAR_MARGIN * near)
 
 

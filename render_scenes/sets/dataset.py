@@ -1,4 +1,4 @@
-"""Manifest of a rendered set, `dataset.json`, without ground truth, and the set's true layout. Needs no renderer."""
+"""Manifest of a rendered set, `dataset.json`, without ground truth, and the set's true layout; no renderer needed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ TRUTH = (
 
 
 class DepthRange(Value):
-    """Range of depths of the boards visible in a mirror, and their maximum tilt to its view; 0 without boards."""
+    """Range of depths of the boards visible in a mirror, and their maximum tilt to its view axis; 0 without boards."""
 
     nearest_mm: int = Field(ge=-DEPTH_MM.max, le=DEPTH_MM.max)
     farthest_mm: int = Field(ge=-DEPTH_MM.max, le=DEPTH_MM.max)
@@ -58,7 +58,9 @@ class Dataset(FolderManifest):
     height_px: int = SENSOR_PX.field()
     tolerances: Tolerances
     settings: RenderSettings
-    rate_hz: float | None = Field(default=None, description="frames per second of one motion; none: independent frames")
+    rate_hz: float | None = Field(
+        default=None, description="frames per second if they show one continuous motion; none: independent frames"
+    )
     parts: str | None = Field(default=None, description="checksum of the parts around the mirrors, if any")
     renderer: str = Field(description="program, version and variant")
     coverage: tuple[float, ...] = Field(

@@ -1,7 +1,8 @@
 """Model of lens and sensor: from radiance to the 8-bit picture of a webcam.
 
-Blur, colours, vignetting, veiling glare and noise, then the webcam's processing of the raw picture: demosaicing, noise
-reduction, the tone curve and sharpening, in this order. The renderers model pupil and focus.
+It applies blur, chromatic aberration, vignetting, veiling glare and noise, then the webcam's processing of the raw
+picture: demosaicing, noise reduction, the tone curve and sharpening, in this order. The renderers model pupil and
+focus.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.settings import SensorModel
 
-Light = NDArray[np.float32]
+Float32 = NDArray[np.float32]
 
 NODES = np.arange(-3, 5)
 """Offsets of the pixels from which a picture is interpolated, relative to the pixel to the left of the point.
@@ -34,8 +35,8 @@ class _Colour:
     blur_px: float
 
 
-def light_of_pixels(radiance: Light, subpixels: int, camera: Camera, model: SensorModel) -> Light:
-    """Blur radiance by the lens and integrate it over the pixels.
+def pixel_irradiance(radiance: Float32, subpixels: int, camera: Camera, model: SensorModel) -> Float32:
+    """Blur radiance as the lens does, and integrate it over the pixels.
 
     The blur comes first. In the reverse order, detail that pixels cannot resolve would already be aliased, with errors
     of 0.01 px at corners of boards aligned with the pixels.
@@ -49,11 +50,11 @@ def light_of_pixels(radiance: Light, subpixels: int, camera: Camera, model: Sens
     camera
         The camera; its principal point is the centre of lateral chromatic aberration.
     model
-        Lens.
+        The model; only its lens is used.
 
     Returns
     -------
-    Light
+    Float32
         (h, w) for grey light through a lens without chromatic aberration, otherwise (h, w, 3).
     """
     if model.lateral_chromatic_percent == 0.0 and model.axial_chromatic_px == 0.0:
@@ -72,7 +73,7 @@ def light_of_pixels(radiance: Light, subpixels: int, camera: Camera, model: Sens
     return np.stack(planes, axis=-1)
 
 
-def _blurred_pixels(radiance: Light, subpixels: int, blur_px: float) -> Light:
+def _blurred_pixels(radiance: Float32, subpixels: int, blur_px: float) -> Float32:
     if blur_px > 0:
         radiance = np.asarray(
             cv2.GaussianBlur(radiance, (0, 0), blur_px * subpixels, borderType=cv2.BORDER_REPLICATE), dtype=np.float32
@@ -85,7 +86,7 @@ def _blurred_pixels(radiance: Light, subpixels: int, blur_px: float) -> Light:
     return np.asarray(cv2.resize(radiance, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
-def magnify(picture: Light, camera: Camera, magnification: float) -> Light:
+def magnify(picture: Float32, camera: Camera, magnification: float) -> Float32:
     """Magnify a picture (h, w) about the principal point, with its border replicated.
 
     Each axis is interpolated with weights in full precision, because `cv2.remap` rounds coordinates to 1/32 px.
@@ -97,7 +98,7 @@ def magnify(picture: Light, camera: Camera, magnification: float) -> Light:
     return picture
 
 
-def _magnify_axis(picture: Light, axis: int, centre_px: float, magnification: float) -> Light:
+def _magnify_axis(picture: Float32, axis: int, centre_px: float, magnification: float) -> Float32:
     coordinates = np.arange(picture.shape[axis], dtype=np.float64)
     shift = (coordinates - centre_px) * (1.0 / magnification - 1.0)
     whole_px = np.floor(shift)
@@ -130,8 +131,6 @@ def _lagrange(positions: FloatArray) -> FloatArray:
     )
 
 
-Picture = NDArray[np.float32]
-
 DENOISING_PX = 5
 """Diameter of the bilateral filter's neighbourhood."""
 DENOISING_SIGMA_PX = 1.5
@@ -142,7 +141,7 @@ _STEPS = 256
 """Number of steps per grey level, in the raw picture and in the tone curve."""
 
 
-def mosaic(light: Picture) -> Picture:
+def mosaic(light: Float32) -> Float32:
     """Sample one colour per pixel (h, w), in rows R G R G... and G B G B...; grey light stays unchanged."""
     if light.ndim == 2:
         return light
@@ -152,26 +151,26 @@ def mosaic(light: Picture) -> Picture:
     return raw
 
 
-def process(grey: Picture, model: SensorModel) -> Picture:
-    """Process a raw picture in grey levels: (h, w) if grey or with a Bayer pattern, otherwise (h, w, 3)."""
+def process(levels: Float32, model: SensorModel) -> Float32:
+    """Process a raw picture, digital numbers: (h, w) if grey or with a Bayer pattern, otherwise (h, w, 3)."""
     if model.bayer:
-        grey = demosaic(grey)
+        levels = demosaic(levels)
     if model.denoising_grey > 0:
-        grey = np.asarray(
+        levels = np.asarray(
             cv2.bilateralFilter(
-                grey, DENOISING_PX, model.denoising_grey, DENOISING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE
+                levels, DENOISING_PX, model.denoising_grey, DENOISING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE
             ),
             dtype=np.float32,
         )
     if model.tone_curve == "srgb":
-        grey = _tone_curve()[_in_steps(grey)]
+        levels = _tone_curve()[_in_steps(levels)]
     if model.sharpening > 0:
-        blurred = cv2.GaussianBlur(grey, (0, 0), SHARPENING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE)
-        grey = grey + np.float32(model.sharpening) * (grey - blurred)
-    return grey
+        blurred = cv2.GaussianBlur(levels, (0, 0), SHARPENING_SIGMA_PX, borderType=cv2.BORDER_REPLICATE)
+        levels = levels + np.float32(model.sharpening) * (levels - blurred)
+    return levels
 
 
-def demosaic(raw: Picture) -> Picture:
+def demosaic(raw: Float32) -> Float32:
     """Interpolate the colours (h, w, 3) of a Bayer pattern (h, w), with green interpolated along edges."""
     colours = cv2.demosaicing(_in_steps(raw), cv2.COLOR_BayerRGGB2RGB_EA)
     return np.asarray(colours, dtype=np.float32) / np.float32(_STEPS)
@@ -184,13 +183,13 @@ def srgb(linear: FloatArray) -> FloatArray:
     )
 
 
-def _in_steps(grey: Picture) -> NDArray[np.uint16]:
-    """Return grey levels in integer steps, clipped at white."""
-    return np.asarray(np.clip(np.rint(grey * np.float32(_STEPS)), 0.0, 255.0 * _STEPS).astype(np.uint16))
+def _in_steps(levels: Float32) -> NDArray[np.uint16]:
+    """Return digital numbers in integer steps, clipped at white."""
+    return np.asarray(np.clip(np.rint(levels * np.float32(_STEPS)), 0.0, 255.0 * _STEPS).astype(np.uint16))
 
 
 @cache
-def _tone_curve() -> Picture:
+def _tone_curve() -> Float32:
     """Return the tone curve's output grey level for each input step."""
     return (255.0 * srgb(np.arange(255 * _STEPS + 1) / (255.0 * _STEPS))).astype(np.float32)
 
@@ -226,24 +225,24 @@ def photograph(
     NDArray[np.uint8]
         Picture (h, w) for grey light if neither lens nor sensor separates colours, otherwise (h, w, 3).
     """
-    light = light_of_pixels(radiance, subpixels, camera, model)
+    light = pixel_irradiance(radiance, subpixels, camera, model)
     light *= np.float32(255.0 * model.exposure)
     if model.vignetting > 0:
         light *= _per_pixel(_vignette(camera, model.vignetting), light)
     if model.veiling_glare > 0:
         light += np.float32(model.veiling_glare) * light.mean(axis=(0, 1))
-    grey = mosaic(light) if model.bayer else light
+    levels = mosaic(light) if model.bayer else light
     if model.prnu_percent > 0:
-        grey *= _per_pixel(_sensitivity(camera.width_px, camera.height_px, model.prnu_percent), grey)
+        levels *= _per_pixel(_sensitivity(camera.width_px, camera.height_px, model.prnu_percent), levels)
     if model.full_well_electrons > 0 or model.read_noise_grey > 0:
-        _add_noise(grey, model, random)
-    return np.asarray(cv2.convertScaleAbs(np.maximum(process(grey, model), 0.0)))
+        _add_noise(levels, model, random)
+    return np.asarray(cv2.convertScaleAbs(np.maximum(process(levels, model), 0.0)))
 
 
-def _add_noise(grey: NDArray[np.float32], model: SensorModel, random: np.random.Generator) -> None:
+def _add_noise(levels: NDArray[np.float32], model: SensorModel, random: np.random.Generator) -> None:
     """Add shot and read noise to a picture (h, w[, 3]), in batches of rows that fit the processor's cache."""
-    for start in range(0, len(grey), NOISE_ROWS):
-        rows = grey[start : start + NOISE_ROWS]
+    for start in range(0, len(levels), NOISE_ROWS):
+        rows = levels[start : start + NOISE_ROWS]
         noise = random.standard_normal(rows.shape, dtype=np.float32)
         if model.full_well_electrons > 0:
             # The variance of shot noise is the number of electrons; the read noise's variance adds to it.
@@ -256,8 +255,8 @@ def _add_noise(grey: NDArray[np.float32], model: SensorModel, random: np.random.
         rows += noise
 
 
-def _per_pixel(factor: NDArray[np.float32], grey: NDArray[np.float32]) -> NDArray[np.float32]:
-    return factor[..., None] if grey.ndim == 3 else factor
+def _per_pixel(factor: NDArray[np.float32], levels: NDArray[np.float32]) -> NDArray[np.float32]:
+    return factor[..., None] if levels.ndim == 3 else factor
 
 
 @lru_cache(maxsize=2)

@@ -124,9 +124,9 @@ def check_video(settings: RenderSettings, camera: Camera, rate_hz: float | None)
     """Raise InputError if the frames do not suit the requested video."""
     video, sensor = settings.video, settings.sensor
     if video is not None and rate_hz is None:
-        raise InputError(f"video {video}: needs a frame rate, expected a rate_hz")
+        raise InputError(f"video {video} needs a frame rate, expected a rate_hz")
     if video == "avi" and sensor.jpeg_quality is None:
-        raise InputError("video avi: consists of JPEG pictures, expected a sensor with jpeg_quality")
+        raise InputError("video avi needs JPEG pictures, expected a sensor with jpeg_quality")
     if (video == "mp4" or sensor.h264_crf is not None) and (camera.width_px % 2 or camera.height_px % 2):
         size = f"{camera.width_px} x {camera.height_px}"
         raise InputError(f"H.264: a sensor of {size} pixels, expected even numbers of columns and rows")

@@ -166,10 +166,10 @@ class SetRecipe(Value):
             for number in range(self.copies)
         )
 
-    def byte_inputs(self) -> dict[str, Any]:
+    def content_inputs(self) -> dict[str, Any]:
         """Return all inputs that determine the set's bytes, as JSON, with the camera's numbers instead of its name."""
-        byte_inputs = self.model_dump(mode="json", by_alias=True, exclude={"name", "why", "copies"})
-        return byte_inputs | {"camera": self.camera.model_dump(mode="json")}
+        content_inputs = self.model_dump(mode="json", by_alias=True, exclude={"name", "why", "copies"})
+        return content_inputs | {"camera": self.camera.model_dump(mode="json")}
 
     def request(self, designed: Layout | None) -> SetRequest:
         """Return the request for the set, with the layout solved from `spec`.

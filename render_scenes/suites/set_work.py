@@ -27,7 +27,7 @@ CODE = (
 
 def folder_name(recipe: SetRecipe, variant: str) -> str:
     """Return the folder name of a set: its name, and a 16-digit digest of everything that determines its bytes."""
-    inputs = {"recipe": recipe.byte_inputs(), "variant": variant, "made_with": program_of(*CODE)}
+    inputs = {"recipe": recipe.content_inputs(), "variant": variant, "made_with": program_of(*CODE)}
     return f"{recipe.name}-{value_digest(inputs)[:16]}"
 
 

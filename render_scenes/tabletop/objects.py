@@ -298,7 +298,7 @@ def lamp_square(target_in_view: FloatArray, scale_mm: float) -> tuple[FloatArray
 def lights(target_in_view: FloatArray, scale_mm: float, view_from_rig: FloatArray) -> dict[str, Any]:
     """Return a uniform environment and an area light, in the rig frame: above, left of and in front of a target.
 
-    Size and distance of the area light are proportional to `scale_mm`: its irradiance does not depend on the scale.
+    Size and distance of the area light are proportional to `scale_mm`: the target's irradiance does not depend on it.
     """
     import mitsuba as mi
 

@@ -55,7 +55,7 @@ def test_figures_of_every_view_and_of_all_are_written(files: Path) -> None:
     write_comparison(difference, nominal_layout(), files)
     assert all((files / name).is_file() for name in FILES)
     figures = json.loads((files / "metrics.json").read_text())
-    assert figures["view_1_0_rms_px"]["value"] == difference.figures([difference.views[2]])["rms_px"].value
+    assert figures["view_1_0_rms_px"]["value"] == difference.metrics([difference.views[2]])["rms_px"].value
     assert figures["all_ratio"]["value"] > 10.0
     assert {"distance_mm", "motion_turn_deg", "motion_shift_x_mm", "view_0_1_sigma_mm"} <= set(figures)
 

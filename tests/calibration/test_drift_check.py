@@ -25,7 +25,7 @@ from mirrorcam.core.disk.files import write_json, write_metrics
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import Metric
-from mirrorcam.optics.drift.drift import UNDETERMINED_DEG, Drift, MirrorMove, shows_drift
+from mirrorcam.optics.drift.drift import UNDETERMINED_DEG, Drift, MirrorMove, can_test_drift
 from mirrorcam.optics.geometry.layout import Layout
 from tests.command_line import results
 from tests.core.video.videos import pictures, write_h264
@@ -76,9 +76,9 @@ def test_figures_are_written_with_their_limits(default_layout: Layout, tmp_path:
 def test_layouts_that_state_no_measured_mirrors_or_two_tell_nothing(
     default_layout: Layout, small_layout: Layout
 ) -> None:
-    assert not shows_drift(small_layout.replaced(kind="calibrated"))
-    assert not shows_drift(default_layout.replaced(kind="nominal"))
-    assert shows_drift(default_layout.replaced(kind="calibrated"))
+    assert not can_test_drift(small_layout.replaced(kind="calibrated"))
+    assert not can_test_drift(default_layout.replaced(kind="nominal"))
+    assert can_test_drift(default_layout.replaced(kind="calibrated"))
 
 
 def test_a_recording_without_texture_tells_nothing(default_layout: Layout, tmp_path: Path) -> None:

@@ -26,11 +26,11 @@ MAX_ROUNDS = 15
 MAX_LINK = 1.1  # distance between adjacent corners, relative to the longest side of a square
 MAX_TRIES = 2  # per corner, since its expected position improves once its neighbours are found
 MANY_POINTS = 40  # known points that predict positions well enough at the first try
-MIN_GROWTH = 0.03  # fraction of the corners that a round must add: less is often growth into another mirror's board
+MIN_GROWTH = 0.03  # fraction of the corners that a round must add: smaller growth is often into another mirror's board
 NEIGHBOURS = 12
 OUTLIER_SIGMAS = 6.0
 MIN_OUTLIER_PX = 0.1
-MIN_STEP_PX, MAX_STEP_PX = 0.2, 1.5  # bounds on the difference between adjacent residuals to the warp
+MIN_STEP_PX, MAX_STEP_PX = 0.2, 1.5  # bounds on the difference between adjacent residuals of the warp
 MIN_CORNERS = 8  # to judge the smoothness of a board
 MIN_CELL_PX = 5.0
 FIRST_BLUR_PX = 1.2  # sigma assumed for the first corners
@@ -104,7 +104,7 @@ def _visible_corners(
     """Return the visible corners among all corners (c, 2) of a print, with their indices as ids."""
     corner_pixels, appearance = _grow(picture, print_xy, pixels, corners, target, mirrored=mirrored)
     visible_ids = np.flatnonzero(np.isfinite(corner_pixels[:, 0]))
-    visible_ids = visible_ids[smooth(corners[visible_ids], corner_pixels[visible_ids], target.longest_step)]
+    visible_ids = visible_ids[on_smooth_surface(corners[visible_ids], corner_pixels[visible_ids], target.longest_step)]
     warp = BoardWarp.fit(corners[visible_ids], corner_pixels[visible_ids], degree=QUINTIC)
     if warp is None:
         return Corners.empty()
@@ -113,7 +113,7 @@ def _visible_corners(
     ids, refined = _confirmed(picture, visible_ids, expected, appearance, mirrored=mirrored)
     valid = _similar_contrast(corners[ids], refined.contrast) & _typical_quality(refined)
     board = Corners(ids.astype(np.int64), refined.pixels, refined.sigma_px).where(valid)
-    return board.where(smooth(corners[board.ids], board.pixels, target.longest_step))
+    return board.where(on_smooth_surface(corners[board.ids], board.pixels, target.longest_step))
 
 
 def _is_blurred_by_motion(picture: Image, expected: ExpectedCorners, appearance: Appearance) -> bool:
@@ -122,11 +122,11 @@ def _is_blurred_by_motion(picture: Image, expected: ExpectedCorners, appearance:
     Without motion, a model with motion blur would only make partly occluded corners look valid.
     """
     sample = expected.where(np.arange(len(expected.print_xy)) % max(len(expected.print_xy) // SAMPLE_CORNERS, 1) == 0)
-    remove_motion, with_motion = (
+    without_motion, with_motion = (
         float(np.median(1.0 - refine(picture, sample, replace(appearance, motion=motion)).explained_variance))
         for motion in (False, True)
     )
-    return with_motion < MAX_UNEXPLAINED_RATIO * remove_motion
+    return with_motion < MAX_UNEXPLAINED_RATIO * without_motion
 
 
 def _grow(
@@ -232,7 +232,7 @@ def _largest_part(warp: BoardWarp, print_xy: FloatArray, pixels: FloatArray, ste
     """Mask of the largest connected part of the corners in which adjacent corners have nearly equal residuals.
 
     Two mirrors may show a board as if it continued from one to the other, except for a step of a few pixels. Then the
-    residuals to the warp through both differ across the step.
+    residuals of the warp through both differ across the step.
     """
     residual = pixels - warp.map(print_xy)
     first, second = cKDTree(print_xy).query_pairs(MAX_LINK * step, output_type="ndarray").T
@@ -252,7 +252,7 @@ def connected(print_xy: FloatArray, step: float = 1.0) -> BoolArray:
     return np.asarray(labels == np.bincount(labels).argmax())
 
 
-def smooth(print_xy: FloatArray, pixels: FloatArray, step: float = 1.0) -> BoolArray:
+def on_smooth_surface(print_xy: FloatArray, pixels: FloatArray, step: float = 1.0) -> BoolArray:
     """Mask (n,) of the corners that lie on a smooth surface with their largest connected part.
 
     Adjacent corners are at most `step` squares apart.

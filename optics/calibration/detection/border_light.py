@@ -50,7 +50,7 @@ MIN_VARIANCE = 0.02
 
 @dataclass(frozen=True)
 class BoardFrame:
-    """A frame through the mirrors, and the pose (4, 4) of its board, rig_from_board, mm."""
+    """A frame via the mirrors, and the pose (4, 4) of its board, rig_from_board, mm."""
 
     picture: Grey | Path
     rig_from_board: FloatArray
@@ -169,7 +169,7 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
     layout
         A calibrated layout; its pupil may be approximate.
     frames
-        Frames through the mirrors.
+        Frames via the mirrors.
     target
         The board.
     """

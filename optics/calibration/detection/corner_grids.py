@@ -5,10 +5,10 @@ negative. On a small circle around it, opposite sides are equal, and grey values
 white, at the edges.
 
 Every corner has four edges, which lead to its neighbours. The colours on the two sides of an edge stay the same from
-one corner to the next, so the edge is of the first kind for one corner and of the second kind for the other
-(`SaddlePoints.axes`). Links count if four of them close around a square, and if they continue the links before or after
-them; links between boards of adjacent mirrors do not. On an AprilGrid, whose columns are alternately wide and narrow,
-they must continue the next link but one.
+one corner to the next, so the edge is the first of `SaddlePoints.axes` at one corner and the second at the next. Links
+are kept if four of them close around a square, and if they continue the links before or after them; links between
+boards of adjacent mirrors do neither. On an AprilGrid, whose columns are alternately wide and narrow, links must
+continue the next but one.
 """
 
 from __future__ import annotations
@@ -193,16 +193,16 @@ def corner_grids(points: SaddlePoints, *, alternating: bool = False) -> list[tup
     if len(points) < MIN_CORNERS:
         return []
     if alternating:
-        neighbour, back = _links(points, NEIGHBOURS_ALTERNATING, MAX_ANGLE_ALTERNATING)
+        neighbour, reverse = _links(points, NEIGHBOURS_ALTERNATING, MAX_ANGLE_ALTERNATING)
     else:
-        neighbour, back = _links(points, NEIGHBOURS, MAX_ANGLE)
-    neighbour = _straight_links(points.pixels, neighbour, back, alternating=alternating)
-    closed = _closed_links(points.pixels, neighbour, back)
+        neighbour, reverse = _links(points, NEIGHBOURS, MAX_ANGLE)
+    neighbour = _straight_links(points.pixels, neighbour, reverse, alternating=alternating)
+    closed = _closed_links(points.pixels, neighbour, reverse)
     grids = []
     assigned = np.zeros(len(points), dtype=bool)
     for seed in np.flatnonzero(closed.any(axis=1)):
         if not assigned[seed]:
-            members, grid_xy = _grid_from(int(seed), neighbour, back, closed & ~assigned[:, None])
+            members, grid_xy = _grid_from(int(seed), neighbour, reverse, closed & ~assigned[:, None])
             assigned[members] = True
             if len(members) >= MIN_CORNERS:
                 grids.append((members, grid_xy))
@@ -210,7 +210,7 @@ def corner_grids(points: SaddlePoints, *, alternating: bool = False) -> list[tup
 
 
 def _links(points: SaddlePoints, max_neighbours: int, max_angle: float) -> tuple[IntArray, IntArray]:
-    """Return the neighbour (n, 4) of each saddle point in each direction, and its direction (n, 4) back.
+    """Return the neighbour (n, 4) of each saddle point in each direction, and the reverse direction (n, 4) there.
 
     Directions 0 to 3 are the first edge, the second one, and their opposites. `NO_NEIGHBOUR` marks a missing or a
     one-sided link.
@@ -227,7 +227,7 @@ def _links(points: SaddlePoints, max_neighbours: int, max_angle: float) -> tuple
     cosines = directions @ direction_to.transpose(0, 2, 1)
     row, side, rank = np.nonzero(cosines > np.cos(max_angle))
     return_cosines = -(directions[other[row, rank]] @ direction_to[row, rank, :, None])[..., 0]
-    # An edge of the first kind for one corner is of the second kind for the other.
+    # An edge along the first axis of one corner is along the second axis of the other.
     return_cosines[(side[:, None] + np.arange(4)) % 2 == 0] = -1.0
     cost, return_side = np.full(cosines.shape, np.inf), np.zeros(cosines.shape, dtype=np.int64)
     larger_angle = np.arccos(np.clip(np.minimum(cosines[row, side, rank], return_cosines.max(axis=1)), -1.0, 1.0))
@@ -237,12 +237,12 @@ def _links(points: SaddlePoints, max_neighbours: int, max_angle: float) -> tuple
     rows, sides = np.meshgrid(np.arange(count), np.arange(4), indexing="ij")
     linked = np.isfinite(cost[rows, sides, best])
     neighbour = np.where(linked, other[rows, best], NO_NEIGHBOUR)
-    back = return_side[rows, sides, best]
-    mutual = linked & (neighbour[neighbour, back] == rows) & (back[neighbour, back] == sides)
-    return np.where(mutual, neighbour, NO_NEIGHBOUR).astype(np.int64), back.astype(np.int64)
+    reverse = return_side[rows, sides, best]
+    mutual = linked & (neighbour[neighbour, reverse] == rows) & (reverse[neighbour, reverse] == sides)
+    return np.where(mutual, neighbour, NO_NEIGHBOUR).astype(np.int64), reverse.astype(np.int64)
 
 
-def _straight_links(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, alternating: bool) -> IntArray:
+def _straight_links(pixels: FloatArray, neighbour: IntArray, reverse: IntArray, *, alternating: bool) -> IntArray:
     """Drop neighbours (n, 4) whose link continues neither the previous link nor the next, if there is one.
 
     If squares are alternately wide and narrow, each link is compared with the next but one.
@@ -250,12 +250,12 @@ def _straight_links(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, 
     linked = neighbour != NO_NEIGHBOUR
     vector = np.where(linked[..., None], pixels[neighbour] - pixels[:, None], np.nan)
     length = np.linalg.norm(vector, axis=2)
-    next_vector = vector[neighbour, (back + 2) % 4]
+    next_vector = vector[neighbour, (reverse + 2) % 4]
     if alternating:
-        next_point, next_side = neighbour[neighbour, (back + 2) % 4], (back[neighbour, (back + 2) % 4] + 2) % 4
+        next_point, next_side = neighbour[neighbour, (reverse + 2) % 4], (reverse[neighbour, (reverse + 2) % 4] + 2) % 4
         continued = linked & np.isfinite(next_vector[..., 0])
         next_vector = np.where(continued[..., None], vector[next_point, next_side], np.nan)
-        opposite = np.roll(np.where(linked[..., None], vector[neighbour, (back + 2) % 4], np.nan), 2, axis=1)
+        opposite = np.roll(np.where(linked[..., None], vector[neighbour, (reverse + 2) % 4], np.nan), 2, axis=1)
     else:
         opposite = np.roll(vector, 2, axis=1)
     changes = np.stack([np.linalg.norm(vector + opposite, axis=2), np.linalg.norm(next_vector - vector, axis=2)])
@@ -264,7 +264,7 @@ def _straight_links(pixels: FloatArray, neighbour: IntArray, back: IntArray, *, 
     return np.where(linked & smooth, neighbour, NO_NEIGHBOUR)
 
 
-def _closed_links(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np.ndarray:
+def _closed_links(pixels: FloatArray, neighbour: IntArray, reverse: IntArray) -> np.ndarray:
     """Mask (n, 4) of the links on a closed square of four links with similar opposite sides."""
     rows, sides = np.meshgrid(np.arange(len(neighbour)), np.arange(4), indexing="ij")
     corners, path_sides = [rows], [sides]
@@ -273,8 +273,8 @@ def _closed_links(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np
         point, side = corners[-1], path_sides[-1]
         valid &= neighbour[point, side] != NO_NEIGHBOUR
         corners.append(neighbour[point, side])
-        # The direction back is behind; the next side is to the right of the direction of travel.
-        path_sides.append((back[point, side] + 3) % 4)
+        # `reverse` points backwards; the next side is to the right of the direction of travel.
+        path_sides.append((reverse[point, side] + 3) % 4)
     valid &= neighbour[corners[3], path_sides[3]] == rows
     lengths = [np.linalg.norm(pixels[corners[i]] - pixels[corners[(i + 1) % 4]], axis=2) for i in range(4)]
     for a, b in ((0, 2), (1, 3)):
@@ -282,11 +282,11 @@ def _closed_links(pixels: FloatArray, neighbour: IntArray, back: IntArray) -> np
     closed = np.zeros_like(valid)
     for point, side in zip(corners, path_sides, strict=True):
         closed[point[valid], side[valid]] = True
-        closed[neighbour[point[valid], side[valid]], back[point[valid], side[valid]]] = True
+        closed[neighbour[point[valid], side[valid]], reverse[point[valid], side[valid]]] = True
     return closed
 
 
-def _grid_from(seed: int, neighbour: IntArray, back: IntArray, closed: np.ndarray) -> tuple[IntArray, IntArray]:
+def _grid_from(seed: int, neighbour: IntArray, reverse: IntArray, closed: np.ndarray) -> tuple[IntArray, IntArray]:
     """Return the saddle points (m,) that closed links connect with a seed, and their distinct coordinates (m, 2)."""
     grid_xy, rotations, occupied = {seed: (0, 0)}, {seed: 0}, {(0, 0): seed}
     queue = deque([seed])
@@ -300,6 +300,10 @@ def _grid_from(seed: int, neighbour: IntArray, back: IntArray, closed: np.ndarra
             new_xy = (grid_xy[point][0] + int(STEPS[step, 0]), grid_xy[point][1] + int(STEPS[step, 1]))
             if new_xy in occupied:
                 continue
-            grid_xy[other], rotations[other], occupied[new_xy] = new_xy, (step + 2 - int(back[point, side])) % 4, other
+            grid_xy[other], rotations[other], occupied[new_xy] = (
+                new_xy,
+                (step + 2 - int(reverse[point, side])) % 4,
+                other,
+            )
             queue.append(other)
     return np.array(list(grid_xy), dtype=np.int64), np.array(list(grid_xy.values()), dtype=np.int64)

@@ -21,10 +21,11 @@ from mirrorcam.optics.geometry.targets import Checkerboard, Target
 
 
 def find_boards(grey: Grey, target: Target, *, mirrored: bool, max_boards: int) -> list[tuple[Corners, ...]]:
-    """Find up to `max_boards` boards in a picture (h, w), the largest first, each in all of its possible numberings.
+    """Find up to `max_boards` boards in a picture (h, w), the largest first, each with all possible numberings.
 
-    `mirrored` states whether the boards appear in mirrors. Boards with few or collinear corners are left out, because
-    they do not determine a pose, and so are parts of checkerboards that fit the target at several positions.
+    A numbering assigns ids to corners. `mirrored` states whether the boards appear in mirrors. Boards with few or
+    collinear corners are left out, because they do not determine a pose, and so are parts of checkerboards that fit the
+    target at several positions.
     """
     if isinstance(target, Checkerboard):
         found = [tuple(grid.numberings(target, mirrored=mirrored)) for grid in find_checkerboards(grey, target)]
@@ -85,7 +86,7 @@ def _as_grids(grids: Sequence[DetectedGrid]) -> DetectedFrame:
 
 
 def _as_views(boards: Sequence[tuple[Corners, ...]]) -> DetectedFrame:
-    """Return boards with one numbering each as the views of a frame, numbered in order."""
+    """Return boards with one numbering each as a frame, with the board's index in place of a view."""
     parts = [
         Observations.of_view(0, number, board.ids, board.pixels, board.sigma_px)
         for number, (board,) in enumerate(boards)
@@ -135,7 +136,7 @@ def detect_frames(
     target
         The board.
     mirrored
-        Whether the pictures show the board through the mirrors (`detect_sub_images`), or directly.
+        Whether the pictures show the board in the mirrors (`detect_sub_images`), or directly.
     folder
         Folder that caches detections, if any.
     workers

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
-from mirrorcam.optics.calibration.detection.board_growing import expected_corners, first_blur_px, smooth
+from mirrorcam.optics.calibration.detection.board_growing import expected_corners, first_blur_px, on_smooth_surface
 from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import (
@@ -115,7 +115,9 @@ class GhostedView:
         fit = refine(light, self.expected, Appearance(target, self.blur_px, self.ghosts))
         converged = np.asarray(np.isfinite(fit.pixels).all(axis=1))
         refined = Corners(self.ids, fit.pixels, fit.sigma_px).where(converged)
-        return refined.where(smooth(corner_print_xy(target)[refined.ids], refined.pixels, target.longest_step))
+        return refined.where(
+            on_smooth_surface(corner_print_xy(target)[refined.ids], refined.pixels, target.longest_step)
+        )
 
 
 def ghosted_view(

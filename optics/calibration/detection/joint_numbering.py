@@ -107,7 +107,7 @@ def number_jointly(
     Parameters
     ----------
     frames, base
-        Detections in pictures through the mirrors, and without them.
+        Detections in pictures via the mirrors, and without them.
     layout
         The nominal layout.
     target

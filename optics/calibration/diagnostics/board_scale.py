@@ -44,7 +44,7 @@ ALARM_SIGMAS, REFUSED_DEVIATION = 3.5, 0.1
 NOTED_SIGMAS, NOTED_DEVIATION = 2.0, 0.01
 
 
-def other_size(pictures: Sequence[Grey], layout: Layout, target: Target) -> str | None:
+def wrong_size_message(pictures: Sequence[Grey], layout: Layout, target: Target) -> str | None:
     """Describe that pictures through a layout's mirrors fit a board of a different size; None if they do not."""
     ratio = size_ratio(pictures, layout, target)
     if ratio is None or 1.0 / MIN_SIZE_RATIO < ratio < MIN_SIZE_RATIO:

@@ -1,9 +1,9 @@
 """The difference of two calibrations of one device, in pixels of each view, and its prediction by their covariances.
 
 After mrcal's projection difference with an implied transformation (Kogan). Two calibrations may place the rig
-differently in space: a common motion of all mirrors, or of the principal point, nearly equals a motion of the scene. So
-the rigid motion that best aligns the projections by B with the projections by A, over points in the working volume, is
-removed; the rest is the difference that affects a measurement.
+differently in space: a common motion of all mirrors, or a shift of the principal point, is hardly distinguishable from
+a motion of the scene. So the rigid motion that best aligns the projections by B with the projections by A, over points
+in the working volume, is removed; the rest is the difference that affects a measurement.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray
 from mirrorcam.optics.calibration.solver.residuals import global_names
-from mirrorcam.optics.geometry.layout import VOLUME, Layout
+from mirrorcam.optics.geometry.layout import VOLUME_FACTORS, Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 NOISE_RATIO = 2.5
@@ -57,7 +57,7 @@ class ViewDifference:
     covariance_px
         Predicted covariance (n, 2, 2) of `difference_px`; zero if neither calibration has one.
     sigma_mm
-        Predicted standard deviation (n,) of the shift, over both directions.
+        Predicted root mean square (n,) of `difference_mm`.
     """
 
     view: int
@@ -74,7 +74,7 @@ class ViewDifference:
 
     @cached_property
     def sigma_px(self) -> FloatArray:
-        """Predicted root mean squares (n,) of the lengths: standard deviations over both directions."""
+        """Predicted root mean squares (n,) of the lengths: roots of the summed variances in x and y."""
         return np.asarray(np.sqrt(np.maximum(np.trace(self.covariance_px, axis1=1, axis2=2), 0.0)))
 
 
@@ -105,38 +105,38 @@ class CalibrationDifference:
     shift_mm: FloatArray
     predicted: tuple[bool, bool]
 
-    def figures(self, views: Sequence[ViewDifference]) -> dict[str, Metric]:
+    def metrics(self, views: Sequence[ViewDifference]) -> dict[str, Metric]:
         """Rms and largest difference over some views; with a covariance, also sigma and their ratio."""
         rms, sigma = _rms([view.length_px for view in views]), _rms([view.sigma_px for view in views])
-        figures = {
+        metrics = {
             "rms_px": (rms, "px"),
             "max_px": (max(float(view.length_px.max()) for view in views), "px"),
             "rms_mm": (_rms([view.difference_mm for view in views]), "mm"),
             "max_mm": (max(float(view.difference_mm.max()) for view in views), "mm"),
         }
         if any(self.predicted):
-            figures["sigma_px"] = (sigma, "px")
-            figures["sigma_mm"] = (_rms([view.sigma_mm for view in views]), "mm")
+            metrics["sigma_px"] = (sigma, "px")
+            metrics["sigma_mm"] = (_rms([view.sigma_mm for view in views]), "mm")
         if sigma > 0.0:
-            figures["ratio"] = (rms / sigma, "1")
-        return {name: Metric(value=_rounded_to_zero(value), unit=unit) for name, (value, unit) in figures.items()}
+            metrics["ratio"] = (rms / sigma, "1")
+        return {name: Metric(value=_rounded_to_zero(value), unit=unit) for name, (value, unit) in metrics.items()}
 
     @property
     def worst(self) -> tuple[ViewDifference, float] | None:
         """The view with the largest ratio of difference to sigma, and that ratio; None without a covariance."""
-        ratios = [(view, figures["ratio"].value) for view in self.views if "ratio" in (figures := self.figures([view]))]
+        ratios = [(view, metrics["ratio"].value) for view in self.views if "ratio" in (metrics := self.metrics([view]))]
         return max(ratios, key=lambda pair: pair[1], default=None)
 
     @property
     def motion(self) -> dict[str, Metric]:
         """Size and components of the removed motion."""
-        figures = {}
+        metrics = {}
         for name, unit, vector in (("turn_deg", "deg", self.rotation_deg), ("shift_mm", "mm", self.shift_mm)):
-            figures[f"motion_{name}"] = Metric(value=_rounded_to_zero(float(np.linalg.norm(vector))), unit=unit)
+            metrics[f"motion_{name}"] = Metric(value=_rounded_to_zero(float(np.linalg.norm(vector))), unit=unit)
             stem = name.removesuffix(f"_{unit}")
             for axis, value in zip("xyz", vector.tolist(), strict=True):
-                figures[f"motion_{stem}_{axis}_{unit}"] = Metric(value=_rounded_to_zero(value), unit=unit)
-        return figures
+                metrics[f"motion_{stem}_{axis}_{unit}"] = Metric(value=_rounded_to_zero(value), unit=unit)
+        return metrics
 
 
 def _rounded_to_zero(value: float) -> float:
@@ -163,7 +163,7 @@ def calibration_difference(a: Layout, b: Layout, *, range_mm: float) -> Calibrat
     InputError
         If the layouts belong to different devices, or B does not show the points that A shows.
     """
-    _refuse_other_device(a, b)
+    _check_same_device(a, b)
     points = _Points.in_volume(a, b, range_mm)
     b_from_a, weights = _rigid_motion(a, b, points)
     visible = _visible(b, points.view, transform(b_from_a, points.in_a))
@@ -224,14 +224,14 @@ def _views(layout: Layout) -> tuple[int, ...]:
     return (*mirrors, DIRECT) if np.array_equal(layout.view_from_rig, np.eye(3)) else mirrors
 
 
-def _refuse_other_device(a: Layout, b: Layout) -> None:
+def _check_same_device(a: Layout, b: Layout) -> None:
     """Raise InputError if two layouts cannot be calibrations of one device."""
     sizes = [f"{layout.camera.width_px}x{layout.camera.height_px} px" for layout in (a, b)]
     if sizes[0] != sizes[1]:
-        raise InputError(f"the second layout's pictures have {sizes[1]}, expected {sizes[0]} like the first's")
+        raise InputError(f"the second layout's pictures are {sizes[1]}, expected {sizes[0]} as in the first")
     if (a.rows, a.cols, a.pattern) != (b.rows, b.cols, b.pattern):
         raise InputError(
-            f"the second layout has {b.arrangement.text} mirrors, expected {a.arrangement.text} like the first"
+            f"the second layout has {b.arrangement.text} mirrors, expected {a.arrangement.text} as in the first"
         )
     for layout, which in ((a, "first"), (b, "second")):
         parameters = () if layout.uncertainty is None else layout.uncertainty.parameters
@@ -274,7 +274,7 @@ class _Points:
         parts = []
         for view in _views(a):
             pixels = grid_px(a, view)
-            for factor in VOLUME:
+            for factor in VOLUME_FACTORS:
                 in_a, in_b = (points_at_pixels(layout, view, pixels, factor * range_mm) for layout in (a, b))
                 parts.append((np.full(len(pixels), view), pixels, in_a, in_b, np.full(len(pixels), factor == 1.0)))
         points = cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
@@ -384,8 +384,8 @@ def view_weights(residuals_px: FloatArray, view: NDArray[np.int64]) -> FloatArra
 def motion_jacobian(d_point: FloatArray, points: FloatArray, lever_mm: float, *, scaled: bool = False) -> FloatArray:
     """Derivatives (n, 2, 6) of pixels with respect to a motion of their points (n, 3), px/mm; (n, 2, 7) with a scale.
 
-    The first three columns rotate about the points' centroid, in mm at the lever, the next three shift, and the last
-    scales about the centroid, in mm at the lever.
+    The first three columns rotate about the points' centroid, the next three shift, and the last scales about the
+    centroid. Rotation and scale are in mm of displacement at the lever arm `lever_mm`.
     """
     from_centroid = (points - points.mean(axis=0)) / lever_mm
     d_rotation = np.cross(from_centroid[:, None, :], d_point)  # J (w x p) = w . (p x J)

@@ -30,8 +30,8 @@ from mirrorcam.optics.calibration.solver.residuals import points_at_camera
 from mirrorcam.optics.geometry.layout import Layout
 
 MATCHING_PX = 0.1
-RANGES = np.linspace(0.5, 2.5, 17)
-"""Distances at which depth uncertainty is evaluated, as multiples of the working range."""
+DISTANCE_FACTORS = np.linspace(0.5, 2.5, 17)
+"""Distances at which depth uncertainty is evaluated, in units of the working distance."""
 
 
 @dataclass(frozen=True)
@@ -53,17 +53,17 @@ class Diagnostics:
     weak
         The least determined directions.
     projection
-        Standard deviations of projected pixels at the working range, one map per view.
+        Standard deviations of projected pixels at the working distance, one map per view.
     depth
-        Standard deviations of depth by range.
+        Standard deviations of depth as a function of distance.
     reference
         View that the others are measured against: a mirror's index, or DIRECT.
     range_mm
-        Working range, mm: median distance of the observed corners from the virtual centres.
+        Working distance, mm: median distance of the observed corners from the virtual centres.
     inflation
         Factor on all standard deviations here, relative to independent corner errors.
     alarms
-        Contradictions to the model, one sentence each.
+        Evidence against the model, one sentence each.
     notes
         Undetermined quantities, one sentence each.
     other_surface
@@ -107,8 +107,8 @@ class Diagnostics:
             "alarms": (float(len(self.alarms)), "1"),
         }
         for name, values in (("matching", self.depth.matching_mm), ("calibration", self.depth.calibration_mm)):
-            at_range = float(np.interp(self.range_mm, self.depth.range_mm, values))
-            figures[f"depth_{name}_sigma_mm"] = (at_range, "mm")
+            sigma_mm = float(np.interp(self.range_mm, self.depth.range_mm, values))
+            figures[f"depth_{name}_sigma_mm"] = (sigma_mm, "mm")
         if self.free_views is not None:
             figures["unexplained_px"] = (self.free_views.unexplained_px, "px")
         for split in self.splits:
@@ -130,7 +130,7 @@ def diagnose(
 ) -> Diagnostics:
     """Determine the uncertainty of a calibration and test its model.
 
-    If halves of the frames differ by more than their covariances allow, all uncertainties in the result are wider than
+    If halves of the frames differ by more than their covariances allow, all uncertainties in the result are larger than
     those of `layout`; `selection.inflated_to(diagnostics.inflation)` has the matching covariance.
 
     Parameters
@@ -142,7 +142,7 @@ def diagnose(
     layout
         The calibrated layout, with the covariance of the fit.
     mismatches
-        Alarms about the board or the nominal layout raised before.
+        Earlier alarms about the board or the nominal layout.
     """
     solution = selection.solution
     mirrored = observations.view != DIRECT
@@ -165,7 +165,7 @@ def diagnose(
         weak=weak_directions(layout, range_mm=range_mm),
         projection=tuple(projection_map(layout, view, reference=reference, range_mm=range_mm) for view in views),
         depth=depth_uncertainty(
-            layout, range_mm * RANGES, reference=reference, pixel=median_px, matching_px=MATCHING_PX
+            layout, range_mm * DISTANCE_FACTORS, reference=reference, pixel=median_px, matching_px=MATCHING_PX
         ),
         reference=reference,
         range_mm=range_mm,

@@ -1,4 +1,4 @@
-"""Next best view with a direct view and without a layout: visibility is predicted from the previous pictures.
+"""Next best board pose with a direct view and without a layout: visibility is predicted from the previous pictures.
 
 The candidate poses are those of previous pictures, tilted, shifted, nearer and farther. A mirror is assumed to extend
 somewhat beyond the corners observed in it.
@@ -75,7 +75,7 @@ def next_direct_pose(
     Returns
     -------
     NextPose or None
-        None if no candidate pose shows the board, such as when the estimate fits none of its pictures.
+        None if no candidate pose shows the board, for example when the estimate fits none of its pictures.
     """
     camera, centres = start.camera, start.virtual_centres_in_rig_mm
     focal, centre, distortion = INTRINSIC_SIGMAS
@@ -138,7 +138,7 @@ def _placements(
 def _varied_pose(
     pose: FloatArray, target: Target, factor: float, tilt_deg: tuple[float, float], shift: tuple[float, float]
 ) -> tuple[FloatArray, float]:
-    """Return a pose at `factor` times its distance, tilted and shifted in half sizes of the board; and its depth."""
+    """Return a pose at `factor` times its distance, tilted, and shifted in halves of the board's size; its depth."""
     half = np.array([*target.size_mm, 0.0]) / 2.0
     rotation = Rotation.from_euler("xy", tilt_deg, degrees=True).as_matrix() @ pose[:3, :3]
     centre = factor * transform(pose, half) + half.max() * np.array([*shift, 0.0])

@@ -25,19 +25,19 @@ AXES_TOLERANCE = 1e-9
 MIN_COMMON_AREA_MM2 = 1.0
 
 FINDINGS = {
-    "unlike_spec": ("spec", "{value:g} of camera, counts, view axes and mirrors differ from the spec"),
-    "outside_sensor_px": ("sensor", "a sub-image leaves the sensor by {value:.3g} px"),
+    "unlike_spec": ("spec", "{value:g} properties (camera, counts, view axes, mirrors) differ from the spec"),
+    "outside_sensor_px": ("sensor", "a sub-image extends {value:.3g} px beyond the sensor"),
     "smallest_gap_mm": ("spacing", "two mirrors are {value:.4g} mm apart, {missing:.3g} mm too close"),
     "smallest_seen_gap_mm": ("seen gap", "two sub-images are {value:.3g} mm apart, {missing:.3g} mm too close"),
     "beyond_depth_mm": ("depth", "the mirrors reach {value:.3g} mm past the nearest depth"),
     "common_area": ("overlap", "only {value:.3g} mm² are visible in all views at {depth}"),
-    "blocked_light": ("occlusion", "a mirror stands in {value:.2%} of the light of another"),
-    "light_on_body": ("body", "the camera's body with its clip stands in {value:.2%} of the light of a mirror"),
+    "blocked_light": ("occlusion", "a mirror blocks {value:.2%} of the light of another"),
+    "light_on_body": ("body", "the camera's body with its clip blocks {value:.2%} of the light of a mirror"),
     "smallest_body_gap_mm": ("body", "a mirror is {value:.4g} mm from the camera's body, {missing:.3g} mm too close"),
     "shortest_edge_mm": ("edge", "a mirror has an edge of {value:.4g} mm, {missing:.3g} mm too short"),
     "smallest_area_mm2": ("area", "a mirror has {value:.4g} mm², {missing:.3g} mm² too little"),
 }
-"""Constraint and finding to report for a failed figure, by the figure's name without its depth."""
+"""Constraint and finding to report for a failed metric, by name without depth ("seen gap": between sub-images)."""
 
 
 def _differs(mirror: Mirror, spec: DesignSpec) -> bool:
@@ -65,7 +65,7 @@ def _unlike_spec(layout: Layout, spec: DesignSpec) -> int:
 
 
 def _outside_sensor_px(layout: Layout) -> float:
-    """Largest distance by which a sub-image leaves the sensor; the sensor's diagonal if one leaves the lens model."""
+    """Largest distance of a sub-image beyond the sensor; its diagonal if one exceeds the lens model's range."""
     size = np.array([layout.camera.width_px, layout.camera.height_px], dtype=np.float64)
     outlines = np.concatenate([layout.outline_px(k, points_per_edge=64) for k in range(len(layout.mirrors))])
     outside = np.maximum(-0.5 - outlines, outlines - (size - 0.5)).max()
@@ -73,7 +73,7 @@ def _outside_sensor_px(layout: Layout) -> float:
 
 
 def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
-    """Measure each figure that a spec limits.
+    """Compute each metric that a spec limits.
 
     Rays are cast to the farthest depth. Gaps are measured in space between the solids of mirrors, where walls are
     printed. Limits on lengths are relaxed by `LENGTH_TOLERANCE_MM`, far below manufacturing tolerances.
@@ -85,7 +85,7 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
 
     Returns
     -------
-    Figures by name, with their limits; `require_passed` raises an error for a missed limit.
+    Metrics by name, with their limits; `require_passed` raises an error for a missed limit.
     """
     mirrors = layout.mirrors
     verdict = {
@@ -138,7 +138,7 @@ def _clear_of_body(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
 
 
 def require_passed(verdict: dict[str, Metric]) -> None:
-    """Raise InfeasibleDesign, which names the constraint, if a figure of a verdict misses its limit."""
+    """Raise InfeasibleDesign, which names the constraint, if a metric of a verdict misses its limit."""
     for name, metric in verdict.items():
         if metric.passed:
             continue

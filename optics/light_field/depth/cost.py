@@ -39,7 +39,7 @@ CONTRAST_PX = 7
 CONTRAST_GREY = 4.0
 CONTRAST_FLOOR = 0.3
 OCCLUSION_PX = 1.5
-"""Minimum difference in disparity in the farthest view by which a nearer surface hides another."""
+"""Minimum difference in disparity at the longest baseline by which a nearer surface hides another."""
 SMOOTHING_PX = 5
 WEAK_GRADIENT = 1.5
 """Brightness gradient, per px, below which costs are averaged over SMOOTHING_PX squared; none above twice that."""
@@ -115,7 +115,7 @@ def matching_costs(
         np.empty((0, shape[0], shape[1] + 1), np.float32) if nearest is None else _repeat_last_column(nearest),
         np.float32(OCCLUSION_PX / sweep.step_px),
     )
-    volume = Volume.empty(full_range(shape, sweep.planes) if ranges is None else ranges)
+    volume = Volume.empty(full_range(shape, sweep.plane_count) if ranges is None else ranges)
     list(run(lambda band: fill_costs(*band, views, sweep.mapping, volume.ranges, volume.costs), bands(shape[0])))
     weakness = np.clip(
         np.float32(2.0) - mean_gradient(reference, CONTRAST_PX + 2) / np.float32(WEAK_GRADIENT), 0.0, 1.0
@@ -320,7 +320,7 @@ def fill_costs(
     )
     for top in range(first, last, TILE_PX):
         bottom = min(top + TILE_PX, last)
-        low, count = ranges.low[top], ranges.planes[top]
+        low, count = ranges.low[top], ranges.plane_count[top]
         for plane in range(low.min(), (low + count).max()):
             begin = 0
             while begin < width:
@@ -352,10 +352,10 @@ def average_weak(
     """
     height, width = weakness.shape
     square_pixels = np.float32((2 * radius + 1) ** 2)
-    sums = np.empty(ranges.planes.max(), np.float32)
+    sums = np.empty(ranges.plane_count.max(), np.float32)
     for y in range(first, last):
         for x in range(width):
-            low, count, start = ranges.low[y, x], ranges.planes[y, x], ranges.start[y, x]
+            low, count, start = ranges.low[y, x], ranges.plane_count[y, x], ranges.start[y, x]
             own, result = costs[start : start + count], out[start : start + count]
             if not weakness[y, x] > 0:
                 result[:] = own
@@ -366,7 +366,7 @@ def average_weak(
                 for dx in range(-radius, radius + 1):
                     j, i = min(max(y + dy, 0), height - 1), min(max(x + dx, 0), width - 1)
                     a = max(low, ranges.low[j, i])
-                    b = max(a, min(low + count, ranges.low[j, i] + ranges.planes[j, i]))
+                    b = max(a, min(low + count, ranges.low[j, i] + ranges.plane_count[j, i]))
                     other_costs = costs[
                         ranges.start[j, i] + a - ranges.low[j, i] : ranges.start[j, i] + b - ranges.low[j, i]
                     ]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.disk.array_files import read_npz, refusing
+from mirrorcam.core.disk.array_files import as_input_error, read_npz
 from mirrorcam.core.disk.files import write_npz
 from mirrorcam.core.disk.fingerprint import digest
 from mirrorcam.core.errors import InputError
@@ -64,7 +64,7 @@ def load_depth(path: Path, light_field: LightField) -> NDArray[np.float32]:
     Raises InputError for any other file, and for a depth map of another layout, view or size.
     """
     arrays = read_npz(path, ("depth_mm", "layout_identity", "view"), EXPECTED)
-    with refusing(path, EXPECTED):
+    with as_input_error(path, EXPECTED):
         depth_mm, identity = arrays["depth_mm"], str(arrays["layout_identity"])[:MAX_IDENTITY_LENGTH]
         row, col = (int(number) for number in arrays["view"])
     if depth_mm.dtype.kind != "f":

@@ -28,7 +28,7 @@ class DepthMap:
     sigma_mm : ndarray of float32
         (v, u), standard deviation of the depth if it is right (see `confidence`); NaN without depth.
     confidence : ndarray of float32
-        (v, u), probability that the depth is right to within half a pixel of disparity in the farthest view; 0
+        (v, u), probability that the depth is right to within half a pixel of disparity at the longest baseline; 0
         without depth.
     """
 

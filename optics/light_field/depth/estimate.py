@@ -27,7 +27,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
     patch_means,
     rough_gain,
 )
-from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, follow_edges
+from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, align_to_picture_edges
 from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, search
 from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
 from mirrorcam.optics.light_field.depth.sweep import range_around
@@ -152,9 +152,9 @@ class DepthEstimator:
         return [first, *(level(halvings) for halvings in range(first.halvings - 1, self._effort.last_halvings - 1, -1))]
 
     @property
-    def planes(self) -> int:
+    def plane_count(self) -> int:
         """Number of planes of the finest sweep."""
-        return self._levels[-1].sweep.planes
+        return self._levels[-1].sweep.plane_count
 
     def fits(self, light_field: LightField) -> bool:
         """Return whether a light field has the views and weights of this estimator."""
@@ -175,7 +175,7 @@ class DepthEstimator:
         gains = self._run(lambda other: rough_gain(other.grey, reference_grey), others)
         others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         result, others = self._search(reference, others)
-        planes = follow_edges(
+        planes = align_to_picture_edges(
             result.lowest_cost.planes, reference.colours, JUMP_PX / self._full.sweep.step_px, self._run
         )
         pictures = [reference, *others]
@@ -196,7 +196,7 @@ class DepthEstimator:
         for finer in finer_levels:
             result = finer.enlarged(coarse, level)
             for _ in range(1 + self._effort.with_occlusion):
-                ranges = range_around(result.planes, finer.sweep.planes)
+                ranges = range_around(result.planes, finer.sweep.plane_count)
                 if ranges.size > MAX_NEAR_COSTS:
                     return _SearchResult(self._full.enlarged(coarse, level), first_rivals, level.halvings > 0), others
                 result = search(finer, reference, others, self._run, earlier=result, ranges=ranges)
@@ -225,11 +225,11 @@ class DepthEstimator:
     ) -> DepthMap:
         """Build the depth map from refined planes (v, u) and the statistics of their match."""
         full = self._full.sweep
-        inverse_distance = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.planes)))
+        inverse_distance = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.plane_count)))
         inverse_distance = np.maximum(inverse_distance, np.float32(0.0))
         valid = valid & (match.view_count >= min(2, len(self.others)))
         step_px = np.float32(full.step_px)
-        range_px, views = full.planes * full.step_px, len(self.others)
+        range_px, views = full.plane_count * full.step_px, len(self.others)
         sigma_px = standard_deviation_px(match, smoothness, result.lowest_cost.margin, views, result.halved, range_px)
         deviation = sigma_px * np.float32(full.step / full.step_px)
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -92,7 +92,7 @@ def halved(views: Views) -> Views:
 def plane_inverse_distances(views: Views, near_mm: float, far_mm: float, step_px: float) -> FloatArray:
     """Return inverse distances (n,), in 1/mm, of planes from depth `far_mm` to `near_mm`, far first.
 
-    They are evenly spaced, hence also in disparity, by at most `step_px` in the farthest view. Raises InputError if
+    They are evenly spaced, hence also in disparity, by at most `step_px` at the longest baseline. Raises InputError if
     more than `MAX_PLANES` are needed.
     """
     view_depth_mm = views.reference_view_depth_mm

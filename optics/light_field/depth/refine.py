@@ -38,22 +38,22 @@ INTERPOLATION_PX = 0.1
 """Interpolation error as a shift: the error that it causes in gradients grows with the detail of the texture."""
 DETAIL_PX = 3
 SMOOTHNESS = 300.0
-"""Inverse variance of second differences of a surface, in 1/px^2 of disparity in the farthest view."""
+"""Inverse variance of second differences of a surface, in 1/px^2 of disparity at the longest baseline."""
 EDGE_PX = 0.15
-"""Second difference, in px of disparity in the farthest view, above which a depth edge is likely."""
+"""Second difference, in px of disparity at the longest baseline, above which a depth edge is likely."""
 ANCHOR = 1.0
 """Inverse variance, 1/px^2, that ties a value to its previous one."""
 MIN_WEIGHT_SUM = np.float32(1e-6)
 SHARED_ERROR_EXPONENT = 0.8
-"""Views share the errors of the reference view's gradients, so the information of many is less than its sum."""
+"""Views share the errors of the reference view's gradients, so their information is less than the sum over them."""
 MAX_CHANGE_PX, MAX_CHANGE_AT_EDGE_PX = 1.0, 0.15
-"""Maximum total change of a value, in px of disparity in the farthest view: off depth edges, and at them."""
+"""Maximum total change of a value, in px of disparity at the longest baseline: off depth edges, and at them."""
 JUMP_PX = 0.6
-"""Range within 3x3 pixels, in px of disparity in the farthest view, that marks a depth edge."""
+"""Range within 3x3 pixels, in px of disparity at the longest baseline, that marks a depth edge."""
 RADIUS_PX = 3
 JUMP_RADIUS_PX = 2
 COLOUR_GREY = 20.0
-"""Sum of differences of three colours, of 255 each, that lowers a neighbour's weight by a factor of e."""
+"""Sum of differences over three channels, 0 to 255, that lowers a neighbour's weight by a factor of e."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +63,15 @@ class Match:
     Attributes
     ----------
     information
-        Inverse variance of a pixel's disparity from its own gradients, in 1/px^2 of disparity in the farthest view.
+        Inverse variance of a pixel's disparity from its own gradients, in 1/px^2 of disparity at the longest baseline.
     weight_sum, view_count
         Sum of weights of the other views that match the pixel, and number of those that see it.
     residual
-        Weighted mean of the squares of the two gradient differences over their variances: 2 if the variances are true.
+        Weighted mean of the sum of the two squared, normalised gradient differences; its expected value is 2.
     products, energies
-        Sums over the views of the dot product of a view's gradient and the reference view's, and of the mean of their
-        squares, grey^2 per px^2. They are equal where the views match; for unrelated views, the products sum to
-        about zero.
+        Sums over the views, grey^2 per px^2. A view's product is the dot product of its gradient with the reference
+        view's; its energy, the mean of their squares. The sums are equal where the views match; for unrelated views,
+        that of the products is about zero.
     """
 
     information: Float32
@@ -82,7 +82,7 @@ class Match:
     energies: Float32
 
     def after_step(self, gradient: Float32, step: Float32) -> Match:
-        """Return the match after a small step (v, u), in px of disparity in the farthest view, given the gradient."""
+        """Return the match after a small step (v, u), px of disparity at the longest baseline, given the gradient."""
         change = (
             (np.float32(2.0) * gradient + self.information * step) * step / np.maximum(self.weight_sum, MIN_WEIGHT_SUM)
         )
@@ -176,12 +176,12 @@ class GradientPicture:
 
 
 class Refiner:
-    """Refines maps (v, u) of planes of a sweep.
+    """Refines maps (v, u) of fractional plane indices of a sweep.
 
     Parameters
     ----------
     sweep
-        The sweep that the planes belong to.
+        The sweep whose planes the maps refer to.
     parallaxes
         Parallax of each other view.
     run
@@ -195,7 +195,7 @@ class Refiner:
     def match(
         self, planes: Float32, reference: GradientPicture, others: Sequence[GradientPicture]
     ) -> tuple[Match, Float32]:
-        """Return the match at a map (v, u), and the gradient of its cost."""
+        """Return the match at a map (v, u) of plane indices, and the gradient of its cost."""
         nearest = nearest_planes(planes, self.sweep, self.run)
         views = [View(other.gradients, other.valid, surface) for other, surface in zip(others, nearest, strict=True)]
         derivatives, variance = reference.derivatives, reference.variance
@@ -209,7 +209,7 @@ class Refiner:
                 )
 
         list(self.run(fill, bands(planes.shape[0])))
-        # Convert to px of disparity in the farthest view.
+        # Convert to px of disparity at the longest baseline.
         step_px = np.float32(self.sweep.step_px)
         residual = terms.squares / np.maximum(terms.weight_sum, MIN_WEIGHT_SUM)
         information, weight_sum = terms.information / np.square(step_px), terms.weight_sum
@@ -300,7 +300,7 @@ def _medians(first: int, last: int, planes: Float32, picture: Float32, jump: flo
                     break
 
 
-def follow_edges(planes: Float32, picture: Float32, jump: float, run: MapFunction = map) -> Float32:
+def align_to_picture_edges(planes: Float32, picture: Float32, jump: float, run: MapFunction = map) -> Float32:
     """Replace values near jumps by the weighted median of neighbours of similar colour (Ma et al., ICCV 2013).
 
     `picture` holds colours (v, u, 3), 0 to 255; a jump is a difference of more than `jump` within the neighbourhood.

@@ -16,7 +16,7 @@ Float32 = NDArray[np.float32]
 OUTLIER = 3.0
 """RMS residual over 3x3 pixels, in standard deviations, above which a view probably shows another surface."""
 OCCLUSION_PX = 1.0
-"""Minimum difference in disparity in the farthest view by which a nearer surface hides another."""
+"""Minimum difference in disparity at the longest baseline by which a nearer surface hides another."""
 
 
 class SweepPinhole(NamedTuple):

@@ -29,7 +29,7 @@ Float32 = NDArray[np.float32]
 MapFunction = Callable[..., Any]
 
 FINE_PX, COARSE_PX = 0.5, 1.0
-"""Step of disparity in the farthest view from plane to plane, in pixels of the pyramid level: fine and coarse."""
+"""Step of disparity at the longest baseline from plane to plane, in pixels of the pyramid level: fine and coarse."""
 MAX_FINE_PLANES = 192
 """Maximum number of planes of a search over all planes at fine spacing; more are spaced coarsely."""
 NEXT_PLANE_PENALTY, JUMP_PENALTY = 2.5, 18.0
@@ -60,7 +60,7 @@ class PyramidLevel:
     @property
     def cost_count(self) -> int:
         """Number of pixels times planes."""
-        return self.shape[0] * self.shape[1] * self.sweep.planes
+        return self.shape[0] * self.shape[1] * self.sweep.plane_count
 
     def shrunk(self, picture: ViewPicture) -> ViewPicture:
         """Return a full-size picture at this level."""

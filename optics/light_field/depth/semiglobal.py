@@ -41,7 +41,7 @@ MIN_SLANT = 0.02
 SAME_PLANES = 2
 """Distance in planes up to which planes of equal cost are one candidate, not rivals."""
 CANDIDATE_PLANES = 3
-"""Number of planes of one candidate: those within half a pixel of disparity in the farthest view."""
+"""Number of planes of one candidate: those within half a pixel of disparity at the longest baseline."""
 PATHS_PER_JOB = 32
 
 
@@ -107,7 +107,7 @@ def _path(
     height, width = ranges.low.shape
     path, result = work[0], work[1]
     subplane = np.float32(0.0)
-    low, count, start = ranges.low[y, x], ranges.planes[y, x], ranges.start[y, x]
+    low, count, start = ranges.low[y, x], ranges.plane_count[y, x], ranges.start[y, x]
     path[2 : count + 2] = costs[start : start + count]
     sums = total[start : start + count]
     for plane in range(count):
@@ -131,7 +131,7 @@ def _path(
         jump_penalty = max(np.float32(MIN_RATIO) * np.float32(next_plane), np.float32(penalties.jump) * fraction)
         offset = ranges.low[y, x] - shift - low
         previous_count = count
-        low, count, start = ranges.low[y, x], ranges.planes[y, x], ranges.start[y, x]
+        low, count, start = ranges.low[y, x], ranges.plane_count[y, x], ranges.start[y, x]
         matched, sums = costs[start : start + count], total[start : start + count]
         _step(path, previous_count, offset, min_cost, np.uint16(jump_penalty), next_plane, matched, result)
         for plane in range(count):
@@ -154,7 +154,7 @@ def _paths(
 ) -> None:
     """Follow lines `first` to `last` of one direction: those from the first row, then those from the first column."""
     height, width = ranges.low.shape
-    work = np.empty((2, ranges.planes.max() + 4), np.uint16)
+    work = np.empty((2, ranges.plane_count.max() + 4), np.uint16)
     for line in range(first, last):
         if dy == 0:
             y, x = line, 0 if dx > 0 else width - 1
@@ -209,7 +209,7 @@ def _minima(first: int, last: int, ranges: Ranges, total: UInt16, max_margin: fl
     one = np.float32(1.0)
     for y in range(first, last):
         for x in range(ranges.low.shape[1]):
-            start, planes = ranges.start[y, x], ranges.planes[y, x]
+            start, planes = ranges.start[y, x], ranges.plane_count[y, x]
             sums = total[start : start + planes]
             best = 0
             for plane in range(1, planes):

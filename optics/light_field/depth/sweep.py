@@ -1,4 +1,4 @@
-"""A plane sweep: where each view shows the pixels of the reference view, which views compete, and the cost volume.
+"""A plane sweep: where each view shows the reference view's pixels, which views are alternatives, and the cost volume.
 
 Each pixel searches a range of planes of its own: near the depth known from a coarser pyramid level, or all planes.
 """
@@ -35,7 +35,7 @@ MIN_PLANES = 3
 
 
 class PlaneMapping(NamedTuple):
-    """Where K views show the planes of a sweep, and which views compete.
+    """Where K views show the planes of a sweep, and which views are alternatives if some are occluded.
 
     Plane i shows pixel (u, v) of the reference view at (scale u + offset_u, scale v + offset_v) of view k.
 
@@ -44,7 +44,8 @@ class PlaneMapping(NamedTuple):
     scale, offset_u, offset_v : ndarray of float32
         (n, K).
     sector : ndarray of int64
-        (K,): views at a similar distance from the reference view form a ring; in a similar direction as well, a sector.
+        (K,): views at a similar distance from the reference view form a ring; those of a ring in a similar direction, a
+        sector.
     rings : ndarray of int64
         (r + 1,): first sector of each ring, and number of sectors.
     """
@@ -67,7 +68,7 @@ class Sweep:
     mapping : PlaneMapping
         Mapping of the planes into the views.
     step_px : float
-        Step of disparity in the farthest view from plane to plane.
+        Step of disparity at the longest baseline from plane to plane.
     """
 
     inverse_distances: FloatArray
@@ -75,7 +76,7 @@ class Sweep:
     step_px: float
 
     @property
-    def planes(self) -> int:
+    def plane_count(self) -> int:
         """Number of planes."""
         return len(self.inverse_distances)
 
@@ -85,7 +86,7 @@ class Sweep:
         return float(self.inverse_distances[1] - self.inverse_distances[0])
 
     def inverse_distance(self, planes: Float32) -> Float32:
-        """Inverse distances, 1/mm, of plane coordinates, counted from the first plane."""
+        """Inverse distances, 1/mm, of fractional plane indices."""
         return np.asarray(planes * np.float32(self.step) + np.float32(self.inverse_distances[0]))
 
 
@@ -142,7 +143,7 @@ def _splat(planes: Float32, scale: Float32, offset_u: Float32, offset_v: Float32
 def nearest_planes(planes: Float32, sweep: Sweep, run: MapFunction = map) -> Float32:
     """Return the plane (K, v, u) of the nearest surface in each view; NO_SURFACE without one.
 
-    `planes` (v, u) are the planes of the reference view's pixels.
+    `planes` (v, u) are the fractional plane indices of the reference view's pixels.
     """
     mapping = sweep.mapping
     views = mapping.scale.shape[1]
@@ -161,20 +162,20 @@ class Ranges(NamedTuple):
 
     Attributes
     ----------
-    low, planes
+    low, plane_count
         First plane and number of planes, int32.
     start
         Index of the cost of the first plane, int64.
     """
 
     low: NDArray[np.int32]
-    planes: NDArray[np.int32]
+    plane_count: NDArray[np.int32]
     start: NDArray[np.int64]
 
     @property
     def size(self) -> int:
         """Number of costs."""
-        return int(self.start[-1, -1] + self.planes[-1, -1])
+        return int(self.start[-1, -1] + self.plane_count[-1, -1])
 
     @classmethod
     def of(cls, low: NDArray[np.int32], count: NDArray[np.int32]) -> Ranges:
@@ -183,13 +184,13 @@ class Ranges(NamedTuple):
         return cls(np.ascontiguousarray(low), np.ascontiguousarray(count), ends - count)
 
 
-def full_range(shape: tuple[int, int], planes: int) -> Ranges:
+def full_range(shape: tuple[int, int], plane_count: int) -> Ranges:
     """All planes at every pixel (v, u)."""
-    return Ranges.of(np.zeros(shape, np.int32), np.full(shape, planes, np.int32))
+    return Ranges.of(np.zeros(shape, np.int32), np.full(shape, plane_count, np.int32))
 
 
-def range_around(known_planes: Float32, planes: int) -> Ranges:
-    """Return the ranges near known planes (v, u), constant per tile and limited to `planes` planes."""
+def range_around(known_planes: Float32, plane_count: int) -> Ranges:
+    """Return the ranges near known planes (v, u), constant per tile and limited to `plane_count` planes."""
     side = TILE_PX + 2 * NEIGHBOUR_PX
     # OpenCV's kernels of even side reach one pixel farther up and left, so the anchor centres them on the tiles.
     height, width = known_planes.shape
@@ -205,8 +206,8 @@ def range_around(known_planes: Float32, planes: int) -> Ranges:
     kernel = np.ones((side, side), np.uint8)
     nearest = cv2.dilate(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
     farthest = cv2.erode(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
-    low = np.clip(np.floor(farthest) - MARGIN_PLANES, 0, planes - MIN_PLANES).astype(np.int32)
-    high = np.clip(np.ceil(nearest) + (MARGIN_PLANES + 1), low + MIN_PLANES, planes).astype(np.int32)
+    low = np.clip(np.floor(farthest) - MARGIN_PLANES, 0, plane_count - MIN_PLANES).astype(np.int32)
+    high = np.clip(np.ceil(nearest) + (MARGIN_PLANES + 1), low + MIN_PLANES, plane_count).astype(np.int32)
 
     def per_pixel(tiles: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.repeat(np.repeat(tiles, TILE_PX, axis=0), TILE_PX, axis=1)[:height, :width]

@@ -20,7 +20,7 @@ Float32 = NDArray[np.float32]
 
 AVERAGE_PX = 7
 SIGMA_PX = 0.043
-"""Standard deviation, in px of disparity in the farthest view, at INFORMATION and a margin of SURE_MARGIN or more."""
+"""Standard deviation, px of disparity at the longest baseline, for INFORMATION and a margin of at least SURE_MARGIN."""
 INFORMATION = 50.0
 NOISE_EXPONENT, MARGIN_EXPONENT, ROUGHNESS_EXPONENT = 0.18, 0.14, 7
 MIN_NOISE, MIN_INFORMATION = 0.3, 0.5
@@ -29,7 +29,7 @@ MIN_SMOOTHNESS = 0.5
 HALVED_FACTOR = 1.7
 """Factor on the standard deviation for a search at half size."""
 RIGHT_PX = 0.5
-"""A depth is right if its error is below this, in px of disparity in the farthest view."""
+"""A depth is right if its error is below this, in px of disparity at the longest baseline."""
 DOUBTFUL_MARGIN = 9.0
 """Margin above which another candidate is not a rival, as a matching cost of eight views."""
 AT_EDGE, NEAR_EDGE, ELSEWHERE = 1.27, 1.59, 1.65
@@ -53,7 +53,7 @@ def _mean(values: Float32) -> Any:
 def standard_deviation_px(
     match: Match, smoothness: Float32, margin: Float32, views: int, halved: bool, range_px: float
 ) -> Float32:
-    """Return standard deviations (v, u), px of disparity in the farthest view, at most that of a uniform distribution.
+    """Return standard deviations (v, u), px of disparity at the longest baseline; at most that of a uniform prior.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def standard_deviation_px(
     halved
         Whether the planes were searched at half size.
     range_px
-        Difference in disparity in the farthest view between the nearest and the farthest plane.
+        Difference in disparity at the longest baseline between the nearest and the farthest plane.
     """
     weight = np.maximum(match.weight_sum, np.float32(1e-3))
     noise = np.maximum(_mean(match.residual * weight) / _mean(weight) / 2.0, MIN_NOISE)
@@ -94,7 +94,7 @@ def probability(
     Parameters
     ----------
     disparity_px
-        Depth map (v, u), as disparity in the farthest view; its jumps mark depth edges.
+        Depth map (v, u), as disparity at the longest baseline; its jumps mark depth edges.
     match
         The match of the views at this map. Where their gradients do not correlate with the reference view's over
         CORRELATION_PX, no depth in the range is right.

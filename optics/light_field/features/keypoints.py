@@ -30,7 +30,7 @@ ORB_SCALE_STEP = 1.2
 # OpenCV's keypoint size at the finest scale: ORB's patch diameter; for SIFT (AKAZE), twice (three times) the initial
 # scale 1.6.
 FINEST_SIZE_PX: dict[DetectorName, float] = {"SIFT": 2 * 1.6, "ORB": 31.0, "AKAZE": 3 * 1.6}
-# Shift of the farthest view between adjacent slices of the focal stack.
+# Shift of the view with the longest baseline between adjacent slices of the focal stack.
 STEP_PX = 1.0
 # Distance, in px of its scale and octaves of scale, below which a weaker keypoint duplicates a stronger one.
 DUPLICATE_PX, DUPLICATE_OCTAVES = 2.0, 0.6

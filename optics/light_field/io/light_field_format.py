@@ -137,7 +137,7 @@ def depthless_writer(write: Callable[[Path, LightField], None]) -> Callable[[Pat
 
 
 class StoredFrames(Sequence[LightField]):
-    """The light fields at a path, each read on access by its number.
+    """The light fields at a path, each read on access by its index.
 
     An index out of range raises IndexError, as for a list.
     """
@@ -152,11 +152,11 @@ class StoredFrames(Sequence[LightField]):
 
     def __getitem__(self, index: int | slice) -> LightField | list[LightField]:
         if isinstance(index, slice):
-            return [self._frame(number) for number in range(*index.indices(len(self)))]
+            return [self._frame(i) for i in range(*index.indices(len(self)))]
         if not -len(self) <= index < len(self):
             raise IndexError(f"{self.path}: frame {index}, expected one of {len(self)}")
         return self._frame(index % len(self))
 
     @abstractmethod
-    def _frame(self, number: int) -> LightField:
-        """Read a frame by its number from 0; raises InputError in one line if it cannot be read."""
+    def _frame(self, index: int) -> LightField:
+        """Read a frame by its index; raises InputError with a one-line message if it cannot be read."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.disk.array_files import check_bytes
 from mirrorcam.core.disk.files import write_bytes
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.images.pictures import agree_on_bits, picture_size, read_image, read_opacity
+from mirrorcam.core.images.pictures import picture_size, read_image, read_opacity, set_common_bit_depth
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 
 Bytes = NDArray[np.uint8]
@@ -62,15 +62,15 @@ def write_rgba(path: Path, colours: Bytes, opacity: Bytes | None) -> None:
 
 
 def common_size(pictures: Sequence[Path]) -> tuple[int, int]:
-    """Return width and height of one light field's pictures from the first one's header, and agree on their bit depth.
+    """Return width and height of one light field's pictures from the first one's header, and set a common bit depth.
 
-    Raises InputError if all together would take more memory than their files justify. The other pictures' sizes must be
-    checked on reading.
+    Raises InputError if all together would take more memory than is plausible for their files. The other pictures'
+    sizes must be checked on reading.
     """
     width, height = picture_size(pictures[0])
     stored = sum(picture.stat().st_size for picture in pictures if picture.is_file())
     check_bytes(pictures[0], _PIXEL_BYTES * width * height * len(pictures), stored)
-    agree_on_bits(pictures)
+    set_common_bit_depth(pictures)
     return width, height
 
 

@@ -26,8 +26,8 @@ MAX_FRAMES = 10_000_000
 class ZarrSink:
     """Stores a recording as a Zarr group.
 
-    Attributes: `about`, and `lost`. Arrays: `samples` (frame, t, s, v, u, c), `weights` (t, s, v, u), and `number` and
-    `time_s` (frame,), the frames' numbers in the source and times.
+    The group's attributes are the recording's metadata and `lost`; its arrays are `samples` (frame, t, s, v, u, c),
+    `weights` (t, s, v, u), and `number` and `time_s` (frame,), the frames' numbers in the source and times.
     """
 
     def open(self, folder: Path, about: dict[str, Any]) -> None:
@@ -121,7 +121,7 @@ class StoredLightFields(StoredFrames):
     lost
         Frames of the source that could not be used, with the reasons.
     about
-        Attributes of the recording.
+        Metadata of the recording.
     """
 
     def __init__(self, path: Path) -> None:
@@ -155,10 +155,10 @@ class StoredLightFields(StoredFrames):
     def __len__(self) -> int:
         return len(self.numbers)
 
-    def _frame(self, number: int) -> LightField:
-        chunk = (number, 0, 0, 0, 0, 0)
+    def _frame(self, index: int) -> LightField:
+        chunk = (index, 0, 0, 0, 0, 0)
         if not self._samples.has(chunk):
-            raise InputError(f"{self.path}: frame {number} is missing, expected {self._samples.key(chunk)}")
+            raise InputError(f"{self.path}: frame {index} is missing, expected {self._samples.key(chunk)}")
         try:
             samples = self._samples.chunk(chunk)[0]
             if not self._has_all_weights and samples[self._empty.weights == 0].any():
@@ -166,4 +166,4 @@ class StoredLightFields(StoredFrames):
             return LightField.of(self._empty, samples, self._empty.weights)
         except InputError as error:
             reason = str(error).removeprefix(f"{self.path}/").removeprefix(f"{self.path}: ")
-            raise InputError(shortened(f"{self.path}: frame {number} cannot be read: {reason}")) from None
+            raise InputError(shortened(f"{self.path}: frame {index} cannot be read: {reason}")) from None

@@ -2,7 +2,7 @@
 
 A plane a X + b Y + c Z = 1 of the view frame induces a homography between two pinholes (Hartley and Zisserman, Multiple
 View Geometry, 13.1): with p = (a, b, c), a reference pixel of direction r shows the plane's point r / (p . r), which
-the view at c_i with matrix K_i shows at K_i (I - c_i p^T) r. So true view positions cost no more than an even grid.
+the view at c_i with matrix K_i shows at K_i (I - c_i p^T) r. Irregular positions thus cost no more than a regular grid.
 """
 
 from __future__ import annotations
@@ -289,15 +289,15 @@ def _plane_in_front(
 ) -> Float32 | None:
     """Return the mask (h, w), as float, of where the plane is in front of all views; None if it is everywhere."""
     reference = np.linalg.inv(views.matrices[reference_index(views)])
-    rows = [np.array(plane.normal_per_mm) @ reference]
+    plane_row = np.array(plane.normal_per_mm) @ reference
     in_front = [homography(views, index, plane)[2] for index in np.ndindex(views.rows, views.cols)]
     corners = np.array([[0, 0, 1], [size[0] - 1, 0, 1], [0, size[1] - 1, 1], [size[0] - 1, size[1] - 1, 1.0]])
     corners = corners @ coarse_from_fine.T
-    if (corners @ rows[0] >= 0).all() and (corners @ np.array(in_front).T > 0).all():
+    if (corners @ plane_row >= 0).all() and (corners @ np.array(in_front).T > 0).all():
         return None
     columns, lines = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     fine = np.stack([columns, lines, np.ones_like(columns)], axis=-1) @ coarse_from_fine.T
-    return np.asarray((fine @ rows[0] >= 0) & (fine @ np.array(in_front).T > 0).all(axis=-1), dtype=np.float32)
+    return np.asarray((fine @ plane_row >= 0) & (fine @ np.array(in_front).T > 0).all(axis=-1), dtype=np.float32)
 
 
 def to_bytes(picture: RenderedPicture, missing: tuple[int, int, int] = (64, 64, 64)) -> NDArray[np.uint8]:

@@ -18,7 +18,7 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
 AGREEMENT_PX = 1.0
-"""Maximum difference in disparity, in the farthest view, of depths that agree."""
+"""Maximum difference in disparity, at the longest baseline, of depths that agree."""
 EDGE_PX = 2
 """Distance from a removed object within which samples may still contain it: they blend two pixels of the frame."""
 
@@ -52,7 +52,7 @@ class ViewDepths:
         """
         expected = views.rows, views.cols, views.height_px, views.width_px
         if depth_mm.shape != expected:
-            raise InputError(f"depths have shape {depth_mm.shape}, expected {expected} of the views")
+            raise InputError(f"depths have shape {depth_mm.shape}, expected the views' shape {expected}")
         reference_view_depth_mm = views.reference_view_depth_mm
         distance = np.asarray(depth_mm, dtype=np.float64) - reference_view_depth_mm
         if (distance <= 0).any():
@@ -99,7 +99,7 @@ class ViewDepths:
 def remove_nearer(light_field: LightField, depths: ViewDepths, depth_mm: float) -> LightField:
     """Remove everything nearer than a depth from the pupil: its weights, and those within EDGE_PX, become zero.
 
-    The refocused or rendered result shows what lies behind, where any view sees it (Vaish et al., CVPR 2006, by depth).
+    The refocused or rendered result shows what lies behind, where any view sees it (cf. Vaish et al., CVPR 2006).
     """
     reference_view_depth_mm = light_field.reference_view_depth_mm
     if not depth_mm > reference_view_depth_mm:
@@ -117,7 +117,7 @@ def remove_nearer(light_field: LightField, depths: ViewDepths, depth_mm: float) 
 
 
 def px_per_inverse_mm(views: Views) -> float:
-    """Return the disparity in the farthest view, px, per 1/mm of inverse distance."""
+    """Return the disparity at the longest baseline, px, per 1/mm of inverse distance."""
     return float(views.focal_px * np.abs(views.positions_mm[..., :2]).max())
 
 
@@ -227,10 +227,10 @@ def sample_nearest(values: Float32, u: Float32, v: Float32) -> Float32:
 def fill_holes(inverse_distance: Float32, tolerance: float) -> Float32:
     """Fill the holes (NaN) of a map (v, u) of 1 / Z with the background.
 
-    A hole opens where a nearer object uncovers its background. Of the next values to the left, right, top and bottom,
-    the farthest surface counts, with any within `tolerance` of it, weighted by inverse pixel distance. Towards a border
-    of the picture, where one end is missing, the next value continues. Cracks between pixels that have separated get
-    the value of the farther one. Raises ValueError if no value is known.
+    Holes are disocclusions behind nearer objects. Of the nearest known values to the left, right, top and bottom, those
+    within `tolerance` of the farthest are averaged, weighted by inverse pixel distance. Between a known value and a
+    border of the picture, the nearest value is extrapolated. Single-pixel cracks of forward warping get the farther of
+    the two adjacent values. Raises ValueError if no value is known.
     """
     if np.isnan(inverse_distance).all():
         raise ValueError("all pixels are holes, expected at least one known pixel")

@@ -21,7 +21,7 @@ def calibrate(
         tuple[Path, ...],
         Parameter(
             name="PICTURE...",
-            help="pictures or videos of the board through the mirrors, or folders of pictures (or --corners)",
+            help="pictures or videos of the board in the mirrors, or folders of pictures (or --corners)",
         ),
     ] = (),
     /,

@@ -62,7 +62,7 @@ def calibrate_files(
     Parameters
     ----------
     pictures
-        Pictures and videos of the board through the mirrors, or folders of pictures; empty with tables of corners.
+        Pictures and videos of the board in the mirrors, or folders of pictures; empty with tables of corners.
     request
         The other inputs, and the model to fit.
     detections
@@ -70,7 +70,7 @@ def calibrate_files(
     progress
         Called with the number of pictures done and their total.
     on_hint
-        Called after each picture through the mirrors (without a layout, after the last) with its name and the pose
+        Called after each picture via the mirrors (without a layout, after the last) with its name and the pose
         recommended for the next.
     on_note
         Called with a sentence about the frames of each video, and about ignored files.
@@ -151,9 +151,7 @@ def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target)
     mirrored = [picture for table in tables for picture in table.mirrored.items()]
     base = [picture for table in tables for picture in table.base.items()]
     if not mirrored:
-        raise InputError(
-            f"{request.corners[0]}: all corners are in direct views, expected pictures through the mirrors"
-        )
+        raise InputError(f"{request.corners[0]}: all corners are in direct views, expected pictures via the mirrors")
 
     def fit(layout: Layout, model: RequestedModel, *, last: bool) -> Calibration:
         detected = calibrate_corners(

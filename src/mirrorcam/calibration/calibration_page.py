@@ -37,7 +37,7 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import SUPPORTED_
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, Verdict, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import ViewFigures, board_normals, view_figures
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.optics.drift.drift import shows_drift
+from mirrorcam.optics.drift.drift import can_test_drift
 
 TEMPLATES = Path(__file__).parent
 STATE_CLASSES = {"good": "pass", "look": "care", "stop": "fail"}
@@ -120,7 +120,7 @@ def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, 
     direct = [view for view in views if view.view == DIRECT]
     tilt_caption = "Tilt of the boards, a dot per frame"
     if not board_normals(calibration)[1].all():
-        tilt_caption += f": filled, through the mirrors; open, {direct[0].name}"
+        tilt_caption += f": filled, via the mirrors; open, {direct[0].name}"
     return {
         "residuals": Card(
             residual_needles(calibration, mirrors),
@@ -157,7 +157,7 @@ def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequ
             "chance": chance_words(free.chance),
         },
         "splits": split_table(diagnostics) if diagnostics.splits else None,
-        "drift": shows_drift(calibration.layout),
+        "drift": can_test_drift(calibration.layout),
         "printed": calibration.layout.spec is not None,
     }
 

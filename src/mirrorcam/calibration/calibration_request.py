@@ -20,7 +20,7 @@ def _parsed(model: Any) -> Any:
 
 @Parameter(name="*")
 class CalibrationRequest(Value):
-    """Inputs of a calibration from files, besides the pictures through the mirrors, and the model to fit."""
+    """Inputs of a calibration from files, besides the pictures via the mirrors, and the model to fit."""
 
     board: Path = Field(description="board.toml of the target")
     layout: Path | None = Field(default=None, description="layout.json of the design, to start from")

@@ -68,7 +68,7 @@ def _verdict(difference: CalibrationDifference, layout: Layout) -> str:
     """State whether the difference exceeds noise, by its worst view."""
     from mirrorcam.optics.calibration.diagnostics.calibration_difference import NOISE_RATIO, view_label
 
-    if difference.figures(difference.views)["max_px"].value == 0.0:
+    if difference.metrics(difference.views)["max_px"].value == 0.0:
         return "the calibrations do not differ"
     if difference.worst is None:
         return "cannot compare the difference with noise: no covariance predicts it"
@@ -83,8 +83,8 @@ def _print(difference: CalibrationDifference, layout: Layout) -> None:
     """Print a row of figures for each view, one for all, and the motion."""
     from mirrorcam.optics.calibration.diagnostics.calibration_difference import view_label
 
-    rows = {view_label(layout, view.view): difference.figures([view]) for view in difference.views}
-    rows["all views"] = difference.figures(difference.views)
+    rows = {view_label(layout, view.view): difference.metrics([view]) for view in difference.views}
+    rows["all views"] = difference.metrics(difference.views)
     names = [name for name in COLUMNS if name in rows["all views"]]
     columns = [equal_decimals([figures[name].value for figures in rows.values()], digits=3) for name in names]
     print_table(["", *(COLUMNS[name] for name in names)], list(zip(rows, *columns, strict=True)))

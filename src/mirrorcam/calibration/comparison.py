@@ -71,12 +71,12 @@ def read_compared(path: Path) -> Layout:
 def comparison_metrics(difference: CalibrationDifference, layout: Layout) -> dict[str, Metric]:
     """The figures of a comparison: for all views together, for the motion of the rig, and for each view."""
     metrics = {"distance_mm": Metric(value=difference.range_mm, unit="mm")}
-    metrics |= {f"all_{name}": figure for name, figure in difference.figures(difference.views).items()}
+    metrics |= {f"all_{name}": figure for name, figure in difference.metrics(difference.views).items()}
     metrics |= difference.motion
     for view in difference.views:
         row, column = divmod(view.view, layout.cols)
         name = "direct" if view.view == DIRECT else f"view_{row}_{column}"
-        metrics |= {f"{name}_{key}": figure for key, figure in difference.figures([view]).items()}
+        metrics |= {f"{name}_{key}": figure for key, figure in difference.metrics([view]).items()}
     return metrics
 
 

@@ -19,7 +19,14 @@ from mirrorcam.core.images.pictures import is_picture, read_image
 from mirrorcam.core.values import Metric
 from mirrorcam.core.video.frames import SpreadFrames, WatchedSource
 from mirrorcam.core.video.video import Video
-from mirrorcam.optics.drift.drift import MIN_MIRRORS, TARGET_DEG, Drift, find_drift, resolved_layout, shows_drift
+from mirrorcam.optics.drift.drift import (
+    MIN_MIRRORS,
+    TARGET_DEG,
+    Drift,
+    can_test_drift,
+    drift_corrected_layout,
+    find_drift,
+)
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.frame_checks import check_frames
@@ -72,7 +79,7 @@ def drift_check(
     layout: Layout, layout_path: Path, reference_depth_mm: float | None, output: OutputFolder, reporter: Reporter
 ) -> DriftReporter | None:
     """The check of recordings for mirrors that moved; None if the layout does not permit one."""
-    if shows_drift(layout):
+    if can_test_drift(layout):
         return DriftReporter(layout, layout_path, reference_depth_mm, output, reporter)
     if layout.kind != "nominal":
         count = count_text(len(layout.mirrors), "mirror")
@@ -186,7 +193,7 @@ def find_drift_files(
     InputError for a layout that is not calibrated, and for files that are unreadable, damaged or not of the size of its
     camera's pictures.
     """
-    if not shows_drift(layout):
+    if not can_test_drift(layout):
         nominal = layout.kind == "nominal"
         state = "is a nominal layout" if nominal else f"has {count_text(len(layout.mirrors), 'mirror')}"
         raise InputError(f"{layout_path}: {state}, expected a calibrated layout of {MIN_MIRRORS} mirrors or more")
@@ -209,4 +216,4 @@ def write_drift_files(layout: Layout, drift: Drift, tilt: MountTilt, sources: Se
     write_metrics(folder / DRIFT, drift_metrics(layout, drift) | bending)
     if drift.moved:
         more = f" and {len(sources) - 1} more" if len(sources) > 1 else ""
-        resolved_layout(layout, drift, f"a scene in {sources[0][:80]}{more}").save(folder / "layout.json")
+        drift_corrected_layout(layout, drift, f"a scene in {sources[0][:80]}{more}").save(folder / "layout.json")

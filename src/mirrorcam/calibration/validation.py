@@ -87,7 +87,7 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     folder
         Folder of a set made by `render_set`.
     progress
-        Called with the number of steps done and their total; a picture through the mirrors counts twice, as it is
+        Called with the number of steps done and their total; a picture via the mirrors counts twice, as it is
         also decoded.
 
     Returns

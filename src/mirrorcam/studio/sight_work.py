@@ -80,7 +80,7 @@ def decoded(layout: Layout, subject: Subject) -> Decoded:
     _cached[name] = products
     while len(_cached) > MAX_CACHED:
         _cached.popitem(last=False)
-    near_mm, far_mm = products.searched_mm
+    near_mm, far_mm = products.search_range_mm
     focus_mm = 2.0 / (1.0 / near_mm + 1.0 / far_mm)
     error_mm = products.median_error_mm
     return Decoded(

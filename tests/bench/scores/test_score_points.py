@@ -7,7 +7,7 @@ import pytest
 
 from mirrorcam.bench.scores.gauge import project_with_gradient, score_points, visible_in_all
 from mirrorcam.core.errors import InputError
-from mirrorcam.optics.geometry.layout import VOLUME
+from mirrorcam.optics.geometry.layout import VOLUME_FACTORS
 from tests.optics.camera_files.rigs import DISTANCE_MM, device
 
 
@@ -20,7 +20,7 @@ def test_points_are_where_the_true_device_shows_them() -> None:
         np.testing.assert_allclose(truth.project(points.points_in_rig[at], view), points.pixels[at], atol=1e-9)
         centre = truth.mirrors[view].apparent.virtual_centre_in_rig_mm
         far = np.linalg.norm(points.points_in_rig[at] - centre, axis=1) / DISTANCE_MM
-        assert set(np.round(far, 9).tolist()) == set(VOLUME)
+        assert set(np.round(far, 9).tolist()) == set(VOLUME_FACTORS)
         np.testing.assert_allclose(far[points.at_distance[at]], 1.0)
         low, high = truth.outline_px(view).min(axis=0), truth.outline_px(view).max(axis=0)
         assert (points.pixels[at] > low).all()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.disk.array_files import check_bytes, read_npy, read_npz, refusing
+from mirrorcam.core.disk.array_files import as_input_error, check_bytes, read_npy, read_npz
 from mirrorcam.core.errors import InputError
 
 
@@ -109,14 +109,14 @@ def test_large_files_may_hold_large_arrays() -> None:
 
 
 def test_errors_of_decoders_become_one_line_and_others_stay() -> None:
-    with pytest.raises(InputError, match=r"^a\.x: not a picture: too bad$"), refusing(Path("a.x"), "a picture"):
+    with pytest.raises(InputError, match=r"^a\.x: not a picture: too bad$"), as_input_error(Path("a.x"), "a picture"):
         raise RuntimeError("too\nbad")
-    with pytest.raises(InputError) as caught, refusing(Path("a.x"), "a picture"):
+    with pytest.raises(InputError) as caught, as_input_error(Path("a.x"), "a picture"):
         raise ValueError("x" * 1000)
     assert len(str(caught.value)) <= 300
-    with pytest.raises(InputError, match="as it is"), refusing(Path("a.x"), "a picture"):
+    with pytest.raises(InputError, match="as it is"), as_input_error(Path("a.x"), "a picture"):
         raise InputError("as it is")
-    with pytest.raises(AssertionError), refusing(Path("a.x"), "a picture"):
+    with pytest.raises(AssertionError), as_input_error(Path("a.x"), "a picture"):
         raise AssertionError
 
 

@@ -358,7 +358,7 @@ def test_the_first_pictures_of_each_kind_are_searched_for_other_boards(monkeypat
         return "another board" if mirrored and not fits else None
 
     monkeypatch.setattr(calibration, "other_board", other)
-    taken.refuse_other_board(TINY_BOARD, mirrored=True, base=False, fits=True)
+    taken.check_board(TINY_BOARD, mirrored=True, base=False, fits=True)
     assert requests == [([50], False, True, False), ([10, 20], True, True, True)]
     with pytest.raises(InputError, match="another board"):
-        taken.refuse_other_board(TINY_BOARD, mirrored=False, base=True, fits=False)
+        taken.check_board(TINY_BOARD, mirrored=False, base=True, fits=False)

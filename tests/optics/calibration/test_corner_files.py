@@ -46,7 +46,7 @@ def test_written_corners_give_the_same_calibration(tmp_path: Path) -> None:
     )
     assert again.layout.provenance == first.layout.provenance
     difference = calibration_difference(first.layout, again.layout, range_mm=400.0)
-    figures = difference.figures(difference.views)
+    figures = difference.metrics(difference.views)
     assert figures["max_px"].value < 0.002
     assert figures["ratio"].value < 0.05  # the noise of each view is found again, from standardised residuals
     np.testing.assert_allclose(difference.b_from_a, np.eye(4), atol=0.01)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.drift.drift import TARGET_DEG, Drift, find_drift, resolved_layout
+from mirrorcam.optics.drift.drift import TARGET_DEG, Drift, drift_corrected_layout, find_drift
 from mirrorcam.optics.drift.matched_points import MatchedPoints, PointMatcher
 from mirrorcam.optics.geometry.layout import Layout
 from tests.nightly import a_few
@@ -84,7 +84,7 @@ def test_a_mirror_that_sees_nothing_is_undetermined(frames: list[Any]) -> None:
 def resolved(layout: Layout, frames: list[Any]) -> Layout:
     matcher = PointMatcher(layout)
     drift = find_drift(layout, MatchedPoints.joined([matcher.match(frame) for frame in frames]))
-    return resolved_layout(layout, drift, "a test")
+    return drift_corrected_layout(layout, drift, "a test")
 
 
 def test_the_moved_mirror_is_where_it_is(frames: list[Any], tmp_path: Path) -> None:

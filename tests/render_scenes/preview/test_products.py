@@ -29,7 +29,7 @@ def test_depth_is_measured_in_views_that_show_the_same_scene(seen: PreviewProduc
     assert seen.light_field.samples.shape[:2] == (3, 3)
     shown = np.isfinite(seen.true_depth_mm)
     assert shown.mean() > 0.8
-    near, far = seen.searched_mm
+    near, far = seen.search_range_mm
     assert near < np.nanmin(seen.true_depth_mm) + 60.0
     assert np.nanmax(seen.true_depth_mm[shown]) < far
     error = np.abs(seen.depth.depth_mm - seen.true_depth_mm)[shown & seen.depth.valid]

@@ -16,10 +16,10 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.render_scenes.sets.sensor_model import (
     demosaic,
-    light_of_pixels,
     magnify,
     mosaic,
     photograph,
+    pixel_irradiance,
     process,
     srgb,
 )
@@ -68,7 +68,7 @@ def test_red_is_larger_than_green_and_blue_smaller() -> None:
     model = SensorModel(lens_blur_px=SOFT_PX, lateral_chromatic_percent=0.5)
     grey = np.zeros((160, 240), dtype=np.float32)
     grey[40, 200] = 1.0
-    light = light_of_pixels(grey, 1, CAMERA, model)
+    light = pixel_irradiance(grey, 1, CAMERA, model)
     for channel, factor in enumerate((1.005, 1.0, 0.995)):
         expected = [100.0 + factor * 100.0, 90.0 - factor * 50.0]
         np.testing.assert_allclose(middle_of(light[..., channel]), expected, atol=2e-3)
@@ -78,14 +78,14 @@ def test_red_and_blue_are_out_of_focus_where_green_is_not() -> None:
     model = SensorModel(lens_blur_px=1.5, axial_chromatic_px=2.0)
     white = np.zeros((160, 240, 3), dtype=np.float32)
     white[80, 120] = 1.0
-    light = light_of_pixels(white, 1, CAMERA, model).astype(np.float64)
+    light = pixel_irradiance(white, 1, CAMERA, model).astype(np.float64)
     v = np.arange(160)[:, None]
     variances = [(light[..., k] * (v - 80) ** 2).sum() / light[..., k].sum() for k in range(3)]
     np.testing.assert_allclose(variances, [6.25, 2.25, 6.25], rtol=0.02)
 
 
 def test_a_lens_without_chromatic_aberration_keeps_grey_light_grey() -> None:
-    assert light_of_pixels(np.ones((320, 480), dtype=np.float32), 2, CAMERA, SensorModel()).shape == (160, 240)
+    assert pixel_irradiance(np.ones((320, 480), dtype=np.float32), 2, CAMERA, SensorModel()).shape == (160, 240)
 
 
 PLAIN = SensorModel(lens_blur_px=0.0, read_noise_grey=0.0)

@@ -42,16 +42,16 @@ def test_copies_differ_in_their_seeds_alone() -> None:
 
 
 def test_what_is_stated_does_not_depend_on_name_and_purpose_but_on_everything_else() -> None:
-    stated = recipe().byte_inputs()
-    assert recipe(name="two", why="no reason", copies=3).byte_inputs() == stated
+    stated = recipe().content_inputs()
+    assert recipe(name="two", why="no reason", copies=3).content_inputs() == stated
     for change in ({"seed": 1}, {"frames": 19}, {"binned": 0.5}, {"design": {"rows": 2}}, {"depths_mm": [400.0]}):
-        assert recipe(**change).byte_inputs() != stated
+        assert recipe(**change).content_inputs() != stated
 
 
 def test_the_camera_of_the_library_counts_by_its_numbers() -> None:
     by_name = recipe(design={"camera": "brio"})
     in_numbers = recipe(design={"camera": by_name.camera.model_dump()})
-    assert in_numbers.byte_inputs() == by_name.byte_inputs()
+    assert in_numbers.content_inputs() == by_name.content_inputs()
 
 
 def test_boards_stand_at_the_depths_that_are_stated(default_layout: Layout) -> None:

@@ -118,8 +118,8 @@ def test_the_order_of_sets_and_what_is_stated_as_default_do_not_matter() -> None
     sets = [tables["defaults"] | each for each in tables.pop("set")]
     tables.pop("defaults")
     turned = Suite.model_validate(tables | {"set": sets[::-1]})
-    assert [each.byte_inputs() for each in turned.sets[::-1]] == [
-        each.byte_inputs() for each in read_suite("smoke").sets
+    assert [each.content_inputs() for each in turned.sets[::-1]] == [
+        each.content_inputs() for each in read_suite("smoke").sets
     ]
 
 

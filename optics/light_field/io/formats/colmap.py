@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.disk.array_files import refusing
+from mirrorcam.core.disk.array_files import as_input_error
 from mirrorcam.core.disk.files import inside, read_lines, write_text
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
@@ -29,8 +29,8 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 PICTURE = "0000.png"
 EDGE_PX = 1.0
 """Minimum distance of principal points from the border."""
-_WORDS = 10
-"""Number of words in the line of a picture."""
+_FIELDS = 10
+"""Number of fields in a picture's line of `images.txt`."""
 
 
 def margins(views: Views) -> tuple[int, int, int, int]:
@@ -79,11 +79,11 @@ def is_colmap(folder: Path) -> bool:
 def read_colmap(folder: Path) -> LightField:
     """Read the light field of a model of parallel PINHOLE cameras, with pictures named `..._ROW_COLUMN/NAME`.
 
-    Without `views.json`, the rig is COLMAP's world in mm, and pictures keep their margins. Raises InputError in one
-    line for any other model.
+    Without `views.json`, the rig is COLMAP's world in mm, and pictures keep their margins. Raises InputError
+    for any other model.
     """
     model = folder / "sparse"
-    with refusing(model, "a model of a grid of views"):
+    with as_input_error(model, "a model of a grid of views"):
         (rows, cols), order = row_by_row(_named_views(model))
         poses, numbers = (np.array([view[part] for view in order]) for part in (0, 1))
         if poses.shape[1:] != (7,) or numbers.shape[1:] != (6,) or not np.isfinite([poses.sum(), numbers.sum()]).all():
@@ -95,10 +95,10 @@ def read_colmap(folder: Path) -> LightField:
     size = common_size(files)
     if size != tuple(numbers[0, :2]):
         raise InputError(f"{files[0]}: {size[0]}x{size[1]} px, expected {numbers[0, :2].tolist()} as for its camera")
-    stated = read_views(folder / VIEWS)
-    left, top, right, bottom = stated[1].margins if stated else (0, 0, 0, 0)
-    if stated:
-        views = stated[0]
+    saved = read_views(folder / VIEWS)
+    left, top, right, bottom = saved[1].margins if saved else (0, 0, 0, 0)
+    if saved:
+        views = saved[0]
         if size != (views.width_px + left + right, views.height_px + top + bottom):
             raise InputError(
                 f"{folder / VIEWS}: views of {views.width_px}x{views.height_px} px, but pictures of {size[0]}x{size[1]}"
@@ -121,7 +121,7 @@ def read_colmap(folder: Path) -> LightField:
             grey = read_image(mask, grey=True)
             check_size(mask, grey, size)
             opacity[index] = grey[inner]
-    return light_field_of(views, colours, opacity, stated[1].channels if stated else 3)
+    return light_field_of(views, colours, opacity, saved[1].channels if saved else 3)
 
 
 _View = tuple[NDArray[np.float64], list[float], str]
@@ -136,7 +136,7 @@ def _named_views(where: Path) -> dict[tuple[int, int], _View]:
         cameras[words[0]] = [float(word) for word in words[2:8]]
     for words in _lines(where / "images.txt"):
         # Lines of points do not have ten words ending in a picture's name.
-        if len(words) == _WORDS and "/" in words[9]:
+        if len(words) == _FIELDS and "/" in words[9]:
             row, col = (int(word) for word in words[9].split("/")[0].split("_")[-2:])
             views[row, col] = np.array(words[1:8], np.float64), cameras[words[8]], words[9]
     return views
@@ -147,7 +147,7 @@ def _lines(path: Path) -> Iterator[list[str]]:
     for raw in read_lines(path):
         line = raw.decode("utf-8")
         if line.strip() and not line.startswith("#"):
-            yield line.split(maxsplit=_WORDS)
+            yield line.split(maxsplit=_FIELDS)
 
 
 FORMAT = Format(

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.disk.array_files import check_bytes, refusing
+from mirrorcam.core.disk.array_files import as_input_error, check_bytes
 from mirrorcam.core.disk.files import inside, json_of, model_from, read_bytes, refuse_pointer, stored_bytes
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.bag_writer import BagWriter, need_rosbags
@@ -114,8 +114,8 @@ class StoredBag(StoredFrames):
     def __len__(self) -> int:
         return len(self.stamps_ns)
 
-    def _frame(self, number: int) -> LightField:
-        stamp = self.stamps_ns[number]
+    def _frame(self, index: int) -> LightField:
+        stamp = self.stamps_ns[index]
         samples = np.empty_like(self._empty.samples)
         with _reading(self.path):
             first, last = self._frame_times[stamp]
@@ -231,7 +231,7 @@ def _reading(path: Path) -> Iterator[None]:
     from rosbags.serde import SerdeError
     from rosbags.typesys import TypesysError
 
-    with refusing(path, "a ROS 2 bag that can be read"):
+    with as_input_error(path, "a ROS 2 bag that can be read"):
         try:
             yield
         except (ReaderError, SerdeError, TypesysError, AssertionError, zstd().ZstdError) as error:
@@ -262,7 +262,7 @@ def checked_chunks(path: Path) -> frozenset[Chunk]:
     Raises InputError if the file is truncated, or a chunk would take more memory than allowed.
     """
     stored_size, chunks, topics = stored_bytes(path), [], 0
-    with refusing(path, "an MCAP file that can be read"), path.open("rb") as file:
+    with as_input_error(path, "an MCAP file that can be read"), path.open("rb") as file:
         if file.read(len(MAGIC)) != MAGIC:
             raise ValueError("does not begin like an MCAP file")
         opcode = 0

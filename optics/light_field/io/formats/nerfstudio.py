@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import ConfigDict
 
-from mirrorcam.core.disk.array_files import refusing
+from mirrorcam.core.disk.array_files import as_input_error
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, inside, read_json, write_json
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
@@ -72,7 +72,7 @@ def read_nerfstudio(folder: Path) -> LightField:
     """
     path = folder / TRANSFORMS
     dataset = read_json(path, LARGEST_LAYOUT_BYTES)
-    with refusing(path, "a dataset of a grid of views"):
+    with as_input_error(path, "a dataset of a grid of views"):
         frames, common = {}, {name: dataset[name] for name in _Frame.model_fields if name in dataset}
         if len(dataset["frames"]) > MAX_FRAMES:
             raise ValueError(f"more than {MAX_FRAMES} frames")

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.core.disk.array_files import refusing
+from mirrorcam.core.disk.array_files import as_input_error
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
@@ -57,7 +57,7 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
 
     Raises InputError in one line if a view is missing or has a different size, or the geometry is unknown.
     """
-    with refusing(folder, "pictures of a grid of views"):
+    with as_input_error(folder, "pictures of a grid of views"):
         pictures_in_folder = [file for file in sorted(folder.iterdir()) if is_picture(file)]
         named = named_views(folder, pictures_in_folder)
     files, positions_mm, (rows, cols) = named.files, named.positions, named.grid

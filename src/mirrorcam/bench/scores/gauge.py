@@ -15,7 +15,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import best_motion, motion_jacobian
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import grid_px, points_at_pixels
-from mirrorcam.optics.geometry.layout import VOLUME, Layout
+from mirrorcam.optics.geometry.layout import VOLUME_FACTORS, Layout
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 STEP_MM = 1e-3
@@ -62,7 +62,7 @@ def score_points(truth: Layout, views: Sequence[int], distance_mm: float) -> Sco
     for view in views:
         pixels = grid_px(truth, view)
         pixels = pixels[_is_visible(truth, view, pixels)]
-        for factor in VOLUME:
+        for factor in VOLUME_FACTORS:
             points = points_at_pixels(truth, view, pixels, factor * distance_mm)
             projected_px, d_point = project_with_gradient(partial(truth.project, mirror_index=view), points)
             count = len(points)

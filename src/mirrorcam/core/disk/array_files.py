@@ -36,7 +36,7 @@ _ERRORS = (
 
 
 @contextmanager
-def refusing(path: Path, expected: str) -> Iterator[None]:
+def as_input_error(path: Path, expected: str) -> Iterator[None]:
     """Convert exceptions of a file's decoders to a one-line InputError: `path` is not `expected`, and the reason.
 
     The block should contain only reading and decoding. An InputError passes unchanged.
@@ -62,7 +62,7 @@ def check_bytes(path: Path, size: int, stored: int) -> None:
 def read_npy(path: Path) -> NDArray[Any]:
     """Read an .npy file of numbers, booleans or text; raises InputError in one line for anything else."""
     stored = stored_bytes(path)
-    with refusing(path, "an .npy file that can be read"), path.open("rb") as stream:
+    with as_input_error(path, "an .npy file that can be read"), path.open("rb") as stream:
         return _array(stream, path, stored, stored)
 
 
@@ -74,7 +74,7 @@ def read_npz(
     Their checksums reveal damage. The InputError for an invalid file states that it is not `expected`.
     """
     stored = stored_bytes(path)
-    with refusing(path, expected), _Archive(path) as file, zipfile.ZipFile(file) as archive:
+    with as_input_error(path, expected), _Archive(path) as file, zipfile.ZipFile(file) as archive:
         stored_members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         members = {name: stored_members[name] for name in names if name in stored_members}
         check_bytes(path, sum(info.file_size for info in members.values()), stored)

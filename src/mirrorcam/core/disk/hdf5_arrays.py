@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.disk.array_files import check_bytes, refusing
+from mirrorcam.core.disk.array_files import as_input_error, check_bytes
 from mirrorcam.core.disk.files import stored_bytes
 from mirrorcam.core.errors import InputError
 
@@ -36,7 +36,7 @@ def read_hdf5(path: Path, dataset_paths: Mapping[str, str], expected: str) -> di
     import h5py
 
     stored, arrays, total_bytes = stored_bytes(path), {}, 0
-    with refusing(path, expected), h5py.File(path, "r") as file:
+    with as_input_error(path, expected), h5py.File(path, "r") as file:
         for name, dataset_path in dataset_paths.items():
             dataset = _dataset(file, dataset_path, path)
             if dataset is not None:

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from mirrorcam.core.disk.array_files import check_bytes, refusing
+from mirrorcam.core.disk.array_files import as_input_error, check_bytes
 from mirrorcam.core.disk.files import read_bytes, stored_bytes
 
 HEADER_BYTES = 128
@@ -41,7 +41,7 @@ def read_mat5(path: Path, names: Collection[str], expected: str) -> dict[str, An
     """
     stored, total_bytes = stored_bytes(path), 0
     raw, variables = read_bytes(path, LARGEST_FILE_BYTES), dict[str, Any]()
-    with refusing(path, expected):
+    with as_input_error(path, expected):
         order = _order(raw)
         for kind, content in _elements(memoryview(raw)[HEADER_BYTES:], order):
             inflate, size = zlib.decompressobj(), len(content)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field, model_validator
 
-from mirrorcam.core.disk.array_files import check_bytes, refusing
+from mirrorcam.core.disk.array_files import as_input_error, check_bytes
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, inside, read_bytes, read_model, stored_bytes
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Value
@@ -126,7 +126,7 @@ class ZarrArray:
     def chunk(self, index: tuple[int, ...]) -> NDArray[Any]:
         """Read the chunk at an index; raises InputError in one line if it is damaged."""
         path, size = inside(self._group, self.key(index)), self.chunk_bytes
-        with refusing(path, "a chunk that can be read"):
+        with as_input_error(path, "a chunk that can be read"):
             stored = stored_bytes(path)
             if stored > size + size // 100 + _SLACK_BYTES:
                 raise ValueError(f"has more bytes than the {size} of its numbers")

@@ -47,8 +47,8 @@ def is_picture(path: Path) -> bool:
 def pictures_in(paths: Sequence[Path], on_note: Callable[[str], None] = lambda line: None) -> list[Path]:
     """List the pictures of files and folders in order, those of a folder by name.
 
-    They count as one set, see `agree_on_bits`. `on_note` takes a line about ignored files of a folder, and one about
-    pictures of 16 bits. Raises InputError for a folder without pictures.
+    They count as one set, see `set_common_bit_depth`. `on_note` takes a line about ignored files of a folder, and one
+    about pictures of 16 bits. Raises InputError for a folder without pictures.
     """
     listed: list[Path] = []
     for path in paths:
@@ -66,7 +66,7 @@ def pictures_in(paths: Sequence[Path], on_note: Callable[[str], None] = lambda l
             total = count_text(len(pictures) + len(ignored), "file")
             on_note(shortened(f"{path}: {len(ignored)} of {total} left out: {names}"))
         listed += pictures
-    agree_on_bits(listed, on_note)
+    set_common_bit_depth(listed, on_note)
     return listed
 
 
@@ -76,7 +76,7 @@ def _is_left_out(path: Path) -> bool:
     return not hidden and not is_picture(path) and path.suffix.lower() not in _SIDE_ENDINGS and path.is_file()
 
 
-def agree_on_bits(paths: Sequence[Path], on_note: Callable[[str], None] = lambda line: None) -> None:
+def set_common_bit_depth(paths: Sequence[Path], on_note: Callable[[str], None] = lambda line: None) -> None:
     """Treat the 16-bit pictures among some files as one set with a common number of used bits.
 
     `read_image` then scales all of them equally; a single picture is scaled by its own samples. `on_note` takes a line
@@ -120,7 +120,7 @@ def _key(path: Path) -> tuple[Path, int, int]:
 def read_image(path: AnyPath, *, grey: bool = False) -> NDArray[np.uint8]:
     """Read a picture with 8 bits a channel, PNG, JPEG, TIFF or BMP by its content.
 
-    Of 16-bit samples, the highest 8 of the used bits are returned: see `agree_on_bits`.
+    Of 16-bit samples, the highest 8 of the used bits are returned: see `set_common_bit_depth`.
 
     Parameters
     ----------

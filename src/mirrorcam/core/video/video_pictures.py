@@ -82,7 +82,7 @@ def _jpeg_picture(packet: Packet, size: tuple[int, int], with_ends: bool) -> Pic
     except DamagedPicture:
         return Picture(packet.timestamp, None, DAMAGED, packet.gap, packet.skipped)
     if jpeg.size(raw) != size:
-        return Picture(packet.timestamp, None, other_size(jpeg.size(raw), size), packet.gap, packet.skipped)
+        return Picture(packet.timestamp, None, wrong_size_message(jpeg.size(raw), size), packet.gap, packet.skipped)
 
     def pixels() -> NDArray[np.uint8]:
         return decode_jpeg(_ended(raw, jpeg), jpeg, "frame")
@@ -102,7 +102,7 @@ def _ended(raw: bytes, jpeg: Jpeg) -> bytes:
     return raw if jpeg.end is not None else raw + JPEG_END
 
 
-def other_size(size: tuple[int, int], expected: tuple[int, int]) -> str:
+def wrong_size_message(size: tuple[int, int], expected: tuple[int, int]) -> str:
     """Return the reason why a picture whose size differs from the video's is lost."""
     return f"is {size[0]}x{size[1]} px, others {expected[0]}x{expected[1]}"
 
@@ -240,7 +240,7 @@ def decoded_pictures(
         packet = ordered.packet
         broken, skipped = packet.gap or (at_end and bool(decoder.has_b_frames)), packet.skipped
         if not reason and (ordered.frame.width, ordered.frame.height) != size:
-            reason = other_size((ordered.frame.width, ordered.frame.height), size)
+            reason = wrong_size_message((ordered.frame.width, ordered.frame.height), size)
         return Picture(ordered.timestamp, None if reason else pixels, reason, broken, skipped)
 
     failed = False

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.board_growing import grow_board, same_board, smooth
+from mirrorcam.optics.calibration.detection.board_growing import grow_board, on_smooth_surface, same_board
 from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.geometry.targets import Charuco
@@ -52,16 +52,16 @@ def test_a_mirrored_board_is_rejected(shown: tuple[np.ndarray, FloatArray]) -> N
 def test_corners_off_the_surface_are_dropped() -> None:
     pixels = 25.0 * PLACES + 0.3 * np.square(PLACES)
     pixels[[7, 40]] += [0.0, 2.0]
-    keep = smooth(PLACES, pixels)
+    keep = on_smooth_surface(PLACES, pixels)
     np.testing.assert_array_equal(np.flatnonzero(~keep), [7, 40])
-    assert not smooth(PLACES[:7], pixels[:7]).any(), "too few to judge"
+    assert not on_smooth_surface(PLACES[:7], pixels[:7]).any(), "too few to judge"
 
 
 def test_no_corner_beyond_a_step_is_kept() -> None:
     pixels = 25.0 * PLACES
     right = PLACES[:, 0] > 6.5
     pixels[right] += [0.0, 4.0]
-    keep = smooth(PLACES, pixels)
+    keep = on_smooth_surface(PLACES, pixels)
     assert not (keep & right).any()
     assert keep.sum() >= 8
 

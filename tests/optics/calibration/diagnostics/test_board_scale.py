@@ -14,9 +14,9 @@ from mirrorcam.optics.calibration.diagnostics.board_scale import (
     ALARM_SIGMAS,
     NOTED_DEVIATION,
     common_scale,
-    other_size,
     scale_doubt,
     size_ratio,
+    wrong_size_message,
 )
 from mirrorcam.optics.calibration.diagnostics.calibration_result import tilted_to
 from mirrorcam.optics.geometry.camera import Camera
@@ -53,23 +53,23 @@ def test_the_fitting_size_does_not_depend_on_the_stated_one(pictures: list[Grey]
 def test_another_unit_is_named(pictures: list[Grey]) -> None:
     for factor, unit in ((0.1, "cm"), (1 / 25.4, "inches")):
         target = BOARD.replaced(square_mm=11.0 * factor)
-        said = other_size(pictures, LAYOUT, target)
+        said = wrong_size_message(pictures, LAYOUT, target)
         assert said == (
             f"board.toml says squares of {11.0 * factor:g} mm, the pictures fit about 11 mm: "
             f"were they measured in {unit}?"
         )
     with pytest.raises(InputError, match="were they measured in inches"):
         calibrate(pictures, [], LAYOUT, target)
-    other = other_size(pictures, LAYOUT, BOARD.replaced(square_mm=30.0))
+    other = wrong_size_message(pictures, LAYOUT, BOARD.replaced(square_mm=30.0))
     assert other is not None
     assert "belong to a different device?" in other
 
 
 def test_the_right_size_and_pictures_without_a_board_are_not_doubted(pictures: list[Grey]) -> None:
-    assert other_size(pictures, LAYOUT, BOARD) is None
+    assert wrong_size_message(pictures, LAYOUT, BOARD) is None
     upside_down = [np.ascontiguousarray(picture[::-1, ::-1]) for picture in pictures]
-    assert other_size(upside_down, LAYOUT, BOARD) is None
-    assert other_size([np.full((360, 640), 60, np.uint8)], LAYOUT, BOARD) is None
+    assert wrong_size_message(upside_down, LAYOUT, BOARD) is None
+    assert wrong_size_message([np.full((360, 640), 60, np.uint8)], LAYOUT, BOARD) is None
 
 
 def middle_and_outward(mirror: Mirror, number: int) -> tuple[FloatArray, FloatArray]:

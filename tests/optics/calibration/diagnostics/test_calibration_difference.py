@@ -61,7 +61,7 @@ def test_a_calibration_does_not_differ_from_itself(calibrated: Layout) -> None:
     assert [view.view for view in found.views] == [0, 1, 2, 3]
     assert max(lengths_px(found)) < 1e-9
     np.testing.assert_allclose(found.b_from_a, np.eye(4), atol=1e-9)
-    assert found.figures(found.views)["sigma_px"].value > 0.0
+    assert found.metrics(found.views)["sigma_px"].value > 0.0
 
 
 @pytest.mark.parametrize("turn_deg", [0.3, 4.0])
@@ -109,7 +109,7 @@ def test_a_tilted_mirror_differs_in_its_own_view_alone(parabola_layout: Layout) 
 def test_fits_of_one_truth_differ_by_as_much_as_predicted(refitted: list[Layout]) -> None:
     pairs = zip(refitted[::2], refitted[1::2], strict=True)
     found = [calibration_difference(a, b, range_mm=RANGE_MM) for a, b in pairs]
-    ratios = np.array([each.figures(each.views)["ratio"].value for each in found])
+    ratios = np.array([each.metrics(each.views)["ratio"].value for each in found])
     assert 0.6 < np.sqrt(np.mean(ratios**2)) < 1.5
     assert ((ratios > 0.4) & (ratios < 2.5)).all()
 
@@ -117,7 +117,7 @@ def test_fits_of_one_truth_differ_by_as_much_as_predicted(refitted: list[Layout]
 def test_the_truth_differs_by_as_much_as_predicted_for_one(refitted: list[Layout], scene: Scene) -> None:
     found = [calibration_difference(scene.truth, each, range_mm=RANGE_MM) for each in refitted]
     assert {each.predicted for each in found} == {(False, True)}
-    mean_square = np.mean([each.figures(each.views)["ratio"].value ** 2 for each in found])
+    mean_square = np.mean([each.metrics(each.views)["ratio"].value ** 2 for each in found])
     assert 0.6 < np.sqrt(mean_square) < 1.5
 
 
@@ -125,7 +125,7 @@ def test_predicted_sigmas_match_the_scatter_of_fits(refitted: list[Layout], scen
     """Each view's predicted sigma, in px and mm, matches the scatter within the error of eight fits."""
     found = [calibration_difference(scene.truth, each, range_mm=RANGE_MM) for each in refitted]
     for view in range(4):
-        figures = [each.figures([each.views[view]]) for each in found]
+        figures = [each.metrics([each.views[view]]) for each in found]
         for unit in ("px", "mm"):
             scatter = np.sqrt(np.mean([each[f"rms_{unit}"].value ** 2 for each in figures]))
             assert scatter == pytest.approx(figures[0][f"sigma_{unit}"].value, rel=0.5)
@@ -134,7 +134,7 @@ def test_predicted_sigmas_match_the_scatter_of_fits(refitted: list[Layout], scen
 def test_without_a_covariance_nothing_is_predicted(device: Layout) -> None:
     found = calibration_difference(device, device, range_mm=RANGE_MM)
     assert found.predicted == (False, False)
-    assert set(found.figures(found.views)) == {"rms_px", "max_px", "rms_mm", "max_mm"}
+    assert set(found.metrics(found.views)) == {"rms_px", "max_px", "rms_mm", "max_mm"}
 
 
 @pytest.mark.parametrize("lens", ["rational", "thin_prism", "fisheye", "spline"])
@@ -145,7 +145,7 @@ def test_a_lens_of_any_family_is_compared(lens: LensName, calibrated: Layout) ->
     found = calibration_difference(calibrated, calibrated.replaced(camera=camera, uncertainty=known), range_mm=RANGE_MM)
     assert max(lengths_px(found)) < 2.0
     alone = calibration_difference(calibrated.replaced(uncertainty=None), calibrated, range_mm=RANGE_MM)
-    assert found.figures(found.views)["sigma_px"].value > alone.figures(alone.views)["sigma_px"].value
+    assert found.metrics(found.views)["sigma_px"].value > alone.figures(alone.views)["sigma_px"].value
 
 
 def test_views_along_the_cameras_axis_are_compared_with_the_direct_view(small_pair: Layout) -> None:

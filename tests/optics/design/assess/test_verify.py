@@ -203,15 +203,15 @@ def test_more_corners_than_requested_are_counted(default_layout: Layout) -> None
 @pytest.mark.parametrize(
     ("name", "value", "constraint", "message"),
     [
-        ("outside_sensor_px", 10.04, "sensor", "a sub-image leaves the sensor by 10 px"),
+        ("outside_sensor_px", 10.04, "sensor", "a sub-image extends 10 px beyond the sensor"),
         ("smallest_gap_mm", 0.5, "spacing", "two mirrors are 0.5 mm apart, 0.5 mm too close"),
         ("smallest_seen_gap_mm", 0.1, "seen gap", "two sub-images are 0.1 mm apart, 0.4 mm too close"),
         ("beyond_depth_mm", 6.78, "depth", "the mirrors reach 6.78 mm past the nearest depth"),
         ("common_area_300mm", 0.25, "overlap", "only 0.25 mm² are visible in all views at 300 mm"),
-        ("blocked_light", 0.0312, "occlusion", "a mirror stands in 3.12% of the light of another"),
+        ("blocked_light", 0.0312, "occlusion", "a mirror blocks 3.12% of the light of another"),
         ("shortest_edge_mm", 2.0, "edge", "a mirror has an edge of 2 mm, 1 mm too short"),
         ("smallest_area_mm2", 15.0, "area", "a mirror has 15 mm², 5 mm² too little"),
-        ("unlike_spec", 3.0, "spec", "3 of camera, counts, view axes and mirrors differ from the spec"),
+        ("unlike_spec", 3.0, "spec", "3 properties (camera, counts, view axes, mirrors) differ from the spec"),
     ],
 )
 def test_a_failed_figure_becomes_a_refusal_in_words(
@@ -229,7 +229,7 @@ def test_a_design_that_misses_a_limit_is_never_given_out(
 ) -> None:
     missed = {"blocked_light": Metric(value=0.1, unit="of the light", limit=0.0)}
     monkeypatch.setattr("mirrorcam.optics.design.optimise.verify", lambda layout, spec: missed)
-    with pytest.raises(InfeasibleDesign, match=r"a mirror stands in 10\.00% of the light of another"):
+    with pytest.raises(InfeasibleDesign, match=r"a mirror blocks 10\.00% of the light of another"):
         design(DesignSpec(rows=1, cols=2))
 
 

@@ -154,7 +154,7 @@ def test_costs_of_a_range_equal_those_of_a_search_of_all_planes(weak: bool) -> N
     picture = texture(views)
     reference, others = taken(views, picture * 0.01 + 90.0 if weak else picture, 7)
     known = np.where(np.arange(120) < 50, np.float32(7.0), np.float32(11.0)) + np.zeros((90, 1), np.float32)
-    ranges = range_around(known, planes.planes)
+    ranges = range_around(known, planes.plane_count)
     nearest = np.full((8, 90, 120), -1e9, np.float32)
     nearest[:, :, 50:] = 11.0
     every = costs_of(reference, others, valid(others), planes, nearest=nearest)

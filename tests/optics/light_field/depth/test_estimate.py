@@ -126,7 +126,7 @@ def test_the_number_of_threads_changes_no_bit(scene: Any, found: DepthMap) -> No
 def test_small_ranges_are_searched_at_full_size_and_large_ones_at_half(scene: Any) -> None:
     near = DepthEstimator(scene[0], near_mm=300.0, far_mm=420.0)
     wide = DepthEstimator(scene[0], near_mm=100.0, far_mm=np.inf)
-    assert near.planes < wide.planes
+    assert near.plane_count < wide.plane_count
     depth = scene[1]
     found = wide.estimate(scene[0]).depth_mm
     assert np.nanmedian(np.abs(found - depth) / depth) < 0.003

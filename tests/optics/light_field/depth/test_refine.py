@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
-from mirrorcam.optics.light_field.depth.refine import GradientPicture, Refiner, depth_edges, follow_edges
+from mirrorcam.optics.light_field.depth.refine import GradientPicture, Refiner, align_to_picture_edges, depth_edges
 from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
 
@@ -113,20 +113,22 @@ def card() -> tuple[np.ndarray, np.ndarray]:
 
 def test_an_edge_moves_to_the_pictures_edge() -> None:
     planes, picture = card()
-    found = follow_edges(planes, picture, 1.2)
+    found = align_to_picture_edges(planes, picture, 1.2)
     assert (found[:, :30] == 2.0).all()
     assert (found[:, 30:] == 12.0).all()
-    assert np.array_equal(found, follow_edges(planes, picture, 1.2, ThreadPoolExecutor(2).map))
+    assert np.array_equal(found, align_to_picture_edges(planes, picture, 1.2, ThreadPoolExecutor(2).map))
 
 
 def test_only_jumps_move_and_only_with_a_picture() -> None:
     planes, picture = card()
     slanted = (np.arange(60, dtype=np.float32) * 0.2)[None].repeat(40, axis=0)
-    assert np.array_equal(follow_edges(slanted, picture, 1.2), slanted)
-    assert np.array_equal(follow_edges(planes, np.full_like(picture, 90.0), 1.2)[:, [20, 40]], planes[:, [20, 40]])
+    assert np.array_equal(align_to_picture_edges(slanted, picture, 1.2), slanted)
+    assert np.array_equal(
+        align_to_picture_edges(planes, np.full_like(picture, 90.0), 1.2)[:, [20, 40]], planes[:, [20, 40]]
+    )
 
 
 def test_a_single_wrong_pixel_is_outvoted() -> None:
     planes = np.full((20, 20), 5.0, np.float32)
     planes[10, 10] = 15.0
-    assert (follow_edges(planes, np.full((20, 20, 3), 90.0, np.float32), 1.2) == 5.0).all()
+    assert (align_to_picture_edges(planes, np.full((20, 20, 3), 90.0, np.float32), 1.2) == 5.0).all()

@@ -34,7 +34,7 @@ def planes_of(level: PyramidLevel, views: Any, depth: Any) -> Any:
 
 
 def near(found: LowestCost, level: PyramidLevel) -> Ranges:
-    return range_around(found.planes, level.sweep.planes)
+    return range_around(found.planes, level.sweep.plane_count)
 
 
 def test_a_search_of_all_planes_and_one_near_them_find_the_surfaces(step: Any) -> None:
@@ -65,6 +65,6 @@ def test_depth_at_half_size_guides_the_search_at_full_size(step: Any) -> None:
 def test_planes_lie_farther_apart_if_there_are_too_many() -> None:
     views = grid_views()
     fine = PyramidLevel.of(views, NEAR_MM, FAR_MM, 0)
-    coarse = PyramidLevel.of(views, NEAR_MM, FAR_MM, 0, fine.sweep.planes // 2)
+    coarse = PyramidLevel.of(views, NEAR_MM, FAR_MM, 0, fine.sweep.plane_count // 2)
     assert fine.sweep.step_px == pytest.approx(0.5, rel=0.05)
     assert coarse.sweep.step_px == pytest.approx(1.0, rel=0.1)

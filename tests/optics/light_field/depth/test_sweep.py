@@ -119,10 +119,10 @@ def test_a_tile_is_searched_around_all_known_planes_near_it(shape: tuple[int, in
             low = np.clip(np.floor(near.min()) - MARGIN_PLANES, 0, 60 - MIN_PLANES)
             high = min(np.ceil(near.max()) + MARGIN_PLANES + 1, 60)
             assert (ranges.low[tile] == low).all()
-            assert (ranges.low[tile] + ranges.planes[tile] == high).all()
+            assert (ranges.low[tile] + ranges.plane_count[tile] == high).all()
 
 
 def test_all_planes_are_searched_if_there_are_few() -> None:
     ranges = range_around(np.full((16, 16), 1.0, np.float32), MIN_PLANES)
     assert (ranges.low == 0).all()
-    assert (ranges.planes == MIN_PLANES).all()
+    assert (ranges.plane_count == MIN_PLANES).all()

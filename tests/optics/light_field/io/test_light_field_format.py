@@ -81,9 +81,9 @@ class Frames(StoredFrames):
     def __len__(self) -> int:
         return COUNT
 
-    def _frame(self, number: int) -> LightField:
-        self.read.append(number)
-        return replace(self._one, layout_identity=str(number))
+    def _frame(self, index: int) -> LightField:
+        self.read.append(index)
+        return replace(self._one, layout_identity=str(index))
 
 
 @pytest.fixture
