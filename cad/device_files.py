@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from mirrorcam.cad.assembly.catalogue import parts_of
+from mirrorcam.cad.assembly.components import components_of
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import pieces_of
 from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.checks.elasticity.elasticity_report import write_elasticity
 from mirrorcam.cad.guide.assembly_drawing import write_assembly_drawing
@@ -58,9 +58,9 @@ def write_files(
         step,
         preload=(__name__,),
     )
-    pieces = pieces_of(device, parts)
-    write_glb(out / "assembly.glb", pieces)
-    pictures = pictures_of(device, parts, pieces)
+    components = components_of(device, parts)
+    write_glb(out / "assembly.glb", components)
+    pictures = pictures_of(device, parts, components)
     picture_calls: list[Call] = [(write_picture, (out, picture)) for picture in pictures]
     revision = value_digest([device.layout.identity, *(plan.identity for plan in plans)])[:12]
     elastic_calls: list[Call] = [(write_elasticity, (out, device))] if elastic else []
@@ -71,8 +71,8 @@ def write_files(
             (check_device, (device, parts, out)),
             (write_plates, (out, device_parts, device.hardware.printer)),
             (write_assembly, (out / "assembly.step", device, parts)),
-            (write_live_view, (out, device.layout, pieces)),
-            (write_assembly_drawing, (out / "drawings", device.layout, pieces, revision)),
+            (write_live_view, (out, device.layout, components)),
+            (write_assembly_drawing, (out / "drawings", device.layout, components, revision)),
             *picture_calls,
             *elastic_calls,
         ],
@@ -86,12 +86,12 @@ def write_files(
     checks |= {f"plates.{name}": check for name, check in plate_checks.items()}
     if elastic:
         checks |= others[-1]
-    write_robot(out / "robot", device, pieces)
+    write_robot(out / "robot", device, components)
     bill = bill_of(device, parts, sheets)
     checks |= bom_metrics(bill)
     write_metrics(out / "checks.json", checks)
     write_bom(out, bill)
     write_source(out, device.layout, device.hardware)
-    write_guide(out, device, parts, pieces, bill.estimate)
+    write_guide(out, device, parts, components, bill.estimate)
     write_page(out, device, parts, plates, pictures, checks)
     return checks

@@ -58,7 +58,7 @@ from mirrorcam.cad.plan.cuts import (
 )
 from mirrorcam.cad.plan.fasteners import ROOF_DEG
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem, PartPlan, plain, recipe
+from mirrorcam.cad.plan.part_plan import PartPlan, PurchasedItem, plain, recipe
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -218,7 +218,7 @@ class Pieces:
     """The pieces that a part is split into, or the part itself, and the pins between them."""
 
     parts: tuple[PartPlan, ...]
-    pins: tuple[BoughtItem, ...]
+    pins: tuple[PurchasedItem, ...]
 
 
 @dataclass(frozen=True)
@@ -328,11 +328,11 @@ def _piece(part: PartPlan, number: int, plan: PiecePlan, bounds: FloatArray, off
     )
 
 
-def _pin_item(pin: _Pin, pieces: dict[Cell, PartPlan], hardware: Hardware) -> BoughtItem:
-    """A pin as a bought item, half of it in each piece."""
+def _pin_item(pin: _Pin, pieces: dict[Cell, PartPlan], hardware: Hardware) -> PurchasedItem:
+    """A pin as a purchased item, half of it in each piece."""
     diameter, length = hardware.holder.pin_mm
     first, second = (pieces[cell] for cell in pin.cells)
-    return BoughtItem(
+    return PurchasedItem(
         kind="pin",
         size=f"{diameter:g}",
         length_mm=length,

@@ -11,13 +11,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, camera_solid, item_solid, tessellated
+from mirrorcam.cad.assembly.components import CAMERA_RGB, ITEM_RGB, camera_solid, item_solid, tessellated
 from mirrorcam.cad.guide.shading import Pixels, Screen, ShadedBody, render
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
 from mirrorcam.cad.plan.fasteners import frame_along
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_library import camera_names, library
@@ -47,7 +47,7 @@ def tile(name: str) -> Pixels:
     ]
     for screw in plan.nest.screws if plan.nest else ():
         frame = frame_along(screw.head, -screw.axis)
-        mesh = tessellated(item_solid(BoughtItem("screw", "M3", screw.length_mm, frame, np.zeros(3), ())))
+        mesh = tessellated(item_solid(PurchasedItem("screw", "M3", screw.length_mm, frame, np.zeros(3), ())))
         mesh.apply_transform(frame)
         bodies.append(ShadedBody(np.asarray(mesh.triangles, dtype=np.float64), ITEM_RGB["screw"]))
     points = np.concatenate([body.triangles.reshape(-1, 3) for body in bodies])

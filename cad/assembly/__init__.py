@@ -1,1 +1,1 @@
-"""The assembled device: the plan of every part, its pieces, its bought items."""
+"""The assembled device: the plan of every part, its pieces, its purchased items."""

@@ -9,12 +9,12 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from mirrorcam.cad.assembly.components import item_title, standard_of
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import item_title, standard_of
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.fasteners import diameter_mm
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import PurchasedItem
 
 CAMERA = "camera"
 # Regular expressions for the names of pieces.
@@ -87,7 +87,7 @@ def parts_when_joined(joins: Iterable[str], pieces: Iterable[str], steps: Iterab
     Parameters
     ----------
     joins : iterable of str
-        Names of the parts that a fastener joins; only one if it holds a bought item in that part.
+        Names of the parts that a fastener joins; only one if it holds a purchased item in that part.
     pieces : iterable of str
         Names of all pieces of the assembled device except fasteners; "mount_1" is a piece of a split part.
     steps : iterable of Step
@@ -160,8 +160,8 @@ class Tool:
     purpose: str
 
 
-def tools_of(device: Device, items: Sequence[BoughtItem]) -> tuple[Tool, ...]:
-    """All hand tools for a device with these bought items, in the order of the guide's steps, without machines."""
+def tools_of(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]:
+    """All hand tools for a device with these purchased items, in the order of the guide's steps, without machines."""
     glass = device.hardware.cutting.material == "glass"
     tools = [
         Tool("calipers", "to measure camera, mirrors and board"),
@@ -201,7 +201,7 @@ def also_needed(device: Device) -> tuple[Tool, ...]:
     return tuple(needed)
 
 
-def _keys(items: Sequence[BoughtItem]) -> list[Tool]:
+def _keys(items: Sequence[PurchasedItem]) -> list[Tool]:
     """Hex keys by size, each with its screws."""
     screws: dict[float, list[str]] = {}
     for item in items:

@@ -1,4 +1,4 @@
-"""The catalogue of a device: printed parts with names, numbers, named faces and poses on the bed, and bought items.
+"""The catalogue of a device: printed parts with names, numbers, named faces and poses on the bed, and purchased items.
 
 Each bought insert or nut has the moves by which it leaves its seat; they follow from the plans of the pockets.
 """
@@ -24,7 +24,7 @@ from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon
 from mirrorcam.cad.parts.truss import foot_plate_mm
 from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
 from mirrorcam.cad.plan.fasteners import COUNTERSUNK, X_AXIS, Stack, exit_move, frame_along
-from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, NamedFace, PartPlan, Rgb
+from mirrorcam.cad.plan.part_plan import FORMING, NamedFace, PartPlan, PurchasedItem, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import seat_height_mm
 from mirrorcam.cad.splitting import Pieces, split
@@ -32,7 +32,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
-# Orientations of a part in print: rows are the bed's x, y and z in the rig frame.
+# Print orientations of a part: rows are the bed's x, y and z in the rig frame.
 X_UP = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 Z_UP = np.eye(3)
@@ -105,7 +105,7 @@ def _unsplit(device: Device) -> Iterator[PartPlan]:
         yield part(number, carrier_name(carrier.name), title, carrier, make_carrier, on_back, (0.46, 0.49, 0.54))
 
 
-def bought_items(device: Device) -> tuple[BoughtItem, ...]:
+def purchased_items(device: Device) -> tuple[PurchasedItem, ...]:
     """Screws, inserts, nuts and pins of the device, in their positions."""
     mount, clip, back = device.mount, device.clip, device.back
     head_z = -mount.rig_from_head[:3, 2]
@@ -134,8 +134,8 @@ def bought_items(device: Device) -> tuple[BoughtItem, ...]:
     )
 
 
-def _joint_screws(device: Device, joint: BackJoint) -> Iterator[BoughtItem]:
-    """The screws of a joint between two parts of the back, with their inserts or nuts."""
+def _joint_screws(device: Device, joint: BackJoint) -> Iterator[PurchasedItem]:
+    """The screws of a joint between two parts of the adapter, with their inserts or nuts."""
     yield from _screws(
         device, joint.heads, joint.out, joint.stack, joint.joins, lambda _, seats: joint.nut_exits_mm, joint.corners
     )
@@ -158,7 +158,7 @@ def _screws(
     nut_exits_mm: Callable[[Device, FloatArray], FloatArray],
     corners: FloatArray = X_AXIS,
     size: str = "M3",
-) -> Iterator[BoughtItem]:
+) -> Iterator[PurchasedItem]:
     """Screws with their heads, or the washers under them, at points (n, 3), and their inserts or nuts.
 
     `out` (3,) points from the tip to the head. Nuts have a corner in the direction `corners`, (3,) or (n, 3), and leave
@@ -168,9 +168,9 @@ def _screws(
     outer, inner = (explode_moves(device)[name] for name in joins)
     for head in heads:
         if stack.washer_mm > 0.0:
-            yield BoughtItem("washer", "M3", stack.washer_mm, frame_along(head, out), outer + 23.0 * out, joins)
+            yield PurchasedItem("washer", "M3", stack.washer_mm, frame_along(head, out), outer + 23.0 * out, joins)
         under_head = frame_along(head + stack.washer_mm * out, out)
-        yield BoughtItem("screw", size, stack.length_mm, under_head, outer + 25.0 * out, joins)
+        yield PurchasedItem("screw", size, stack.length_mm, under_head, outer + 25.0 * out, joins)
     mouths = heads - stack.grip_mm * out
     if screw.kind == "insert":
         moves = insert_exit_mm(out)
@@ -185,16 +185,16 @@ def _screws(
 
 def _thread(
     device: Device, rig_from_item: FloatArray, part_move: FloatArray, joins: tuple[str, ...], exit_moves_mm: FloatArray
-) -> BoughtItem:
+) -> PurchasedItem:
     """An insert or a nut; in an exploded view it is at the end of its exit moves, after the part's move."""
     screw = device.hardware.screw
     length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
-    return BoughtItem(
+    return PurchasedItem(
         screw.kind, "M3", length, rig_from_item, part_move + exit_moves_mm.sum(axis=0), joins, exit_moves_mm
     )
 
 
-def _camera_screws(device: Device) -> Iterator[BoughtItem]:
+def _camera_screws(device: Device) -> Iterator[PurchasedItem]:
     """The fasteners of the camera in its clip: sprung screws on a body, or a board's own screws."""
     clip, hardware = device.clip, device.hardware
     clip_move = np.array(EXPLODE[CLIP])
@@ -202,12 +202,12 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
     if not isinstance(held_by, Lips):
         for head in clip.board_screws:
             size = f"M{held_by.screw_mm:g}{FORMING}"
-            yield BoughtItem(
+            yield PurchasedItem(
                 "screw", size, held_by.screw_length_mm, frame_along(head, UP), clip_move + 20.0 * UP, (CLIP,)
             )
     for sprung in clip.nest.screws if clip.nest else ():
         out = -sprung.axis
-        yield BoughtItem(
+        yield PurchasedItem(
             "screw", "M3", sprung.length_mm, frame_along(sprung.head, out), clip_move + 25.0 * out, (CLIP,)
         )
         seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
@@ -217,7 +217,7 @@ def _camera_screws(device: Device) -> Iterator[BoughtItem]:
         yield _thread(device, frame_along(seat, out, corner_direction), clip_move, (CLIP,), moves)
 
 
-def _carrier_items(device: Device) -> Iterator[BoughtItem]:
+def _carrier_items(device: Device) -> Iterator[PurchasedItem]:
     """The screws that pull every mirror's carrier towards the holder, their springs, and their inserts or nuts."""
     holder, screw = device.holder, device.hardware.screw
     if not isinstance(holder, ScrewedHolderPlan):
@@ -230,7 +230,7 @@ def _carrier_items(device: Device) -> Iterator[BoughtItem]:
         joins, carrier_move = (HOLDER, name), moves[name]
         for head in heads:
             top = head - SUNK_MM * outward
-            yield BoughtItem(
+            yield PurchasedItem(
                 "screw",
                 f"{SCREW}{COUNTERSUNK}",
                 adjuster.length_mm,
@@ -240,7 +240,7 @@ def _carrier_items(device: Device) -> Iterator[BoughtItem]:
             )
             recess = head - (adjuster.plate_mm - adjuster.recess_mm) * outward
             size = device.hardware.holder.spring.size
-            yield BoughtItem(
+            yield PurchasedItem(
                 "spring",
                 size,
                 adjuster.spring_mm,

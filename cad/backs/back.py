@@ -1,6 +1,6 @@
-"""A back for the rest of the device: its parts, joints, bought items, support and load.
+"""An adapter under the rest of the device: its parts, joints, purchased items, support and load.
 
-The load is the mass and centre of all that the back carries. It follows from the plans, before any part is made.
+The load is the mass and centre of all that the adapter carries. It follows from the plans, before any part is made.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.fasteners import Stack
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem, Connection, Rgb
+from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem, Rgb
 from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
@@ -23,7 +23,7 @@ from mirrorcam.core.values import FloatArray
 # Colours of the part under the mount's foot, and of the part fastened to it.
 RGB: Rgb = (0.35, 0.60, 0.42)
 SECOND_RGB: Rgb = (0.55, 0.74, 0.52)
-# Orientations of a back's part in print: the rows are the bed's x, y and z axes in the rig frame.
+# Print orientations of an adapter's part: the rows are the bed's x, y and z axes in the rig frame.
 UPRIGHT = np.eye(3)
 FRONT_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 BACK_DOWN = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -32,7 +32,7 @@ SIDE_DOWN = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 
 
 class PlannedPart(Protocol):
-    """The plan of a back's printed part."""
+    """The plan of an adapter's printed part."""
 
     @property
     def corners(self) -> FloatArray:
@@ -42,7 +42,7 @@ class PlannedPart(Protocol):
 
 @dataclass(frozen=True)
 class BackPart:
-    """A printed part of a back: its plan, orientation on the bed (3, 3), and displacement in an exploded view."""
+    """A printed part of an adapter: its plan, orientation on the bed (3, 3), and displacement in an exploded view."""
 
     name: str
     title: str
@@ -54,7 +54,7 @@ class BackPart:
 
 @dataclass(frozen=True)
 class BackJoint:
-    """M3 screws between two parts of a back, into inserts or nuts.
+    """M3 screws between two parts of an adapter, into inserts or nuts.
 
     Their heads are at points (n, 3), `out` (3,) points from the tips to the heads, and `stack` is their grip and
     thread. Nuts have a corner towards `corners` (3,) and leave their seats by the moves `nut_exits_mm` (n, k, 3).
@@ -70,15 +70,15 @@ class BackJoint:
 
 @dataclass(frozen=True)
 class Support:
-    """The support of a back: convex solids in the rig frame, mm, for clearances and light; not part of the device."""
+    """The adapter's support: convex solids in the rig frame, mm, for clearances and light; not part of the device."""
 
     name: str
     solids: tuple[Frustum, ...]
 
 
 @dataclass(frozen=True)
-class Neck:
-    """A weak section of a back that bears the load: a rectangle about `centre` (3,), with a unit `normal` (3,).
+class CriticalSection:
+    """A weak section that bears the load: a rectangle about `centre` (3,), with a unit `normal` (3,).
 
     `sides_mm` are its lengths along `axis` (3,), in its plane, and normal to that axis. With `arm_mm`, the section only
     bends about `axis`, under forces at that lever arm, such as a force on the edge of a foot.
@@ -137,10 +137,10 @@ class Stand:
 
 @dataclass(frozen=True)
 class Back:
-    """A back of any kind, in the rig frame, mm; its first part is screwed to the mount's foot.
+    """An adapter of any kind, in the rig frame, mm; its first part is screwed to the mount's foot.
 
     The foot's screws, of `foot_size`, have their heads at `foot_heads` (4, 3) and the stack `foot`. `joints` are
-    further M3 screws with their threads, `items` other bought items, and `connections` the joints between its parts.
+    further M3 screws with their threads, `items` other purchased items, and `connections` the joints between its parts.
     `table` is the hardware's table from which it was planned.
     """
 
@@ -150,10 +150,10 @@ class Back:
     foot_heads: FloatArray
     foot_size: str = "M3"
     joints: tuple[BackJoint, ...] = ()
-    items: tuple[BoughtItem, ...] = ()
+    items: tuple[PurchasedItem, ...] = ()
     connections: tuple[Connection, ...] = ()
     supports: tuple[Support, ...] = ()
-    necks: tuple[Neck, ...] = ()
+    critical_sections: tuple[CriticalSection, ...] = ()
     robot: RobotLink | None = None
     stand: Stand | None = None
 
@@ -172,10 +172,10 @@ class Load:
 
 
 def carried_load(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
-    """Mass and centre of all but the back: the holder as if solid, the mirrors, the mount, the clip and the camera.
+    """Mass and centre of all but the adapter: the holder as if solid, the mirrors, the mount, the clip and the camera.
 
-    Overlapping pieces of a part count in full, so that this is an upper bound, for the design of backs. Checks use the
-    masses of the parts as made.
+    Overlapping pieces of a part count in full, so that this is an upper bound, for the design of adapters. Checks use
+    the masses of the parts as made.
     """
     body = body_box(hardware.camera)
     masses = [

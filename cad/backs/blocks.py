@@ -1,4 +1,4 @@
-"""Parts of backs made of convex blocks and holes, and the holes that most of them have."""
+"""Adapter parts built from convex blocks minus holes, and the holes that most of them have."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mirrorcam.cad.plan.fasteners import (
     thread_of,
 )
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
@@ -36,7 +36,7 @@ CONE_RAD = np.radians(ROOF_DEG)
 HEAD_FIT_MM = 0.05
 # A countersink widens at most this far below the head, so that walls remain between holes 9.5 mm apart and at edges.
 FLARE_MM = 0.3
-# Slots that are vertical in print have round ends and no roofs.
+# Slots that are vertical in the print orientation have round ends, and need no self-supporting roofs.
 NO_ROOF_DEG = 89.0
 # Number of corners of a faceted disc.
 CORNERS = 96
@@ -48,9 +48,9 @@ ALONG_X, ALONG_Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
 class Disc:
     """A disc about an axis along y, from the centre (3,) of its first face towards +y, in the rig frame, mm."""
 
-    middle: FloatArray
+    face_centre: FloatArray
     radius_mm: float
-    thick_mm: float
+    thickness_mm: float
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class BlocksPlan:
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
         """The lengths, the diameters of the discs, and the holes."""
-        rounds = (Hole(disc.middle, ALONG_Y, round(2.0 * disc.radius_mm, 3)) for disc in self.discs)
+        rounds = (Hole(disc.face_centre, ALONG_Y, round(2.0 * disc.radius_mm, 3)) for disc in self.discs)
         return (*self.lengths, *rounds, *holes(self.cuts))
 
 
@@ -102,7 +102,7 @@ def countersunk_hole(
 def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: float) -> tuple[Bore, Countersink]:
     """A slot along y and its countersink, for a countersunk screw that is flush with the part's upper face.
 
-    Its centre is a point (3,) of that face, on which the part is printed.
+    Its centre is a point (3,) of that face. The part is printed on that face.
     """
     thread = thread_of(size)
     half, head_radius = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
@@ -116,7 +116,7 @@ def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: floa
 def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware: Hardware) -> Iterator[Bore]:
     """Holes along z for M3 screws whose heads rest at points (n, 3), and the space for heads and screwdriver below.
 
-    `up` (3,) points up on the bed if the holes are horizontal in print, and is None if they are vertical.
+    `up` (3,) points up on the bed if the holes are printed horizontally, and is None if they are vertical.
     """
     clearance = hardware.screw.clearance_hole_mm / 2.0
     for head in heads:
@@ -127,21 +127,21 @@ def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware
 def faceted(disc: Disc) -> Frustum:
     """An inscribed prism of a disc."""
     angles = 2.0 * np.pi / CORNERS * np.arange(CORNERS)
-    base = disc.middle + disc.radius_mm * np.column_stack([np.cos(angles), np.zeros(CORNERS), np.sin(angles)])
-    return Frustum(base, base + disc.thick_mm * ALONG_Y)
+    base = disc.face_centre + disc.radius_mm * np.column_stack([np.cos(angles), np.zeros(CORNERS), np.sin(angles)])
+    return Frustum(base, base + disc.thickness_mm * ALONG_Y)
 
 
-def ring(centre: FloatArray, radii_mm: tuple[float, float], thick_mm: float) -> tuple[Frustum, ...]:
+def ring(centre: FloatArray, radii_mm: tuple[float, float], thickness_mm: float) -> tuple[Frustum, ...]:
     """A ring between two radii about an axis along y, as inscribed convex sectors."""
     angles = 2.0 * np.pi / CORNERS * np.arange(CORNERS + 1)
     inner, outer = radii_mm
     sectors = []
     for start, end in pairwise(angles):
-        # Chords of the inner circle would be inside it, so that their corners are moved outwards.
+        # Chords of the inner circle would be inside it, so their corners are moved outwards.
         inner_corner = inner / np.cos(np.pi / CORNERS)
         loop = [(inner_corner, start), (outer, start), (outer, end), (inner_corner, end)]
         base = np.array([centre + np.array([r * np.cos(t), 0.0, r * np.sin(t)]) for r, t in loop])
-        sectors.append(Frustum(base, base + np.array([0.0, thick_mm, 0.0])))
+        sectors.append(Frustum(base, base + np.array([0.0, thickness_mm, 0.0])))
     return tuple(sectors)
 
 
@@ -150,7 +150,7 @@ def tripod_depth_mm(nut: TripodNut) -> float:
     return nut.floor_mm + thread_of(TRIPOD).nut_height_mm + NUT_FIT_MM
 
 
-def tripod_cuts(top: FloatArray, thick_mm: float, nut: TripodNut) -> tuple[Bore, Hexagon]:
+def tripod_cuts(top: FloatArray, thickness_mm: float, nut: TripodNut) -> tuple[Bore, Hexagon]:
     """The pocket of a tripod's nut about a point (3,) of a part's upper face, and the hole under it.
 
     The nut drops in from above, and the mount's foot retains it. The tripod clamps the floor under it.
@@ -158,14 +158,16 @@ def tripod_cuts(top: FloatArray, thick_mm: float, nut: TripodNut) -> tuple[Bore,
     thread = thread_of(TRIPOD)
     mouth = top + OUTSIDE_MM * ABOVE
     return (
-        Bore(mouth, -ABOVE, thread.clearance_mm / 2.0, thick_mm + 2.0 * OUTSIDE_MM),
-        Hexagon(mouth, -ABOVE, None, thread.nut_flats_mm + NUT_FIT_MM, thick_mm - nut.floor_mm + OUTSIDE_MM),
+        Bore(mouth, -ABOVE, thread.clearance_mm / 2.0, thickness_mm + 2.0 * OUTSIDE_MM),
+        Hexagon(mouth, -ABOVE, None, thread.nut_flats_mm + NUT_FIT_MM, thickness_mm - nut.floor_mm + OUTSIDE_MM),
     )
 
 
-def tripod_nut(top: FloatArray, thick_mm: float, nut: TripodNut, part: str, explode_mm: FloatArray) -> BoughtItem:
+def tripod_nut(
+    top: FloatArray, thickness_mm: float, nut: TripodNut, part: str, explode_mm: FloatArray
+) -> PurchasedItem:
     """The nut in the pocket of `tripod_cuts`, in the named part; it leaves through the part's upper face."""
     thread = thread_of(TRIPOD)
     exit_mm = 25.0 * ABOVE
-    frame = frame_along(top - (thick_mm - nut.floor_mm - thread.nut_height_mm) * ABOVE, ABOVE)
-    return BoughtItem("nut", TRIPOD, thread.nut_height_mm, frame, explode_mm + exit_mm, (part,), exit_mm[None])
+    frame = frame_along(top - (thickness_mm - nut.floor_mm - thread.nut_height_mm) * ABOVE, ABOVE)
+    return PurchasedItem("nut", TRIPOD, thread.nut_height_mm, frame, explode_mm + exit_mm, (part,), exit_mm[None])

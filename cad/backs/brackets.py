@@ -1,14 +1,14 @@
-"""Backs on a bracket, for arms with a flange normal to their axis, and for stands of monitors.
+"""Bracket adapters, for arms with a flange normal to their axis, and for monitor stands.
 
-The bracket has a vertical plate behind the mount's foot, a shelf and two ribs; it prints on its back.
+The bracket has a vertical plate behind the mount's foot, a shelf and two ribs; it is printed with its rear face down.
 
-Arms, with the views along their axis: ISO 9409-1-50-4-M6, and Kinova's Gen3. The Gen3 was measured in sections of
-`bracelet_no_vision_link.STL` of ros2_kortex, kortex_description/arms/gen3/7dof/meshes, commit 1fdbef34 (Kinova inc.,
+Two are for arms whose axis is the view axis: ISO 9409-1-50-4-M6, and Kinova's Gen3. The Gen3 was measured in sections
+of `bracelet_no_vision_link.STL` of ros2_kortex, kortex_description/arms/gen3/7dof/meshes, commit 1fdbef34 (Kinova inc.,
 BSD-3-Clause). Its face, at `end_effector_link`, is 61.525 mm in front of the origin of the mesh's link. In the face are
-four core holes of 4.2 mm at (+-27, +-16) mm and a hole of 4 mm at (30.5, 0) mm; a rim, with radii from 35.4 to 37.5 mm,
-protrudes by 2.9 mm.
+four tap-drill holes of 4.2 mm at (+-27, +-16) mm and a hole of 4 mm at (30.5, 0) mm; a rim, with radii from 35.4 to
+37.5 mm, protrudes by 2.9 mm.
 
-Stands and arms for monitors (VESA MIS-D): four M4 nuts in the front of the bracket's plate.
+The third is for monitor stands and arms (VESA MIS-D): four M4 nuts in the front of the bracket's plate.
 """
 
 from __future__ import annotations
@@ -17,7 +17,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import BACK_DOWN, RGB, SECOND_RGB, Back, BackPart, Load, Neck, RobotLink, Support
+from mirrorcam.cad.backs.back import (
+    BACK_DOWN,
+    RGB,
+    SECOND_RGB,
+    Back,
+    BackPart,
+    CriticalSection,
+    Load,
+    RobotLink,
+    Support,
+)
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, Disc, faceted, ring
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.mount import MountPlan
@@ -26,7 +36,7 @@ from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back, VesaBack
 from mirrorcam.cad.plan.dimension import length
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, frame_along, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem, Connection
+from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem
 from mirrorcam.cad.plan.prisms import box, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
@@ -39,34 +49,35 @@ RIB_MM = 5.0
 class Bracket:
     """A bracket in the rig frame, mm: its plan, and the positions of the plate and of the foot's screws.
 
-    `back_centre` (3,) is the centre of the plate's back, y = `front_mm` its front; the screws' heads are at `heads`.
+    `back_centre` (3,) is the centre of the plate's rear face, y = `front_mm` its front; the screws' heads are at
+    `heads`.
     """
 
     plan: BlocksPlan
     back_centre: FloatArray
     front_mm: float
     heads: FloatArray
-    neck: Neck
+    critical_section: CriticalSection
 
 
 def plan_bracket(
     name: str,
     below_mm: float,
-    sides_mm: tuple[float, float, float],
+    plate_mm: tuple[float, float, float],
     rib_x_mm: float,
     cuts: tuple[Frustum | Bore | Hexagon, ...],
     grip_mm: float,
     mount: MountPlan,
     hardware: Hardware,
-    ends: tuple[tuple[FloatArray, FloatArray], ...] = (),
+    extra_dimensions: tuple[tuple[FloatArray, FloatArray], ...] = (),
 ) -> Bracket:
     """Lay out a bracket whose plate has its centre `below_mm` under the mount's foot.
 
-    `sides_mm` are the plate's half width, its extent below its centre, and its thickness. The ribs extend from
-    `rib_x_mm` outwards on both sides. The origin of the plate's `cuts`, and of the `ends` (3,) of further dimensions,
-    is the centre of its back. The shelf is `grip_mm` thick, with the screws' heads under it.
+    `plate_mm` holds the plate's half width, its extent below its centre, and its thickness. The ribs extend from
+    `rib_x_mm` outwards on both sides. The origin of the plate's `cuts`, and of the ends (3,) of `extra_dimensions`,
+    is the centre of its rear face. The shelf is `grip_mm` thick, with the screws' heads under it.
     """
-    half, down, thickness = sides_mm
+    half, down, thickness = plate_mm
     foot_z, slide = mount.foot_z_mm, float(mount.slide[1])
     front = slide - FOOT_DEPTH_MM
     back, centre_z = front - thickness, foot_z - below_mm
@@ -97,17 +108,19 @@ def plan_bracket(
         lengths.append(length(shelf, shelf + 2.0 * outer_x * ALONG_X))
     # The section of the ribs alone, at the root of the shelf.
     height = below_mm + down / 2.0
-    neck = Neck(
+    critical_section = CriticalSection(
         "ribs at the plate", np.array([0.0, front, foot_z - height / 2.0]), ALONG_Y, ABOVE, (height, 2.0 * RIB_MM)
     )
-    lengths += [length(start + centre, end + centre) for start, end in ends]
-    return Bracket(BlocksPlan(name, tuple(pieces), tuple(all_cuts), tuple(lengths)), centre, front, heads, neck)
+    lengths += [length(start + centre, end + centre) for start, end in extra_dimensions]
+    return Bracket(
+        BlocksPlan(name, tuple(pieces), tuple(all_cuts), tuple(lengths)), centre, front, heads, critical_section
+    )
 
 
-def plate_neck(bracket: Bracket, width_mm: float, thick_mm: float, height_mm: float) -> Neck:
+def plate_section(bracket: Bracket, width_mm: float, thickness_mm: float, height_mm: float) -> CriticalSection:
     """The section of the plate `height_mm` above its centre, above its screws."""
-    centre = bracket.back_centre + np.array([0.0, thick_mm / 2.0, height_mm])
-    return Neck("plate over its screws", centre, ABOVE, ALONG_X, (width_mm, thick_mm))
+    centre = bracket.back_centre + np.array([0.0, thickness_mm / 2.0, height_mm])
+    return CriticalSection("plate over its screws", centre, ABOVE, ALONG_X, (width_mm, thickness_mm))
 
 
 def _translated(cut: Frustum | Bore | Hexagon, shift: FloatArray) -> Frustum | Bore | Hexagon:
@@ -130,10 +143,10 @@ SECOND_EXPLODE = np.array([0.0, -110.0, -45.0])
 def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket for a flange ISO 9409-1-50-4-M6, and a ring that centres the bracket."""
     offset = table.circle_mm / 2.0 / np.sqrt(2.0)
-    spots = np.array([(x, z) for x in (-offset, offset) for z in (-offset, offset)])
+    points = np.array([(x, z) for x in (-offset, offset) for z in (-offset, offset)])
     recess_radius, thickness = table.centre_mm / 2.0, table.plate_mm
     cuts = (
-        *_holes(spots, thread_of("M6").clearance_mm / 2.0, thickness),
+        *_holes(points, thread_of("M6").clearance_mm / 2.0, thickness),
         *_holes(np.zeros((1, 2)), recess_radius, thickness),
         *_holes(np.array([[table.circle_mm / 2.0, 0.0]]), table.pin_mm / 2.0 + hardware.fit.press_mm, thickness),
     )
@@ -148,7 +161,7 @@ def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Har
     centring = BlocksPlan(CENTRING, (), (hole,), discs=(Disc(low, radius, ring_depth + thickness),))
     flange = ring(face - 6.0 * ALONG_Y, (recess_radius, table.flange_mm / 2.0), 6.0)
     arm = faceted(Disc(face - 46.0 * ALONG_Y, table.arm_mm / 2.0, 40.0))
-    back = _flange_back(table, bracket, centring, "Centring ring", spots, "M6", hardware)
+    back = _flange_back(table, bracket, centring, "Centring ring", points, "M6", hardware)
     return replace(
         back,
         supports=(Support("flange", (*flange, arm)),),
@@ -165,22 +178,22 @@ def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Har
 def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket for a Kinova Gen3, and a spacer disc inside the rim round its face."""
     x, z = table.holes_mm
-    spots = np.array([(a, b) for a in (-x, x) for b in (-z, z)])
+    points = np.array([(a, b) for a in (-x, x) for b in (-z, z)])
     thickness, (disc_radius, disc_thickness) = table.plate_mm, table.spacer_mm
     clearance = thread_of("M5").clearance_mm / 2.0
     half = x + 11.0
-    cuts = _holes(spots, clearance, thickness)
+    cuts = _holes(points, clearance, thickness)
     bracket = plan_bracket(
         BRACKET, table.below_mm, (half, 36.0, thickness), half - 5.0, cuts, table.grip_mm, mount, hardware
     )
     face = bracket.back_centre - disc_thickness * ALONG_Y
-    holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(spots, clearance, disc_thickness))
+    holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(points, clearance, disc_thickness))
     # Without space for a wall between a hole and the rim, each hole is a slot, open to the edge.
-    slots = (_slot(spot, clearance, disc_thickness, face) for spot in spots)
+    slots = (_slot(point, clearance, disc_thickness, face) for point in points)
     spacer = BlocksPlan(SPACER, (), (*holes, *slots), discs=(Disc(face, disc_radius, disc_thickness),))
     inner, outer, rim_height = table.rim_mm
     module = faceted(Disc(face - 40.0 * ALONG_Y, outer, 40.0))
-    back = _flange_back(table, bracket, spacer, "Spacer", spots, "M5", hardware)
+    back = _flange_back(table, bracket, spacer, "Spacer", points, "M5", hardware)
     return replace(
         back,
         supports=(Support("arm", (*ring(face, (inner, outer), rim_height), module)),),
@@ -200,16 +213,16 @@ def _flange_back(
     bracket: Bracket,
     rear_part: BlocksPlan,
     title: str,
-    spots: FloatArray,
+    points: FloatArray,
     size: str,
     hardware: Hardware,
 ) -> Back:
-    """A back with a bracket, a part behind its plate, and screws of a size at spots (n, 2; x and z) in its front.
+    """An adapter with a bracket, a part behind its plate, and screws of a size at points (n, 2; x and z) in its front.
 
     The caller adds the support.
     """
     centre, front, thickness = bracket.back_centre, bracket.front_mm, table.plate_mm
-    heads = [np.array([x, front, centre[2] + z]) for x, z in spots]
+    heads = [np.array([x, front, centre[2] + z]) for x, z in points]
     screw_explode = EXPLODE + 40.0 * ALONG_Y
     width = float(np.ptp(bracket.plan.corners[:, 0]))
     joint = rigid(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]), centre)
@@ -222,26 +235,31 @@ def _flange_back(
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=bracket.heads,
         items=tuple(
-            BoughtItem("screw", size, table.screw_mm, frame_along(head, ALONG_Y), screw_explode, (BRACKET,))
+            PurchasedItem("screw", size, table.screw_mm, frame_along(head, ALONG_Y), screw_explode, (BRACKET,))
             for head in heads
         ),
         connections=(Connection(rear_part.name.removeprefix("adapter_"), BRACKET, rear_part.name, joint, joint),),
-        necks=(bracket.neck, plate_neck(bracket, width, thickness, float(spots[:, 1].max()) + 5.0)),
+        critical_sections=(
+            bracket.critical_section,
+            plate_section(bracket, width, thickness, float(points[:, 1].max()) + 5.0),
+        ),
     )
 
 
-def _slot(spot: FloatArray, radius_mm: float, thick_mm: float, face: FloatArray) -> Frustum:
-    """The cut that opens a hole at a spot (2,; x and z) outwards, in a disc whose face is centred on a point (3,)."""
-    outward = spot / np.linalg.norm(spot)
+def _slot(point: FloatArray, radius_mm: float, thickness_mm: float, face: FloatArray) -> Frustum:
+    """The cut that opens a hole at a point (2,; x and z) outwards, in a disc whose face is centred on a point (3,)."""
+    outward = point / np.linalg.norm(point)
     side = radius_mm * np.array([-outward[1], outward[0]])
-    corners = np.array([spot - side, spot + side, spot + side + 20.0 * outward, spot - side + 20.0 * outward])
+    corners = np.array([point - side, point + side, point + side + 20.0 * outward, point - side + 20.0 * outward])
     base = face + np.column_stack([corners[:, 0], np.full(4, -1.0), corners[:, 1]])
-    return Frustum(base, base + (thick_mm + 2.0) * ALONG_Y)
+    return Frustum(base, base + (thickness_mm + 2.0) * ALONG_Y)
 
 
-def _holes(spots: FloatArray, radius_mm: float, thick_mm: float) -> tuple[Bore, ...]:
-    """Holes along y through a plate, at spots (n, 2; x and z) about the centre of its back."""
-    return tuple(Bore(np.array([x, -OUTSIDE_MM, z]), ALONG_Y, radius_mm, thick_mm + 2.0 * OUTSIDE_MM) for x, z in spots)
+def _holes(points: FloatArray, radius_mm: float, thickness_mm: float) -> tuple[Bore, ...]:
+    """Holes along y through a plate, at points (n, 2; x and z) about the centre of its rear face."""
+    return tuple(
+        Bore(np.array([x, -OUTSIDE_MM, z]), ALONG_Y, radius_mm, thickness_mm + 2.0 * OUTSIDE_MM) for x, z in points
+    )
 
 
 (NAME,) = VesaBack.parts
@@ -252,17 +270,17 @@ EDGE_MM, SHELF_GAP_MM, RIB_X_MM = 8.0, 14.0, 26.0
 def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket for VESA, with a window in its plate."""
     m4, offset, thickness = thread_of("M4"), table.square_mm / 2.0, table.plate_mm
-    spots = [(x, z) for x in (-offset, offset) for z in (-offset, offset)]
+    points = [(x, z) for x in (-offset, offset) for z in (-offset, offset)]
     depth = m4.nut_height_mm + NUT_FIT_MM
     cuts: list[Frustum | Bore | Hexagon] = []
-    for x, z in spots:
+    for x, z in points:
         mouth = np.array([x, thickness + OUTSIDE_MM, z])
         cuts.append(Bore(mouth, -ALONG_Y, m4.clearance_mm / 2.0, thickness + 2.0 * OUTSIDE_MM))
         cuts.append(Hexagon(mouth, -ALONG_Y, None, m4.nut_flats_mm + NUT_FIT_MM, depth + OUTSIDE_MM))
     window, low, high = RIB_X_MM - 6.0, -offset + 4.0, offset - 12.0
     cuts.append(box((-window, -1.0, low), (window, thickness + 1.0, high)))
     corner, upper = np.array([-window, thickness, low]), np.array([-window, thickness, high])
-    ends = (
+    extra_dimensions = (
         (corner, corner + 2.0 * window * ALONG_X),
         (corner, upper),
         (upper, np.array([-window, thickness, offset + SHELF_GAP_MM])),
@@ -277,16 +295,16 @@ def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware)
         table.grip_mm,
         mount,
         hardware,
-        ends,
+        extra_dimensions,
     )
     centre, items = bracket.back_centre, []
-    for x, z in spots:
+    for x, z in points:
         head = centre + np.array([x, -table.arm_mm, z])
         items.append(
-            BoughtItem("screw", "M4", table.screw_mm, frame_along(head, -ALONG_Y), EXPLODE - 30.0 * ALONG_Y, (NAME,))
+            PurchasedItem("screw", "M4", table.screw_mm, frame_along(head, -ALONG_Y), EXPLODE - 30.0 * ALONG_Y, (NAME,))
         )
         frame, exit_mm = frame_along(centre + np.array([x, thickness - depth, z]), -ALONG_Y), 25.0 * ALONG_Y
-        items.append(BoughtItem("nut", "M4", m4.nut_height_mm, frame, EXPLODE + exit_mm, (NAME,), exit_mm[None]))
+        items.append(PurchasedItem("nut", "M4", m4.nut_height_mm, frame, EXPLODE + exit_mm, (NAME,), exit_mm[None]))
     arm = box(
         (-half, float(centre[1]) - table.arm_mm, float(centre[2]) - half),
         (half, float(centre[1]), float(centre[2]) + half),
@@ -298,5 +316,5 @@ def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware)
         foot_heads=bracket.heads,
         items=tuple(items),
         supports=(Support("arm", (arm,)),),
-        necks=(bracket.neck, plate_neck(bracket, 2.0 * half, thickness, offset + 5.0)),
+        critical_sections=(bracket.critical_section, plate_section(bracket, 2.0 * half, thickness, offset + 5.0)),
     )

@@ -19,8 +19,8 @@ from mirrorcam.cad.backs.back import (
     Back,
     BackJoint,
     BackPart,
+    CriticalSection,
     Load,
-    Neck,
     RobotLink,
     Support,
 )
@@ -142,7 +142,7 @@ class ClampPlan:
 
 
 def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
-    """Lay out the clamp as a back: the device is over the wrist and looks along it."""
+    """Lay out the clamp as an adapter: the device is over the wrist and looks along it."""
     plan = plan_clamp(wrist, mount, hardware)
     saddle, cap = plan.saddle, plan.cap
     joins = (CAP, SADDLE)
@@ -175,8 +175,8 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
         ),
         connections=(Connection("clamp", SADDLE, CAP, split, cap_split),),
         supports=(Support("wrist", _wrist(wrist, centre_y, saddle.axis_z_mm)),),
-        necks=(
-            Neck(
+        critical_sections=(
+            CriticalSection(
                 "saddle over the ring",
                 np.array([0.0, centre_y, ring_top]),
                 ABOVE,

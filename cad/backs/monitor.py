@@ -1,10 +1,10 @@
-"""A back for a monitor's upper edge: a plate with a hook in front of the screen, and a jaw behind it that slides up."""
+"""An adapter for a monitor's upper edge: a plate with a hook in front of the screen, and a sliding jaw behind it."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, Load, Neck, Support
+from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, CriticalSection, Load, Support
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, countersunk_slot, head_cuts
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.mount import MountPlan
@@ -22,7 +22,7 @@ from mirrorcam.cad.plan.fasteners import (
     thread_of,
 )
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem, Connection
+from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.transforms import rigid
@@ -97,10 +97,10 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         jaw_cuts.append(Hexagon(mouth, ABOVE, None, m4.nut_flats_mm + NUT_FIT_MM, depth + OUTSIDE_MM))
         head, seat, down = (np.array([side, screw_y, foot_z]), np.array([side, screw_y, pad_z + depth]), -60.0 * ABOVE)
         items.append(
-            BoughtItem("screw", SCREW, SCREW_MM, frame_along(head, ABOVE), HOOK_EXPLODE + 30.0 * ABOVE, (HOOK, JAW))
+            PurchasedItem("screw", SCREW, SCREW_MM, frame_along(head, ABOVE), HOOK_EXPLODE + 30.0 * ABOVE, (HOOK, JAW))
         )
         items.append(
-            BoughtItem(
+            PurchasedItem(
                 "nut", "M4", m4.nut_height_mm, frame_along(seat, ABOVE), JAW_EXPLODE + down / 2.0, (JAW,), down[None]
             )
         )
@@ -121,14 +121,14 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         items=tuple(items),
         connections=(Connection("jaw", HOOK, JAW, slide, slide),),
         supports=(Support("monitor", (monitor,)),),
-        necks=(
-            Neck(
+        critical_sections=(
+            CriticalSection(
                 "plate before the mount",
                 np.array([0.0, float(mount.slide[1]), foot_z - table.plate_mm / 2.0]),
                 ALONG_Y,
                 ALONG_X,
                 (width, table.plate_mm),
             ),
-            Neck("jaw", np.array([0.0, jaw_y, pad_z]), ABOVE, ALONG_X, (width, LEG_MM), table.jaw_mm),
+            CriticalSection("jaw", np.array([0.0, jaw_y, pad_z]), ABOVE, ALONG_X, (width, LEG_MM), table.jaw_mm),
         ),
     )

@@ -1,4 +1,4 @@
-"""The registry of all kinds of backs: the planner of each table of dimensions, and the maker of each plan's solid."""
+"""The registry of adapters: the planner of each table of dimensions, and the maker of each plan's solid."""
 
 from __future__ import annotations
 
@@ -46,11 +46,15 @@ def make_ring(plan: RingPlan) -> Part:
 
 @recipe("cad.backs.back_solids.make_blocks")
 def make_blocks(plan: BlocksPlan) -> Part:
-    """A part of a back, from blocks, discs and holes."""
+    """A part of an adapter, from blocks, discs and holes."""
     with BuildPart() as part:
         insert([solid_of(piece) for piece in plan.pieces])
         for disc in plan.discs:
-            insert(Solid.make_cylinder(disc.radius_mm, disc.thick_mm, Plane(tuple(disc.middle), z_dir=tuple(ALONG_Y))))
+            insert(
+                Solid.make_cylinder(
+                    disc.radius_mm, disc.thickness_mm, Plane(tuple(disc.face_centre), z_dir=tuple(ALONG_Y))
+                )
+            )
         insert([cut_solid(cut) for cut in plan.cuts], mode=Mode.SUBTRACT)
     return one_solid(plan.name, part)
 
@@ -73,7 +77,7 @@ PLANNERS: dict[str, Any] = {
 
 
 def plan_back(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
-    """Plan the hardware's back under a mount, for the load that it carries.
+    """Plan the hardware's adapter under a mount, for the load that it carries.
 
     Raises InputError with the dimension if it cannot be made.
     """

@@ -1,4 +1,4 @@
-"""Backs of one plate under the mount's foot: for a desk, a tripod, an Arca-Swiss clamp or a profile.
+"""Adapters of one plate under the mount's foot: for a desk, a tripod, an Arca-Swiss clamp or a profile.
 
 - Desk and tripod: a plate with a nut for a tripod's screw; for a desk it is larger, so that the device stands.
 - Arca-Swiss: a dovetail across the device, which prints standing on its end.
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import RGB, SIDE_DOWN, UPRIGHT, Back, BackPart, Load, Neck, Stand, Support
+from mirrorcam.cad.backs.back import RGB, SIDE_DOWN, UPRIGHT, Back, BackPart, CriticalSection, Load, Stand, Support
 from mirrorcam.cad.backs.blocks import (
     ALONG_X,
     ALONG_Y,
@@ -29,7 +29,7 @@ from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, Tripo
 from mirrorcam.cad.plan.dimension import Length, length
 from mirrorcam.cad.plan.fasteners import COUNTERSUNK, OUTSIDE_MM, Bore, frame_along, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.prisms import box, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
@@ -50,7 +50,7 @@ class FootPlate:
     """
 
     low_z_mm: float
-    thick_mm: float
+    thickness_mm: float
     heads: FloatArray
     nut_mouth: FloatArray
 
@@ -72,21 +72,21 @@ def back_of_plate(
     hardware: Hardware,
     lengths: tuple[Length, ...] = (),
 ) -> Back:
-    """A back of one plate with an outline (n, 2; x and y); the caller adds necks, and stand or support."""
+    """An adapter of one plate with an outline (n, 2; x and y); the caller adds critical sections, stand or support."""
     base = np.column_stack([outline, np.full(len(outline), plate.low_z_mm)])
-    sink = plate.thick_mm - table.grip_mm
+    sink = plate.thickness_mm - table.grip_mm
     cuts = (
         *(cut for head in plate.heads for cut in countersunk_hole(head, table.grip_mm, sink, "M3")),
-        *tripod_cuts(plate.nut_mouth, plate.thick_mm, table.nut),
+        *tripod_cuts(plate.nut_mouth, plate.thickness_mm, table.nut),
     )
-    plan = BlocksPlan(name, (Frustum(base, base + plate.thick_mm * ABOVE),), cuts, lengths)
+    plan = BlocksPlan(name, (Frustum(base, base + plate.thickness_mm * ABOVE),), cuts, lengths)
     return Back(
         table=table,
         parts=(BackPart(name, title, plan, UPRIGHT, EXPLODE, RGB),),
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=plate.heads,
         foot_size=f"M3{COUNTERSUNK}",
-        items=(tripod_nut(plate.nut_mouth, plate.thick_mm, table.nut, name, EXPLODE),),
+        items=(tripod_nut(plate.nut_mouth, plate.thickness_mm, table.nut, name, EXPLODE),),
     )
 
 
@@ -102,15 +102,21 @@ def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware)
     chamfer = length(corner, corner + table.corner_mm * ALONG_X, "x 45°", before=f"{len(outline) // 2}x ")
     return replace(
         back_of_plate(table, DESK, "Desk foot", plate, outline, hardware, (chamfer,)),
-        necks=(_front_neck(float(mount.slide[1]), outline, plate.low_z_mm + plate.thick_mm / 2.0, plate.thick_mm),),
+        critical_sections=(
+            _front_section(
+                float(mount.slide[1]), outline, plate.low_z_mm + plate.thickness_mm / 2.0, plate.thickness_mm
+            ),
+        ),
         stand=Stand(outline, plate.low_z_mm, table.tip_deg),
     )
 
 
-def _front_neck(slide_y: float, outline: FloatArray, z: float, thickness: float) -> Neck:
+def _front_section(slide_y: float, outline: FloatArray, z: float, thickness: float) -> CriticalSection:
     """The plate's section at the front of the mount, which bends when the device leans on the plate's front edge."""
     width, arm = float(np.ptp(outline[:, 0])), float(outline[:, 1].max()) - slide_y
-    return Neck("plate before the mount", np.array([0.0, slide_y, z]), ALONG_Y, ALONG_X, (width, thickness), arm)
+    return CriticalSection(
+        "plate before the mount", np.array([0.0, slide_y, z]), ALONG_Y, ALONG_X, (width, thickness), arm
+    )
 
 
 def _outline(table: DeskBack, mount: MountPlan, load: Load, low_z: float) -> FloatArray:
@@ -145,18 +151,18 @@ def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardw
     side, height = HEAD_MM[0] / 2.0, HEAD_MM[1]
     head = box((-side, y - side, low_z - height), (side, y + side, low_z))
     # A force over the edge of the tripod's head bends the plate at the nut's pocket.
-    neck = Neck(
+    section = CriticalSection(
         "plate beside the nut",
-        np.array([0.0, y, low_z + plate.thick_mm / 2.0]),
+        np.array([0.0, y, low_z + plate.thickness_mm / 2.0]),
         ALONG_Y,
         ALONG_X,
-        (2.0 * half - table.nut.pocket_mm, plate.thick_mm),
+        (2.0 * half - table.nut.pocket_mm, plate.thickness_mm),
         front - back,
     )
     return replace(
         back_of_plate(table, TRIPOD, "Tripod plate", plate, outline, hardware),
         supports=(Support("tripod", (head,)),),
-        necks=(neck,),
+        critical_sections=(section,),
     )
 
 
@@ -199,7 +205,9 @@ def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware)
         parts=(BackPart(DOVETAIL, "Dovetail", plan, SIDE_DOWN, np.array([0.0, 0.0, -45.0]), RGB),),
         foot=foot_stack(table.grip_mm, hardware),
         foot_heads=heads,
-        necks=(Neck("over the slope", np.array([0.0, y, top]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck_half)),),
+        critical_sections=(
+            CriticalSection("over the slope", np.array([0.0, y, top]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck_half)),
+        ),
     )
 
 
@@ -238,19 +246,19 @@ def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Har
         )
         head = top - table.sunk_mm * ABOVE
         items.append(
-            BoughtItem("screw", "M5", table.screw_mm, frame_along(head, ABOVE), explode + 30.0 * ABOVE, (PROFILE,))
+            PurchasedItem("screw", "M5", table.screw_mm, frame_along(head, ABOVE), explode + 30.0 * ABOVE, (PROFILE,))
         )
         nut = np.array([side, y, low_z - table.lip_mm])
         down = -30.0 * ABOVE
         items.append(
-            BoughtItem("nut", T_NUT, table.nut_mm, frame_along(nut, ABOVE), explode + down, (PROFILE,), down[None])
+            PurchasedItem("nut", T_NUT, table.nut_mm, frame_along(nut, ABOVE), explode + down, (PROFILE,), down[None])
         )
     plan = BlocksPlan(PROFILE, (box((-end, back - EDGE_MM, low_z), (end, front + EDGE_MM, foot_z)),), tuple(cuts))
     half = table.profile_mm / 2.0
     profile = box((-HALF_PROFILE_MM, y - half, low_z - table.profile_mm), (HALF_PROFILE_MM, y + half, low_z))
     depth = front - back + 2.0 * EDGE_MM
     # Both sides of the mount share the load.
-    neck = Neck(
+    section = CriticalSection(
         "plate beside the mount",
         np.array([0.0, y, low_z + grip / 2.0]),
         ALONG_X,
@@ -265,5 +273,5 @@ def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Har
         foot_size=f"M3{COUNTERSUNK}",
         items=tuple(items),
         supports=(Support("profile", (profile,)),),
-        necks=(neck,),
+        critical_sections=(section,),
     )

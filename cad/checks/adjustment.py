@@ -1,4 +1,4 @@
-"""Checks of mirrors on carriers: clashes over the full travel, spring forces and access for the driver.
+"""Checks of mirrors on carriers: clashes over the full travel, spring forces and access for a screwdriver.
 
 In each pose the mirror is tilted by `holder.adjust_deg` about one of several axes and shifted by `holder.adjust_mm`
 in either direction along the screws' axes. Its own screws move with it; `plan_adjuster` leaves space for their shanks.
@@ -21,8 +21,8 @@ from mirrorcam.cad.plan.fasteners import SUNK_HEAD, thread_of
 from mirrorcam.core.values import FloatArray, Metric
 
 DIRECTIONS = 8
-GRAVITY_N_PER_G = 9.80665e-3
-# Length of a driver's blade; diameter and length of its handle.
+WEIGHT_N_PER_GRAM = 9.80665e-3
+# Length of a screwdriver's blade; diameter and length of its handle.
 BLADE_MM, HANDLE_MM = 75.0, (20.0, 30.0)
 # Only solids closer than this to a mirror are tested.
 NEAR_MM = 5.0
@@ -40,32 +40,33 @@ def check_adjustment(
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in the rig frame, mm.
     supports : mapping of str to Manifold
-        Solids that support the device and may block a driver.
+        Solids that support the device and may block a screwdriver.
 
     Returns
     -------
     dict of str to Metric
         Overlap of tilted mirrors and their carriers with other solids; the smallest gap to these; the smallest force of
-        a spring, limited by the heaviest mirror's weight under acceleration; volume that blocks the driver in the
-        assembled device; smallest and largest tilt per turn of a screw.
+        a spring, which must exceed the heaviest mirror's weight under acceleration; volume that blocks the screwdriver
+        in the assembled device; smallest and largest tilt per turn of a screw.
     """
     holder = device.holder
     if not isinstance(holder, ScrewedHolderPlan):
         return {}
     clash, gap = _travel_clash(device, holder, solids)
-    min_force = device.hardware.clip.shaken_g * GRAVITY_N_PER_G * _heaviest_g(device, solids)
-    degrees = [tilt_per_turn_deg(carrier) for carrier in holder.carriers]
+    acceleration_in_g = device.hardware.clip.shaken_g
+    min_force_n = acceleration_in_g * WEIGHT_N_PER_GRAM * _max_mass_grams(device, solids)
+    tilts_deg = [tilt_per_turn_deg(carrier) for carrier in holder.carriers]
     return {
         "mirrors.adjust_clash_mm3": Metric(value=clash, unit="mm3", limit=0.0),
         "mirrors.adjust_gap_mm": Metric(value=round(gap, 3), unit="mm"),
         "mirrors.spring_least_n": Metric(
-            value=round(holder.adjuster.least_n, 2), unit="N", limit=round(min_force, 3), lower_is_better=False
+            value=round(holder.adjuster.min_force_n, 2), unit="N", limit=round(min_force_n, 3), lower_is_better=False
         ),
         "mirrors.adjust_tool_clash_mm3": Metric(
             value=_driver_clash(holder, {**solids, **supports}), unit="mm3", limit=0.0
         ),
-        "mirrors.turn_least_deg": Metric(value=round(min(degrees), 2), unit="deg"),
-        "mirrors.turn_most_deg": Metric(value=round(max(degrees), 2), unit="deg"),
+        "mirrors.turn_least_deg": Metric(value=round(min(tilts_deg), 2), unit="deg"),
+        "mirrors.turn_most_deg": Metric(value=round(max(tilts_deg), 2), unit="deg"),
     }
 
 
@@ -106,7 +107,7 @@ def _travel_clash(
     return overlap, gap
 
 
-def _heaviest_g(device: Device, solids: Mapping[str, manifold3d.Manifold]) -> float:
+def _max_mass_grams(device: Device, solids: Mapping[str, manifold3d.Manifold]) -> float:
     """Mass of the heaviest mirror with its carrier: an upper bound with solid plastic and glass mirrors."""
     density = device.hardware.printer.plastic_g_per_cm3
     glass = 2.5
@@ -121,7 +122,7 @@ def _heaviest_g(device: Device, solids: Mapping[str, manifold3d.Manifold]) -> fl
 
 
 def _driver_clash(holder: ScrewedHolderPlan, solids: Mapping[str, manifold3d.Manifold]) -> float:
-    """Largest overlap of a driver at a screw with the assembled device and its support."""
+    """Largest overlap of a screwdriver at a screw with the assembled device and its support."""
     obstacle = manifold3d.Manifold.compose([solid for name, solid in solids.items() if not name.startswith(FASTENERS)])
     head_radius = SUNK_HEAD * thread_of("M3").diameter_mm / 2.0
     blade = manifold3d.Manifold.cylinder(BLADE_MM, DRIVER_MM / 2.0, circular_segments=32)

@@ -16,9 +16,16 @@ import trimesh
 from build123d import import_step
 from shapely import Polygon
 
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
+from mirrorcam.cad.assembly.components import (
+    BRASS_DENSITY,
+    MIRROR_DENSITIES,
+    STEEL_DENSITY,
+    combined,
+    item_names,
+    mass_of,
+)
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import BRASS_DENSITY, MIRROR_DENSITIES, STEEL_DENSITY, combined, item_names, mass_of
 from mirrorcam.cad.checks.adjustment import check_adjustment
 from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, check_clashes, check_cover, is_mirror, overlap_mm3
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
@@ -105,10 +112,10 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
     -------
     dict of str to Metric
         Checks and figures by name: `device.NAME`, `mirrors.NAME` or `PIECE.NAME`. Parts are as printed, mirrors as cut,
-        camera and fasteners as in the assembly, and the device's support as in the plan of the back.
+        camera and fasteners as in the assembly, and the device's support as in the plan of the adapter.
     """
     made, hardware = DeviceAsMade.read(device, parts, folder), device.hardware
-    items, total = bought_items(device), assembly_mass(hardware, made.assembly)
+    items, total = purchased_items(device), assembly_mass(hardware, made.assembly)
     supports = supports_of(device, {name: made.valid[name] for name in item_names(items) if name in made.valid})
     return {
         **_check_pieces(made, parts),
@@ -194,7 +201,7 @@ def _expected_names(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
     """The expected names of the assembly's pieces."""
     counts: Counter[str] = Counter()
     names = {*(part.name for part in printed), *(f"mirror_{name}" for name in device.layout.mirror_names), CAMERA}
-    for item in bought_items(device):
+    for item in purchased_items(device):
         counts[item.kind] += 1
         kind = FORMING if item.size.endswith(" thread-forming") else item.kind
         names.add(f"{kind}_{counts[item.kind]:02d}")

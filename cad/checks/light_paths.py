@@ -18,12 +18,12 @@ import numpy as np
 from shapely import Polygon, contains_xy, get_coordinates
 
 from mirrorcam.cad.assembly.build_steps import STEPS, Step, connected_to_camera
-from mirrorcam.cad.assembly.pieces import item_names
+from mirrorcam.cad.assembly.components import item_names
 from mirrorcam.cad.checks.clashes import is_mirror
 from mirrorcam.cad.checks.exported_mesh import hits
 from mirrorcam.cad.holder.stray_light import viewing_rays
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.seats import working_distance_mm
 from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM
 from mirrorcam.core.values import FloatArray, Metric
@@ -206,7 +206,7 @@ FAR_MM = 1000.0
 
 def check_step_views(
     layout: Layout,
-    items: Sequence[BoughtItem],
+    items: Sequence[PurchasedItem],
     solids: Mapping[str, manifold3d.Manifold],
     steps: Sequence[Step] = STEPS,
 ) -> dict[str, Metric]:
@@ -216,8 +216,8 @@ def check_step_views(
     ----------
     layout : Layout
         Camera and mirrors.
-    items : sequence of BoughtItem
-        All bought items of the device, in the order of their names.
+    items : sequence of PurchasedItem
+        All purchased items of the device, in the order of their names.
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in the rig frame, mm.
     steps : sequence of Step

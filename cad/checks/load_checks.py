@@ -1,7 +1,7 @@
-"""Checks of load-bearing features: the clip's six contacts and leaf springs, and the back that carries the device.
+"""Checks of load-bearing features: the clip's six contacts and leaf springs, and the adapter that carries the device.
 
 They cover the camera's repeatability in its clip, the device's stability, the engagement of a tripod's screw, and the
-stress in the back.
+stress in the adapter.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import manifold3d
 import numpy as np
 
-from mirrorcam.cad.assembly.pieces import item_names
+from mirrorcam.cad.assembly.components import item_names
 from mirrorcam.cad.backs.back import Back, Stand
 from mirrorcam.cad.backs.blocks import TRIPOD
 from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, body_box, min_contact_n
@@ -20,7 +20,7 @@ from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.device_names import CLIP
 from mirrorcam.cad.plan.fasteners import thread_of
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem, MassProperties
+from mirrorcam.cad.plan.part_plan import MassProperties, PurchasedItem
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
@@ -114,16 +114,16 @@ MIN_TURNS = 3.0
 
 
 def check_back(
-    back: Back, items: Sequence[BoughtItem], solids: Mapping[str, manifold3d.Manifold], total: MassProperties
+    back: Back, items: Sequence[PurchasedItem], solids: Mapping[str, manifold3d.Manifold], total: MassProperties
 ) -> dict[str, Metric]:
-    """Check the back that carries a device.
+    """Check the adapter that carries a device.
 
     Parameters
     ----------
     back : Back
         Its plan.
-    items : sequence of BoughtItem
-        All bought items of the device, in the order of their names.
+    items : sequence of PurchasedItem
+        All purchased items of the device, in the order of their names.
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in the rig frame, mm.
     total : MassProperties
@@ -132,11 +132,12 @@ def check_back(
     Returns
     -------
     dict of str to Metric
-        The largest stress in the back's necks under a multiple of the device's weight in any direction; for a
-        free-standing device, the tilt at which it falls over; for a back with a tripod's nut, the turns of engagement.
+        The largest stress in the adapter's critical sections under a multiple of the device's weight in any direction;
+        for a free-standing device, the tilt at which it falls over; for an adapter with a tripod's nut, the turns of
+        engagement.
     """
     force = LOAD_FACTOR * total.mass_g / 1000.0 * STANDARD_GRAVITY
-    stress = max((neck.stress_mpa(force, total.centre_in_rig_mm) for neck in back.necks), default=0.0)
+    stress = max((section.stress_mpa(force, total.centre_in_rig_mm) for section in back.critical_sections), default=0.0)
     checks = {"device.back_stress_mpa": Metric(value=round(stress, 3), unit="MPa", limit=STRESS_MPA)}
     if back.stand is not None:
         angle = tipping_angle_deg(back.stand, total.centre_in_rig_mm)

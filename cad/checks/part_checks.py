@@ -55,7 +55,7 @@ def thinnest_wall_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, up: Float
 
 
 def thinnest_floor_mm(mesh: trimesh.Trimesh, body: manifold3d.Manifold, up: FloatArray) -> float:
-    """As `thinnest_wall_mm`, for faces that are level in print: floors consist of layers, walls of lines."""
+    """As `thinnest_wall_mm`, for faces that are level on the bed: floors consist of layers, walls of lines."""
     return _thinnest_mm(mesh, body, _level(mesh, up))
 
 

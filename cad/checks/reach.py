@@ -17,10 +17,10 @@ import manifold3d
 import numpy as np
 
 from mirrorcam.cad.assembly.build_steps import is_piece_of, parts_when_joined
-from mirrorcam.cad.assembly.pieces import item_names
+from mirrorcam.cad.assembly.components import item_names
 from mirrorcam.cad.checks.clashes import FASTENERS, PRESSED_MM, ROUNDING_MM, overlap_mm3
 from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, diameter_mm
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.core.values import FloatArray, Metric
 
 
@@ -34,15 +34,15 @@ def swept(solid: manifold3d.Manifold, moves_mm: np.ndarray) -> manifold3d.Manifo
     return manifold3d.Manifold.batch_boolean(hulls, manifold3d.OpType.Add)
 
 
-def check_insertion(items: Sequence[BoughtItem], solids: Mapping[str, manifold3d.Manifold]) -> dict[str, Metric]:
+def check_insertion(items: Sequence[PurchasedItem], solids: Mapping[str, manifold3d.Manifold]) -> dict[str, Metric]:
     """Check that every insert and nut can be inserted.
 
     Parameters
     ----------
-    items : sequence of BoughtItem
-        All bought items of a device, in the order of their names.
+    items : sequence of PurchasedItem
+        All purchased items of a device, in the order of their names.
     solids : mapping of str to Manifold
-        The solids of the assembled device by name, in the rig frame, mm: bought items, and parts or their pieces.
+        The solids of the assembled device by name, in the rig frame, mm: purchased items, and parts or their pieces.
 
     Returns
     -------
@@ -87,13 +87,13 @@ CLEARANCE_MM = 0.05
 SEGMENTS = 48
 
 
-def check_tool_reach(items: Sequence[BoughtItem], solids: Mapping[str, manifold3d.Manifold]) -> dict[str, Metric]:
+def check_tool_reach(items: Sequence[PurchasedItem], solids: Mapping[str, manifold3d.Manifold]) -> dict[str, Metric]:
     """Check that a tool reaches every screw, insert and nut.
 
     Parameters
     ----------
-    items : sequence of BoughtItem
-        All bought items of a device, in the order of their names.
+    items : sequence of PurchasedItem
+        All purchased items of a device, in the order of their names.
     solids : mapping of str to Manifold
         The solids of the assembled device by name, in the rig frame, mm: parts, mirrors and camera; fasteners are
         ignored.
@@ -119,7 +119,7 @@ def check_tool_reach(items: Sequence[BoughtItem], solids: Mapping[str, manifold3
     }
 
 
-def tool_clash_mm3(item: BoughtItem, solids: Mapping[str, manifold3d.Manifold]) -> float:
+def tool_clash_mm3(item: PurchasedItem, solids: Mapping[str, manifold3d.Manifold]) -> float:
     """Overlap in mm3 of the best tool for a fastener with those solids (by name) that are present at its step."""
     if item.kind not in ("insert", "nut", "screw"):
         return 0.0
@@ -131,7 +131,7 @@ def tool_clash_mm3(item: BoughtItem, solids: Mapping[str, manifold3d.Manifold]) 
     return min(overlap_mm3(obstacle, tool, PRESSED_MM) for tool in _tools(item))
 
 
-def _tools(item: BoughtItem) -> Iterator[manifold3d.Manifold]:
+def _tools(item: PurchasedItem) -> Iterator[manifold3d.Manifold]:
     """The volume that each possible tool for a fastener occupies, in the rig frame."""
     frame = item.rig_from_item
     if item.kind == "insert":
@@ -162,7 +162,7 @@ def _tools(item: BoughtItem) -> Iterator[manifold3d.Manifold]:
         yield _in_rig(head + arm + fan, frame)
 
 
-def _rod_sweep(item: BoughtItem) -> manifold3d.Manifold:
+def _rod_sweep(item: PurchasedItem) -> manifold3d.Manifold:
     """The sweep of a rod along all legs of a nut's path, and beyond its end."""
     path = item.rig_from_item[:3, 3] + np.concatenate([np.zeros((1, 3)), np.cumsum(item.exit_moves_mm, axis=0)])
     if len(path) > 1:

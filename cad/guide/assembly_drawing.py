@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.cad.assembly.pieces import Piece, standard_of
+from mirrorcam.cad.assembly.components import Component, standard_of
 from mirrorcam.cad.guide.device_pictures import IN_FRONT, view_axes
 from mirrorcam.cad.guide.drawing import draw_tables
 from mirrorcam.cad.guide.drawing_sheet import (
@@ -21,7 +21,7 @@ from mirrorcam.cad.guide.drawing_sheet import (
     draw_title_block,
 )
 from mirrorcam.cad.guide.labels import innermost_pixel, rows_near, uncrossed_order
-from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, merged_lines, render, visible_lines
+from mirrorcam.cad.guide.shading import Rendering, Screen, ShadedBody, edges_of, merged_lines, render, visible_lines
 from mirrorcam.cad.plan.dimension import DrawingTable
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -42,24 +42,24 @@ PATH_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
 
 @dataclass(frozen=True)
 class ListedItem:
-    """A line of the parts list: identical pieces."""
+    """A line of the parts list: identical components."""
 
     number: int
-    pieces: tuple[Piece, ...]
+    components: tuple[Component, ...]
     description: str
     reference: str
 
 
-def listed_items(pieces: Sequence[Piece]) -> tuple[ListedItem, ...]:
-    """The items of a device in the order of its pieces: printed parts, all mirrors as one item, camera, fasteners."""
-    groups: dict[str, list[Piece]] = {}
-    for piece in pieces:
-        groups.setdefault("mirrors" if piece.kind == "mirror" else piece.title, []).append(piece)
+def listed_items(components: Sequence[Component]) -> tuple[ListedItem, ...]:
+    """The items of a device in the order of components: printed parts, all mirrors as one item, camera, fasteners."""
+    groups: dict[str, list[Component]] = {}
+    for component in components:
+        groups.setdefault("mirrors" if component.kind == "mirror" else component.title, []).append(component)
     listed = []
     for number, (title, group) in enumerate(groups.items(), start=1):
         first = group[0]
         if first.kind == "mirror":
-            names = (piece.number.removeprefix("M") for piece in (first, group[-1]))
+            names = (component.number.removeprefix("M") for component in (first, group[-1]))
             title, reference = f"Mirrors {' to '.join(names)}", "mirrors/*.dxf"
         else:
             reference = first.number or (standard_of(title) if first.item else "")
@@ -67,56 +67,59 @@ def listed_items(pieces: Sequence[Piece]) -> tuple[ListedItem, ...]:
     return tuple(listed)
 
 
-def draw_assembly(layout: Layout, pieces: Sequence[Piece], revision: str) -> DrawingSheet:
-    """Draw the assembly of a device from its pieces, viewed from the front; `revision` is for the title block."""
-    listed = listed_items(pieces)
+def draw_assembly(layout: Layout, components: Sequence[Component], revision: str) -> DrawingSheet:
+    """Draw the assembly of a device from its components, viewed from the front; `revision` is for the title block."""
+    listed = listed_items(components)
     sheet = DrawingSheet(*A3_MM)
     rows = tuple(
-        (str(item.number), str(len(item.pieces)), item.description, item.reference or "purchased") for item in listed
+        (str(item.number), str(len(item.components)), item.description, item.reference or "purchased")
+        for item in listed
     )
     table = DrawingTable("Parts list", ("item", "qty", "description", "number or standard"), rows, left_aligned=(2, 3))
     left, low = draw_tables(sheet, (table,), 60.0)
     bottom, top = BORDER_MM + BLOCK_MM, A3_MM[1] - BORDER_MM
     axes = view_axes(layout, IN_FRONT)
-    exploded = [(piece, piece.explode_mm) for piece in pieces]
+    exploded = [(component, component.explode_mm) for component in components]
     margin = BALLOON_GAP_MM + 2.0 * BALLOON_MM + 2.0
     area = np.array([(BORDER_MM + margin, bottom + 6.0), (left - margin, top - 6.0)])
-    shot, corner = _line_view(sheet, exploded, axes, area)
-    _draw_paths(sheet, exploded, shot, corner)
-    _draw_balloons(sheet, listed, pieces, shot, corner)
+    rendering, corner = _line_view(sheet, exploded, axes, area)
+    _draw_paths(sheet, exploded, rendering, corner)
+    _draw_balloons(sheet, listed, components, rendering, corner)
     assembled = np.array([(left + 8.0, bottom + 12.0), (A3_MM[0] - BORDER_MM - 6.0, low - 6.0)])
-    _line_view(sheet, [(piece, np.zeros(3)) for piece in pieces], axes, assembled)
+    _line_view(sheet, [(component, np.zeros(3)) for component in components], axes, assembled)
     sheet.text((float(assembled[:, 0].mean()), bottom + 5.0), "Assembled", TEXT_MM, align="center")
     title = Title("Assembly", NUMBER, "see parts list", None, revision, "assembly.step", PARTS_TOLERANCE)
     draw_title_block(sheet, title)
     return sheet
 
 
-def write_assembly_drawing(folder: Path, layout: Layout, pieces: Sequence[Piece], revision: str) -> tuple[Path, Path]:
+def write_assembly_drawing(
+    folder: Path, layout: Layout, components: Sequence[Component], revision: str
+) -> tuple[Path, Path]:
     """Write assembly.svg and assembly.pdf into `folder`."""
-    return draw_assembly(layout, pieces, revision).write(folder / STEM, f"{NUMBER} Assembly")
+    return draw_assembly(layout, components, revision).write(folder / STEM, f"{NUMBER} Assembly")
 
 
 def _line_view(
-    sheet: DrawingSheet, moves: Sequence[tuple[Piece, FloatArray]], axes: FloatArray, area: FloatArray
-) -> tuple[Shot, FloatArray]:
-    """Draw the visible edges of pieces, each displaced by a move (3,), mm, in a rectangle (2, 2) of the sheet.
+    sheet: DrawingSheet, moves: Sequence[tuple[Component, FloatArray]], axes: FloatArray, area: FloatArray
+) -> tuple[Rendering, FloatArray]:
+    """Draw the visible edges of components, each displaced by a move (3,), mm, in a rectangle (2, 2) of the sheet.
 
-    Returns the rendering that determines hidden edges, with a body for each piece, and the rectangle's upper left
+    Returns the rendering that determines hidden edges, with a body for each component, and the rectangle's upper left
     corner.
     """
     size = np.ptp(area, axis=0)
-    bodies = [ShadedBody(np.asarray(piece.mesh.triangles) + move, (1.0, 1.0, 1.0)) for piece, move in moves]
+    bodies = [ShadedBody(np.asarray(component.mesh.triangles) + move, (1.0, 1.0, 1.0)) for component, move in moves]
     points = np.concatenate([body.triangles.reshape(-1, 3) for body in bodies])
     width, height = (round(float(side) * PX_PER_MM) for side in size)
-    shot = render(bodies, Screen.around(points, axes, (width, height), (4, 4)))
+    rendering = render(bodies, Screen.around(points, axes, (width, height), (4, 4)))
     corner = np.array([area[0, 0], area[1, 1]])
-    for piece, move in moves:
-        lines = visible_lines(edges_of(piece.mesh, axes[2]) + move, shot)
+    for component, move in moves:
+        lines = visible_lines(edges_of(component.mesh, axes[2]) + move, rendering)
         sheet.lines(
-            merged_lines([_paper(line, corner) for line in lines]), EDGE_MM if piece.kind == "part" else PALE_MM
+            merged_lines([_paper(line, corner) for line in lines]), EDGE_MM if component.kind == "part" else PALE_MM
         )
-    return shot, corner
+    return rendering, corner
 
 
 def _paper(pixels: FloatArray, corner: FloatArray) -> FloatArray:
@@ -124,37 +127,39 @@ def _paper(pixels: FloatArray, corner: FloatArray) -> FloatArray:
     return np.asarray(corner + pixels * (1.0, -1.0) / PX_PER_MM)
 
 
-def _draw_paths(sheet: DrawingSheet, moves: Sequence[tuple[Piece, FloatArray]], shot: Shot, corner: FloatArray) -> None:
+def _draw_paths(
+    sheet: DrawingSheet, moves: Sequence[tuple[Component, FloatArray]], rendering: Rendering, corner: FloatArray
+) -> None:
     """Draw chain lines from fasteners to their seats in the displaced parts that they join."""
-    parts = {piece.name: move for piece, move in moves if piece.kind == "part"}
-    for piece, move in moves:
-        if piece.item is None:
+    parts = {component.name: move for component, move in moves if component.kind == "part"}
+    for component, move in moves:
+        if component.item is None:
             continue
-        homes = [name for name in parts if any(name.startswith(join) for join in piece.item.joins)]
+        homes = [name for name in parts if any(name.startswith(join) for join in component.item.joins)]
         for home in homes[:1]:
-            centre = np.asarray(piece.mesh.bounds).mean(axis=0)
+            centre = np.asarray(component.mesh.bounds).mean(axis=0)
             ends = np.array([[centre + move, centre + parts[home]]])
-            lines = visible_lines(ends, shot)
+            lines = visible_lines(ends, rendering)
             sheet.lines([_paper(line, corner) for line in lines], LEADER_MM, PATH_COLOUR, PATH_DASHES_MM)
 
 
 def _draw_balloons(
     sheet: DrawingSheet,
     listed: Sequence[ListedItem],
-    pieces: Sequence[Piece],
-    shot: Shot,
+    components: Sequence[Component],
+    rendering: Rendering,
     corner: FloatArray,
 ) -> None:
-    """Draw a balloon for each item, left or right of the view, with a leader to its most visible piece."""
-    index_of = {piece.name: number for number, piece in enumerate(pieces)}
+    """Draw a balloon for each item, left or right of the view, with a leader to its most visible component."""
+    index_of = {component.name: number for number, component in enumerate(components)}
     tips = []
     for item in listed:
-        innermost = [innermost_pixel(shot.bodies == index_of[piece.name]) for piece in item.pieces]
+        innermost = [innermost_pixel(rendering.bodies == index_of[component.name]) for component in item.components]
         visible = [point for point in innermost if point is not None]
         if visible:
             point = max(visible, key=lambda candidate: candidate[1])[0]
             tips.append((item, _paper(point, corner)))
-    rows, columns = (np.flatnonzero((shot.bodies >= 0).any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero((rendering.bodies >= 0).any(axis=axis)) for axis in (1, 0))
     box = _paper(np.array([(columns[0], rows[-1]), (columns[-1], rows[0])], dtype=np.float64), corner)
     tips.sort(key=lambda tip: (tip[1][0], tip[0].number))
     n_left = (len(tips) + 1) // 2

@@ -13,11 +13,11 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from shapely import Polygon, maximum_inscribed_circle
 
 from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
+from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
-from mirrorcam.cad.guide.camera_measures import MEASURES
+from mirrorcam.cad.guide.camera_measures import MEASUREMENTS
 from mirrorcam.cad.holder.carriers import PITCH_MM, tilt_per_turn_deg
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
@@ -37,7 +37,7 @@ WEB = Path(__file__).parents[1] / "web"
 
 
 def write_guide(
-    folder: Path, device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece], estimate: str = ""
+    folder: Path, device: Device, parts: Sequence[BuiltPart], components: Sequence[Component], estimate: str = ""
 ) -> None:
     """Write guide.md, with links to the device's files, into `folder`, where mirrors/ must already be.
 
@@ -60,8 +60,8 @@ def write_guide(
         camera=hardware.camera,
         view=field_of_view(device.layout.camera),
         focus_mm=f"{focus_of(device.layout):.0f}",
-        more_measures=_more_measures(hardware.camera),
-        tools=[tool.name for tool in tools_of(device, bought_items(device))],
+        more_measurements=_more_measurements(hardware.camera),
+        tools=[tool.name for tool in tools_of(device, purchased_items(device))],
         also=[tool.name for tool in also_needed(device)],
         gap_mm=hardware.fit.free_mm,
         cures=_cure_texts(device),
@@ -79,7 +79,7 @@ def write_guide(
         coupon=coupon,
         coupon_minutes=round(minutes.value) if coupon and (minutes := coupon.checks.get("print_minutes")) else None,
         gauges=gauges_of(hardware),
-        stages=Stages(pieces),
+        stages=Stages(components),
         step_of={step.name: number for number, step in enumerate(STEPS, start=1)},
         pictures_at={step.name: step.pictures for step in STEPS if step.pictures},
         sheets=sorted(
@@ -92,7 +92,7 @@ def write_guide(
         glass=hardware.cutting.material == "glass",
         settings=PRINT_SETTINGS,
         covered=next((part.number for part in parts if part.name == COVER), ""),
-        tightening=_tightening_rows(pieces, hardware),
+        tightening=_tightening_rows(components, hardware),
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
     )
     write_text(folder / "guide.md", text)
@@ -120,16 +120,16 @@ def _cure_texts(device: Device) -> dict[str, str]:
     return {"deepest_mm": f"{deepest:.0f}", "days": f"{low} to {high}" if high > low else f"{low}"}
 
 
-# Main measures of a camera, in the guide's first table.
+# Main measurements of a camera, in the guide's first table.
 MAIN = {"width_mm", "height_mm", "depth_mm", "lens_ring_mm", "lens_protrusion_mm", "pupil_behind_front_mm", "mass_g"}
 
 
-def _more_measures(camera: CameraBody) -> list[tuple[str, str, str, str]]:
-    """Rows of the remaining measures in the camera's file: description, field, value and method."""
+def _more_measurements(camera: CameraBody) -> list[tuple[str, str, str, str]]:
+    """Rows of the remaining measurements in the camera's file: description, field, value and method."""
     return [
-        (measure.description, measure.field, f"{getattr(camera, measure.field):g}", measure.method)
-        for measure in MEASURES
-        if measure.field not in MAIN and not (measure.field.startswith("cable") and not camera.has_cable)
+        (measurement.description, measurement.field, f"{getattr(camera, measurement.field):g}", measurement.method)
+        for measurement in MEASUREMENTS
+        if measurement.field not in MAIN and not (measurement.field.startswith("cable") and not camera.has_cable)
     ]
 
 
@@ -199,14 +199,16 @@ def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
     return rows
 
 
-def _tightening_rows(pieces: Sequence[Piece], hardware: Hardware) -> list[tuple[str, str, str]]:
+def _tightening_rows(components: Sequence[Component], hardware: Hardware) -> list[tuple[str, str, str]]:
     """Rows: screws with their count, the parts that they join, and their largest torque."""
-    fastened = [(piece, piece.item) for piece in pieces if piece.item is not None]
-    titles = {piece.name: piece.title.lower() for piece in pieces if piece.kind == "part"}
-    groups: dict[tuple[tuple[str, ...], str], list[Piece]] = {}
-    for (piece, item), tightening in zip(fastened, tightenings([item for _, item in fastened], hardware), strict=True):
+    fastened = [(component, component.item) for component in components if component.item is not None]
+    titles = {component.name: component.title.lower() for component in components if component.kind == "part"}
+    groups: dict[tuple[tuple[str, ...], str], list[Component]] = {}
+    for (component, item), tightening in zip(
+        fastened, tightenings([item for _, item in fastened], hardware), strict=True
+    ):
         if tightening is not None:
-            groups.setdefault((item.joins, tightening.text), []).append(piece)
+            groups.setdefault((item.joins, tightening.text), []).append(component)
     return [
         (counted(screws), " to ".join(titles.get(name, name.replace("_", " ")) for name in joins), text)
         for (joins, text), screws in groups.items()

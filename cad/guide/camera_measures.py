@@ -1,4 +1,4 @@
-"""The drawing for measuring a camera: its body to scale, with a letter and the current value of every measure."""
+"""The drawing for measuring a camera: its body to scale, with a letter and the current value of every measurement."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ DIMENSIONS_MM = 34.0
 
 
 @dataclass(frozen=True)
-class Measure:
-    """A measure of a camera's body: its letter in the drawing, its field in `CameraBody`, and how it is measured."""
+class Measurement:
+    """A measurement of a camera: its letter in the drawing, its field in `CameraBody`, and how it is measured."""
 
     letter: str
     field: str
@@ -30,29 +30,31 @@ class Measure:
     method: str
 
 
-MEASURES = (
-    Measure("A", "width_mm", "length of the body along the picture's width", "calipers"),
-    Measure("B", "height_mm", "length of the body along the picture's height", "calipers"),
-    Measure("C", "depth_mm", "depth of the body, without lens ring and stand", "calipers"),
-    Measure("D", "end_radius_mm", "radius of the body's four edges; 0 if they are sharp", "radius gauge, or coins"),
-    Measure("E", "lens_x_mm", "lens axis to the right of the body's centre", "calipers, from both ends"),
-    Measure("F", "lens_y_mm", "lens axis below the body's centre", "calipers, from both sides"),
-    Measure("G", "lens_ring_mm", "diameter of the lens ring or barrel", "calipers"),
-    Measure("H", "lens_protrusion_mm", "lens ring or barrel in front of the body", "depth rod of the calipers"),
-    Measure("J", "pupil_behind_front_mm", "entrance pupil behind the front", "two photographs of a ruler, see guide"),
-    Measure("K", "cable_mm", "diameter of the cable", "calipers"),
-    Measure("L", "cable_x_mm", "cable to the right of the lens axis, at the back", "ruler"),
-    Measure("M", "hinge_mm", "width of a protrusion on a side, such as a stand; 0 for none", "calipers"),
-    Measure("N", "hinge_from_back_mm", "its depth, from the back towards the front", "calipers"),
-    Measure("P", "mass_g", "mass without its cable, g", "kitchen scale"),
+MEASUREMENTS = (
+    Measurement("A", "width_mm", "width of the body, parallel to the picture's rows", "calipers"),
+    Measurement("B", "height_mm", "height of the body, parallel to the picture's columns", "calipers"),
+    Measurement("C", "depth_mm", "depth of the body, without lens ring and stand", "calipers"),
+    Measurement("D", "end_radius_mm", "radius of the body's four edges; 0 if they are sharp", "radius gauge, or coins"),
+    Measurement("E", "lens_x_mm", "lens axis to the right of the body's centre", "calipers, from both ends"),
+    Measurement("F", "lens_y_mm", "lens axis below the body's centre", "calipers, from both sides"),
+    Measurement("G", "lens_ring_mm", "diameter of the lens ring or barrel", "calipers"),
+    Measurement("H", "lens_protrusion_mm", "lens ring or barrel in front of the body", "depth rod of the calipers"),
+    Measurement(
+        "J", "pupil_behind_front_mm", "entrance pupil behind the front", "two photographs of a ruler, see guide"
+    ),
+    Measurement("K", "cable_mm", "diameter of the cable", "calipers"),
+    Measurement("L", "cable_x_mm", "cable to the right of the lens axis, at the back", "ruler"),
+    Measurement("M", "hinge_mm", "width of a protrusion on a side, such as a stand; 0 for none", "calipers"),
+    Measurement("N", "hinge_from_back_mm", "depth of that protrusion, from the back", "calipers"),
+    Measurement("P", "mass_g", "mass without its cable, g", "kitchen scale"),
 )
-"""All measures of a body, in the order of the questions; the letters I and O are skipped."""
+"""All measurements of a camera, in the order of the questions; the letters I and O are skipped."""
 
 
 def draw_camera(body: CameraBody) -> DrawingSheet:
-    """Draw a camera on an A4 sheet: from behind (like its pictures), from the right, and a table of its measures.
+    """Draw a camera on an A4 sheet: from behind (like its pictures), from the right, and a table of its measurements.
 
-    The views are to scale; `guessed` measures are marked.
+    The views are to scale; `guessed` measurements are marked.
     """
     sheet = DrawingSheet(*A4_MM)
     width = body.width_mm + body.depth_mm + max(body.lens_protrusion_mm, 0.0)
@@ -143,7 +145,7 @@ def _from_the_side(sheet: DrawingSheet, body: CameraBody, scale: float, low: Flo
 def _draw(
     sheet: DrawingSheet, extent: FloatArray, below: Sequence[LinearDimension], left: Sequence[LinearDimension]
 ) -> None:
-    """Draw dimensions below a view and left of it; measures of 0 appear only in the table."""
+    """Draw dimensions below a view and left of it; those of 0 appear only in the table."""
     draw_tiers(sheet, extent, [linear for linear in below if linear.span > 0.2], DIMENSIONS_MM, vertical=False)
     draw_tiers(sheet, extent, [linear for linear in left if linear.span > 0.2], DIMENSIONS_MM, vertical=True)
 
@@ -167,17 +169,17 @@ def _rounded(size: FloatArray, radius: float) -> FloatArray:
 
 
 def _table_mm() -> float:
-    """Height of the table of measures."""
-    return 18.0 + ROW_MM * (len(MEASURES) / 2.0)
+    """Height of the table of measurements."""
+    return 18.0 + ROW_MM * (len(MEASUREMENTS) / 2.0)
 
 
 def _table(sheet: DrawingSheet, body: CameraBody) -> None:
-    """Draw all measures in two columns, with their values; guessed values have a question mark."""
-    half = (len(MEASURES) + 1) // 2
-    for index, measure in enumerate(MEASURES):
+    """Draw all measurements in two columns, with their values; guessed values have a question mark."""
+    half = (len(MEASUREMENTS) + 1) // 2
+    for index, measurement in enumerate(MEASUREMENTS):
         x = 12.0 + (A4_MM[0] - 20.0) / 2.0 * (index // half)
         y = _table_mm() - 4.0 - ROW_MM * (index % half)
-        value = f"{getattr(body, measure.field):g}{' ?' if measure.field in body.guessed else ''}"
-        sheet.text((x, y), measure.letter, TEXT_MM, bold=True)
+        value = f"{getattr(body, measurement.field):g}{' ?' if measurement.field in body.guessed else ''}"
+        sheet.text((x, y), measurement.letter, TEXT_MM, bold=True)
         sheet.text((x + 21.0, y), value, TEXT_MM, align="right")
-        sheet.text((x + 25.0, y), f"{measure.description}: {measure.method}", 1.9, colour=SOFT)
+        sheet.text((x + 25.0, y), f"{measurement.description}: {measurement.method}", 1.9, colour=SOFT)

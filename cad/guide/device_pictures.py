@@ -13,8 +13,8 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import Piece
 from mirrorcam.cad.guide.assembly_steps import Stages, home_of, joins_of
 from mirrorcam.cad.guide.picture_views import (
     ARROW_RGB,
@@ -81,7 +81,7 @@ def notes_of(clip: ClipPlan) -> tuple[tuple[str, FloatArray], ...]:
     return (*notes, ("side pad", points[3]), ("side pad", points[4]), ("end pad", points[5]))
 
 
-def screw_label(clip: ClipPlan, screw: Piece) -> str:
+def screw_label(clip: ClipPlan, screw: Component) -> str:
     """The title of a camera's screw, with its position if it belongs to a nest."""
     if clip.nest is None:
         return screw.title
@@ -126,16 +126,18 @@ EDGE_TEXT = "This edge at the longest mark"
 NO_BODY = ShadedBody(np.zeros((0, 3, 3)), GUIDE_RGB)
 
 
-def pictures_of(device: Device, parts: Sequence[BuiltPart], pieces: Sequence[Piece]) -> tuple[DevicePicture, ...]:
+def pictures_of(
+    device: Device, parts: Sequence[BuiltPart], components: Sequence[Component]
+) -> tuple[DevicePicture, ...]:
     """All pictures of a device, in the order of the page; pictures of steps have the steps' names."""
     layout = device.layout
     viewers = (IN_FRONT, LEVEL, BELOW, BEHIND)
     front, level, below, behind = (view_axes(layout, viewer) for viewer in viewers)
-    labelled = tuple(in_place(piece, name_of(piece)) for piece in pieces)
-    unlabelled = tuple(in_place(piece) for piece in pieces)
+    labelled = tuple(in_place(component, name_of(component)) for component in components)
+    unlabelled = tuple(in_place(component) for component in components)
     rays = tuple(central_ray(layout, index) for index in range(len(layout.mirrors)))
-    exploded = exploded_items([(piece, piece.explode_mm) for piece in pieces])
-    stages = Stages(pieces)
+    exploded = exploded_items([(component, component.explode_mm) for component in components])
+    stages = Stages(components)
     return (
         DevicePicture("assembled", "The device, assembled", front, labelled),
         DevicePicture("exploded", "Exploded view", front, exploded),
@@ -195,10 +197,10 @@ def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArr
     return DevicePicture("inserts", title, behind, items, caption=COUNT_CAPTION, lower=front)
 
 
-def _threads(stages: Stages, candidates: Sequence[Piece]) -> tuple[Item, ...]:
+def _threads(stages: Stages, candidates: Sequence[Component]) -> tuple[Item, ...]:
     """Exploded parts, with their inserts and nuts at the start of their insertion paths, and arrows."""
     parts = [part for part in candidates if stages.threads_in([part])]
-    carriers = {piece.name for piece in stages.carriers}
+    carriers = {component.name for component in stages.carriers}
     threads = stages.threads_in(parts)
     homes = [home_of(thread, joins_of(thread)[-1], parts) for thread in threads]
     counts = Counter(home.name for home in homes if home)
@@ -216,7 +218,7 @@ def _threads(stages: Stages, candidates: Sequence[Piece]) -> tuple[Item, ...]:
     return tuple(items)
 
 
-def _label_with_count(part: Piece, short: bool, count: int) -> str:
+def _label_with_count(part: Component, short: bool, count: int) -> str:
     """The name of a part, or its number if `short`, and the count of its inserts or nuts."""
     return f"{part.number if short else name_of(part)}: {count}"
 
@@ -227,12 +229,12 @@ def _mirrors(layout: Layout, stages: Stages) -> DevicePicture:
     normal = mean([mirror.normal_in_rig for mirror in layout.mirrors])
     normal = normal / np.linalg.norm(normal)
     axes = axes_towards(layout, normal + SEATS_FROM_BELOW * layout.view_from_rig[1])
-    holder = tuple(in_place(piece, pale=True) for piece in stages.holder)
+    holder = tuple(in_place(component, pale=True) for component in stages.holder)
     fasteners = [
-        displaced(piece, piece.explode_mm - mean([p.explode_mm for p in stages.holder]))
-        for piece in stages.carrier_screws
+        displaced(component, component.explode_mm - mean([p.explode_mm for p in stages.holder]))
+        for component in stages.carrier_screws
     ]
-    lifted_mirrors = [lifted(piece, stages.holder, normal) for piece in (*stages.mirrors, *stages.carriers)]
+    lifted_mirrors = [lifted(component, stages.holder, normal) for component in (*stages.mirrors, *stages.carriers)]
     lines = [
         Item(NO_BODY, "", np.array([corner, corner + MIRROR_LIFT_MM * normal]))
         for mirror in layout.mirrors
@@ -275,7 +277,7 @@ def _camera(device: Device, stages: Stages) -> DevicePicture:
     items = assembled(existing, [], stages.camera_screws, stages.clip)
     screws = zip(items[len(existing) :], stages.camera_screws, strict=True)
     clip_items = (*items[: len(existing)], *(replace(item, label=screw_label(clip, screw)) for item, screw in screws))
-    shift = STEP_RATIO * (stages.camera[0].explode_mm - mean([piece.explode_mm for piece in stages.clip]))
+    shift = STEP_RATIO * (stages.camera[0].explode_mm - mean([component.explode_mm for component in stages.clip]))
     camera_items = []
     for camera in stages.camera:
         body = displaced(camera, shift, name_of(camera)).body
@@ -309,7 +311,7 @@ def _clip_on_mount(device: Device, stages: Stages) -> tuple[Item, ...]:
     new = [*stages.clip, *stages.camera, *stages.camera_screws]
     items = assembled(existing, new, stages.clip_screws, stages.mount, moved_with=stages.clip)
     shift = STEP_RATIO * (
-        mean([piece.explode_mm for piece in stages.clip]) - mean([p.explode_mm for p in stages.mount])
+        mean([component.explode_mm for component in stages.clip]) - mean([p.explode_mm for p in stages.mount])
     )
     threads = [displaced(thread, shift) for thread in stages.threads_in(stages.clip)]
     edge, mark = scale_edges(device)
@@ -331,11 +333,11 @@ def scale_edges(device: Device) -> tuple[FloatArray, FloatArray]:
 
 def _adapter_on_mount(stages: Stages) -> tuple[Item, ...]:
     threads = stages.threads_in(stages.adapter)
-    new = {piece.name for piece in (*stages.adapter, *stages.adapter_screws, *stages.back_nuts, *threads)}
-    existing = [piece for piece in stages.pieces if piece.name not in new]
+    new = {component.name for component in (*stages.adapter, *stages.adapter_screws, *stages.back_nuts, *threads)}
+    existing = [component for component in stages.components if component.name not in new]
     items = assembled(existing, stages.adapter, (*stages.adapter_screws, *stages.back_nuts), stages.mount)
     # Inserts and nuts are already in the adapter.
-    base = mean([piece.explode_mm for piece in stages.mount])
+    base = mean([component.explode_mm for component in stages.mount])
     homes = [(thread, home_of(thread, joins_of(thread)[-1], stages.adapter)) for thread in threads]
     return (*items, *(displaced(thread, STEP_RATIO * (home.explode_mm - base)) for thread, home in homes if home))
 

@@ -52,7 +52,7 @@ def text_fits(span: float, text: str) -> bool:
 def draw_tiers(
     sheet: DrawingSheet,
     box: FloatArray,
-    linears: Sequence[LinearDimension],
+    dimensions: Sequence[LinearDimension],
     free_mm: float,
     *,
     vertical: bool,
@@ -65,79 +65,77 @@ def draw_tiers(
     """
     tiers: list[list[tuple[float, float]]] = []
     placed = []
-    ends = np.concatenate([linear.ends for linear in linears]) if linears else np.zeros(0)
-    widths = {id(linear): text_width_mm(linear.text, TEXT_MM) for linear in linears}
+    ends = np.concatenate([dimension.ends for dimension in dimensions]) if dimensions else np.zeros(0)
+    widths = {id(dimension): text_width_mm(dimension.text, TEXT_MM) for dimension in dimensions}
 
-    def order(linear: LinearDimension) -> tuple[bool, float, float, str]:
-        width = widths[id(linear)]
-        always_crossed = all(
-            _text_is_crossed(linear, width, ends, text_first=text_first) for text_first in (False, True)
-        )
+    def order(dimension: LinearDimension) -> tuple[bool, float, float, str]:
+        width = widths[id(dimension)]
+        always_crossed = all(_text_is_crossed(dimension, width, ends, low_text=low_text) for low_text in (False, True))
         return (
-            always_crossed and not text_fits(linear.span, linear.text),
-            linear.span,
-            float(linear.ends.min()),
-            linear.text,
+            always_crossed and not text_fits(dimension.span, dimension.text),
+            dimension.span,
+            float(dimension.ends.min()),
+            dimension.text,
         )
 
-    for linear in sorted(linears, key=order):
-        width = widths[id(linear)]
-        text_first = _text_is_crossed(linear, width, ends) and not _text_is_crossed(
-            linear, width, ends, text_first=True
+    for dimension in sorted(dimensions, key=order):
+        width = widths[id(dimension)]
+        low_text = _text_is_crossed(dimension, width, ends) and not _text_is_crossed(
+            dimension, width, ends, low_text=True
         )
-        low, high = _covered_range(linear, width, text_first=text_first)
+        low, high = _covered_range(dimension, width, low_text=low_text)
         full = [k for k, tier in enumerate(tiers) if any(low < b - TOUCH_MM and high > a + TOUCH_MM for a, b in tier)]
         level = max(full) + 1 if full else 0
         if level == len(tiers):
             tiers.append([])
         tiers[level].append((low, high))
-        placed.append((level, linear, width, text_first))
-    # Outside the outermost line are its text if it is vertical, else only the ends of extension lines.
+        placed.append((level, dimension, width, low_text))
+    # A vertical dimension has its text outside its line; outside others are only the ends of extension lines.
     outside = GAP_MM + (TEXT_MM + TEXT_OFFSET_MM if vertical else EXTENSION_MM)
     pitch = min(TIER_PITCH_MM, (free_mm - FIRST_TIER_MM - outside) / max(len(tiers) - 1, 1))
     edge = float(box[0, 0 if vertical else 1])
-    for level, linear, width, text_first in placed:
+    for level, dimension, width, low_text in placed:
         crossing = [other.ends for outer, other, _, _ in placed if outer > level]
-        centre = _text_centre(linear, width, np.concatenate([*crossing, np.array(cutting_lines, dtype=float)]))
+        centre = _text_centre(dimension, width, np.concatenate([*crossing, np.array(cutting_lines, dtype=float)]))
         tier = edge - FIRST_TIER_MM - level * pitch
-        _draw_linear(sheet, linear, tier, width, centre, vertical=vertical, text_first=text_first)
+        _draw_linear(sheet, dimension, tier, width, centre, vertical=vertical, low_text=low_text)
 
 
-def _text_centre(linear: LinearDimension, width: float, crossing: FloatArray) -> float:
+def _text_centre(dimension: LinearDimension, width: float, crossing: FloatArray) -> float:
     """The centre of a text along its dimension line, clear of crossing extension lines if possible."""
-    centre, slack = float(linear.ends.mean()), linear.span - width - 2.0 * ARROW_MM[0] - 1.0
+    centre, slack = float(dimension.ends.mean()), dimension.span - width - 2.0 * ARROW_MM[0] - 1.0
     positions = [centre + shift * max(slack, 0.0) for shift in SHIFTS]
     return min(positions, key=lambda position: bool((np.abs(crossing - position) < width / 2.0 + TEXT_GAP_MM).any()))
 
 
-def _covered_range(linear: LinearDimension, width: float, *, text_first: bool = False) -> tuple[float, float]:
+def _covered_range(dimension: LinearDimension, width: float, *, low_text: bool = False) -> tuple[float, float]:
     """The range of a tier that a dimension line and its text cover; text that does not fit is outside the arrows.
 
-    It is then at the upper end or, with `text_first`, at the lower end.
+    It is then at the upper end or, with `low_text`, at the lower end.
     """
-    low, high = float(linear.ends.min()), float(linear.ends.max())
-    if text_fits(linear.span, linear.text):
+    low, high = float(dimension.ends.min()), float(dimension.ends.max())
+    if text_fits(dimension.span, dimension.text):
         return low, high
     arrow, text = ARROW_MM[0] + 1.5, ARROW_MM[0] + width + 2.0
-    return (low - text, high + arrow) if text_first else (low - arrow, high + text)
+    return (low - text, high + arrow) if low_text else (low - arrow, high + text)
 
 
-def _text_is_crossed(linear: LinearDimension, width: float, ends: FloatArray, *, text_first: bool = False) -> bool:
+def _text_is_crossed(dimension: LinearDimension, width: float, ends: FloatArray, *, low_text: bool = False) -> bool:
     """Return whether an extension line, one of `ends`, may cross the text of a dimension outside its arrows."""
-    covered = _covered_range(linear, width, text_first=text_first)
-    low, high = (covered[0], float(linear.ends.min())) if text_first else (float(linear.ends.max()), covered[1])
+    covered = _covered_range(dimension, width, low_text=low_text)
+    low, high = (covered[0], float(dimension.ends.min())) if low_text else (float(dimension.ends.max()), covered[1])
     return bool(((ends > low + 1e-3) & (ends < high - 1e-3)).any())
 
 
 def _draw_linear(
     sheet: DrawingSheet,
-    linear: LinearDimension,
+    dimension: LinearDimension,
     tier: float,
     width: float,
     text_centre: float,
     *,
     vertical: bool,
-    text_first: bool = False,
+    low_text: bool = False,
 ) -> None:
     """Draw a dimension line at `tier`, with its text centred at `text_centre` if it fits between the arrows."""
 
@@ -145,24 +143,24 @@ def _draw_linear(
         array = np.array(points)
         return array[:, ::-1] if vertical else array
 
-    order = np.argsort(linear.ends)
-    (low, high), starts = linear.ends[order], linear.starts[order]
+    order = np.argsort(dimension.ends)
+    (low, high), starts = dimension.ends[order], dimension.starts[order]
     lines = [
         on_sheet([(end, start - GAP_MM), (end, tier - EXTENSION_MM)])
         for end, start in zip((low, high), starts, strict=True)
     ]
-    inside = text_fits(linear.span, linear.text)
+    inside = text_fits(dimension.span, dimension.text)
     arrow = 0.0 if inside else ARROW_MM[0] + 1.5
     text = 0.0 if inside else width
-    line = (low - arrow - text, high + arrow) if text_first else (low - arrow, high + arrow + text)
+    line = (low - arrow - text, high + arrow) if low_text else (low - arrow, high + arrow + text)
     lines.append(on_sheet([(line[0], tier), (line[1], tier)]))
     sheet.lines(lines, LINE_MM)
     sign = -1.0 if inside else 1.0
     for tip, direction in ((low, sign), (high, -sign)):
         sheet.arrow_head(on_sheet([(tip, tier)])[0], on_sheet([(direction, 0.0)])[0])
-    outside = low - arrow - width / 2.0 if text_first else high + arrow + width / 2.0
+    outside = low - arrow - width / 2.0 if low_text else high + arrow + width / 2.0
     centre = text_centre if inside else outside
     if vertical:
-        sheet.text((tier - TEXT_OFFSET_MM, centre), linear.text, TEXT_MM, align="center", rotation_deg=90.0)
+        sheet.text((tier - TEXT_OFFSET_MM, centre), dimension.text, TEXT_MM, align="center", rotation_deg=90.0)
     else:
-        sheet.text((centre, tier + TEXT_OFFSET_MM), linear.text, TEXT_MM, align="center")
+        sheet.text((centre, tier + TEXT_OFFSET_MM), dimension.text, TEXT_MM, align="center")

@@ -141,8 +141,8 @@ HIDDEN_COLOUR = "#5d6778"
 TEXT_MM, NOTE_MM = 2.5, 2.0
 ROW_MM = 4.4
 CLEAR_MM = 4.0
-NAME_MM = 8.0
-"""Space for a section's name above it."""
+LABEL_MM = 8.0
+"""Space for a section's label above it."""
 
 
 def write_drawing(
@@ -289,7 +289,7 @@ def _free_rectangles(
 
 
 def _clear_of_text(sheet: DrawingSheet, rectangle: FloatArray) -> FloatArray:
-    """The larger part of a rectangle (2, 2) right of or below the texts that extend into it from the left."""
+    """The larger part of a rectangle (2, 2) right of or below the text that extends into it from the left."""
     boxes = np.array([(box.corners.min(axis=0), box.corners.max(axis=0)) for box in sheet.text_boxes])
     inside = ((boxes[:, 1] > rectangle[0]) & (boxes[:, 0] < rectangle[1])).all(axis=1)
     if not inside.any():
@@ -308,7 +308,7 @@ def _place_section(
     if section is None:
         return None, above[0], above[1]
     for section_scale in (standard for standard in SCALES if standard <= scale):
-        size = np.ptp(section.view.box, axis=0) * section_scale + (0.0, NAME_MM)
+        size = np.ptp(section.view.box, axis=0) * section_scale + (0.0, LABEL_MM)
         for rectangle in (below, right):
             if (size <= rectangle[1] - rectangle[0]).all():
                 return _in_rectangle(section.view, section_scale, rectangle), above[0], above[1]
@@ -325,15 +325,15 @@ def _place_section(
 
 
 def _in_rectangle(view: PartView, scale: float, rectangle: FloatArray) -> PlacedView:
-    """A view centred in a rectangle (2, 2) with space for its name above it."""
-    centre = rectangle.mean(axis=0) - (0.0, NAME_MM / 2.0)
+    """A view centred in a rectangle (2, 2) with space for its label above it."""
+    centre = rectangle.mean(axis=0) - (0.0, LABEL_MM / 2.0)
     return PlacedView(view, scale, centre - view.box.mean(axis=0) * scale)
 
 
 def _draw_section_marks(
     sheet: DrawingSheet, cutting_lines: Sequence[CuttingPlaneLine], section_view: PlacedView, scale: float
 ) -> None:
-    """Draw a section's name, with its scale if it differs from the views', and one of its cutting-plane lines."""
+    """Draw a section's label, with its scale if it differs from the views', and one of its cutting-plane lines."""
     name = "A-A" if section_view.scale == scale else f"A-A ({ratio(section_view.scale)})"
     box = section_view.box
     sheet.text((float(box[:, 0].mean()), float(box[1, 1]) + 3.0), name, LETTER_MM, align="center", bold=True)

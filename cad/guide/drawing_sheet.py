@@ -41,7 +41,7 @@ Align = Literal["left", "center", "right"]
 
 @dataclass(frozen=True)
 class TextBox:
-    """A text on the sheet, and the corners (4, 2), mm, of the area that it covers."""
+    """A label on the sheet, and the corners (4, 2), mm, of the area that it covers."""
 
     text: str
     corners: FloatArray
@@ -67,7 +67,7 @@ def _width_of_size_1(text: str, bold: bool) -> float:
 
 
 class DrawingSheet:
-    """A drawing sheet of `width_mm` x `height_mm`, with a record of its texts, and of its lines with their widths."""
+    """A drawing sheet of `width_mm` x `height_mm`, with a record of its labels, and of its lines with their widths."""
 
     def __init__(self, width_mm: float, height_mm: float) -> None:
         self.size_mm = (width_mm, height_mm)
@@ -124,7 +124,7 @@ class DrawingSheet:
         rotation_deg: float = 0.0,
         over_lines: bool = False,
     ) -> None:
-        """Draw a line of text with its base line at `start` (2,), rotated about it; 90 deg reads from the right.
+        """Draw a line of text with its baseline at `start` (2,), rotated about it; 90 deg reads from the right.
 
         `over_lines` clears the paper behind it.
         """
@@ -179,7 +179,7 @@ GENERAL_TOLERANCE = "± 0.2; angles ± 0.5° (ISO 8015)"
 
 GAUGE_TOLERANCE = "none: gauges, used as printed"
 PARTS_TOLERANCE = "on the drawings of the parts"
-MODEL = "Not dimensioned: as the model (ISO 16792)"
+MODEL = "Undimensioned: see model (ISO 16792)"
 MODEL_MM = 62.0
 """Width of the field of the model."""
 

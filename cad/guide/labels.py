@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.cad.guide.shading import Pixels, Shot
+from mirrorcam.cad.guide.shading import Pixels, Rendering
 from mirrorcam.core.values import FloatArray
 
 INK = (28, 33, 45)
@@ -62,37 +62,37 @@ def innermost_pixel(mask: NDArray[np.bool_]) -> tuple[FloatArray, float] | None:
     return np.array([column, row], dtype=np.float64), float(distance[row, column])
 
 
-def innermost_body_pixel(shot: Shot, body: int) -> FloatArray | None:
+def innermost_body_pixel(rendering: Rendering, body: int) -> FloatArray | None:
     """The innermost pixel (column, row) of the visible part of a body; None if the body is hidden."""
-    innermost = innermost_pixel(shot.bodies == body)
+    innermost = innermost_pixel(rendering.bodies == body)
     return innermost[0] if innermost else None
 
 
-def pixel_of(shot: Shot, label: Label) -> FloatArray | None:
+def pixel_of(rendering: Rendering, label: Label) -> FloatArray | None:
     """The pixel (column, row) that a label names; None if it is hidden or outside the picture.
 
     A point of a body gives the nearest visible pixel of the body.
     """
     if label.point is None:
-        return innermost_body_pixel(shot, label.body)
-    column, row, z = shot.screen.pixels(label.point)
+        return innermost_body_pixel(rendering, label.body)
+    column, row, z = rendering.screen.pixels(label.point)
     if label.body >= 0:
-        rows, columns = np.nonzero(shot.bodies == label.body)
+        rows, columns = np.nonzero(rendering.bodies == label.body)
         if not len(rows):
             return None
         nearest = int(np.argmin((columns - column) ** 2 + (rows - row) ** 2))
         return np.array([columns[nearest], rows[nearest]], dtype=np.float64)
-    height, width = shot.bodies.shape
+    height, width = rendering.bodies.shape
     if not (0 <= column < width and 0 <= row < height):
         return None
-    hidden = shot.bodies[int(row), int(column)] >= 0 and shot.z_mm[int(row), int(column)] > z + HIDDEN_MM
+    hidden = rendering.bodies[int(row), int(column)] >= 0 and rendering.z_mm[int(row), int(column)] > z + HIDDEN_MM
     return None if hidden else np.array([column, row])
 
 
-def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pixels:
+def annotate(rendering: Rendering, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pixels:
     """The picture with names in columns at its left and right sides, from `top_px` down; hidden bodies have none."""
-    visible = [(label, point) for label in labels if (point := pixel_of(shot, label)) is not None]
-    image = shot.image.copy()
+    visible = [(label, point) for label in labels if (point := pixel_of(rendering, label)) is not None]
+    image = rendering.image.copy()
     height, width = image.shape[:2]
     # Split into a left and a right half, so that leaders to the left and to the right never meet.
     visible.sort(key=lambda item: (item[1][0], item[1][1], item[0].text))
@@ -123,13 +123,13 @@ def annotate(shot: Shot, labels: Sequence[Label], top_px: int = MARGIN_PX) -> Pi
     return image
 
 
-def with_names_on_bodies(shot: Shot, labels: Sequence[Label]) -> Pixels:
+def with_names_on_bodies(rendering: Rendering, labels: Sequence[Label]) -> Pixels:
     """The picture with each name at the centre of its body, on white; hidden bodies have none."""
-    image = shot.image.copy()
+    image = rendering.image.copy()
     height, width = image.shape[:2]
     font = cv2.FontFace("sans")
     for label in labels:
-        if (point := pixel_of(shot, label)) is None:
+        if (point := pixel_of(rendering, label)) is None:
             continue
         box = cv2.getTextSize((width, height), label.text, (0, 0), font, TEXT_PX, WEIGHT)
         x, y = int(point[0] - box[2] / 2.0), int(point[1])

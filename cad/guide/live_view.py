@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.guide.labels import WEIGHT
 from mirrorcam.core.disk.files import write_bytes
 from mirrorcam.core.images.pictures import write_image
@@ -32,9 +32,9 @@ MAX_WIDTH_PX = 1400
 MIN_WIDTH_TO_NAME = 32.0
 
 
-def write_live_view(folder: Path, layout: Layout, pieces: Iterable[Piece]) -> None:
+def write_live_view(folder: Path, layout: Layout, components: Iterable[Component]) -> None:
     """Write `pictures/live_view.png` and `pictures/live_overlay.png` below a device's folder."""
-    image = live_view(layout, pieces)
+    image = live_view(layout, components)
     scale = min(1.0, MAX_WIDTH_PX / image.shape[1])
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     write_image(folder / "pictures" / f"{PICTURE}.png", np.asarray(small, dtype=np.uint8))
@@ -44,11 +44,11 @@ def write_live_view(folder: Path, layout: Layout, pieces: Iterable[Piece]) -> No
     write_bytes(folder / "pictures" / f"{OVERLAY}.png", data.tobytes())
 
 
-def live_view(layout: Layout, pieces: Iterable[Piece]) -> NDArray[np.uint8]:
+def live_view(layout: Layout, components: Iterable[Component]) -> NDArray[np.uint8]:
     """The frame (h, w, 3) of the layout's camera: printed parts, the scene in each mirror, and the mirrors' names."""
     camera = layout.camera
     image = np.full((camera.height_px, camera.width_px, 3), SURROUNDINGS, dtype=np.uint8)
-    triangles = [np.asarray(piece.mesh.triangles) for piece in pieces if piece.kind == "part"]
+    triangles = [np.asarray(component.mesh.triangles) for component in components if component.kind == "part"]
     if triangles:
         _fill_parts(image, layout, np.concatenate(triangles))
     for index, name in enumerate(layout.mirror_names):

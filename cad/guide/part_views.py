@@ -22,7 +22,7 @@ MIN_HIDDEN_MM = 1.6
 # Largest ratio of the total lengths of hidden and visible lines in a view.
 MAX_HIDDEN_RATIO = 2.5
 
-# Rows right, up and towards the viewer, in the part's axes in print. Third angle: the view from above is above the
+# Rows right, up and towards the viewer, in the part's axes on the bed. Third angle: the view from above is above the
 # front view, the view from the right is to its right.
 TOP = np.eye(3)
 FRONT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])

@@ -1,4 +1,4 @@
-"""A picture of a device: views of bodies with labels, and the placement of pieces in the views.
+"""A picture of a device: views of bodies with labels, and the placement of components in the views.
 
 Pieces are drawn in place, possibly pale, or displaced, with arrows and lines to their seats.
 """
@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.guide.assembly_steps import home_of, joins_of
 from mirrorcam.cad.guide.labels import CAPTION_ROOM_PX, MARGIN_PX, Label, annotate, with_caption, with_names_on_bodies
-from mirrorcam.cad.guide.shading import Pixels, Rgb, Screen, ShadedBody, Shot, render
+from mirrorcam.cad.guide.shading import Pixels, Rendering, Rgb, Screen, ShadedBody, render
 from mirrorcam.cad.plan.device_names import CLIP
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import FloatArray
@@ -79,7 +79,7 @@ def labels_of(view: DevicePicture) -> list[Label]:
     return [*named, *(Label(-1, text, point) for text, point in view.notes)]
 
 
-def shot_of(view: DevicePicture, size_px: tuple[int, int] = PICTURE_PX) -> Shot:
+def rendering_of(view: DevicePicture, size_px: tuple[int, int] = PICTURE_PX) -> Rendering:
     """A rendered view, without its labels."""
     points = np.concatenate([*(item.body.triangles.reshape(-1, 3) for item in view.items), *view.rays])
     margins = MARGINS_PX if labels_of(view) and not view.labels_on_bodies else BARE_MARGINS_PX
@@ -97,50 +97,50 @@ def shot_of(view: DevicePicture, size_px: tuple[int, int] = PICTURE_PX) -> Shot:
 
 
 def _drawn(view: DevicePicture) -> Pixels:
-    shot, labels = shot_of(view), labels_of(view)
+    rendering, labels = rendering_of(view), labels_of(view)
     if view.labels_on_bodies:
-        return with_caption(with_names_on_bodies(shot, labels), view.caption)
-    return with_caption(annotate(shot, labels, CAPTION_ROOM_PX if view.caption else MARGIN_PX), view.caption)
+        return with_caption(with_names_on_bodies(rendering, labels), view.caption)
+    return with_caption(annotate(rendering, labels, CAPTION_ROOM_PX if view.caption else MARGIN_PX), view.caption)
 
 
-# Weight of light grey in the colours of pale pieces.
+# Weight of light grey in the colours of pale components.
 PALE = 0.55
-# Ratio of the displacement of new pieces in the picture of a step to that in the exploded view.
+# Ratio of the displacement of new components in the picture of a step to that in the exploded view.
 STEP_RATIO = 0.8
-# Length and radius of the head of an arrow towards a seat, and its distance from the piece.
+# Length and radius of the head of an arrow towards a seat, and its distance from the component.
 ARROW_MM, ARROW_RADIUS_MM, ARROW_GAP_MM = 6.0, 2.2, 3.5
 ARROW_RGB: Rgb = (0.86, 0.16, 0.12)
 # Distance of mirrors drawn in front of their seats.
 MIRROR_LIFT_MM = 30.0
 
 
-def in_place(piece: Piece, label: str = "", *, pale: bool = False) -> Item:
-    """A piece in its assembled position."""
-    rgb = piece.rgb
-    if pale and piece.kind != "mirror":
+def in_place(component: Component, label: str = "", *, pale: bool = False) -> Item:
+    """A component in its assembled position."""
+    rgb = component.rgb
+    if pale and component.kind != "mirror":
         red, green, blue = (PALE * 0.93 + (1.0 - PALE) * channel for channel in rgb)
         rgb = (red, green, blue)
-    return Item(ShadedBody(triangles_of(piece), rgb, shine=piece.kind == "mirror"), label)
+    return Item(ShadedBody(triangles_of(component), rgb, shine=component.kind == "mirror"), label)
 
 
 def displaced(
-    piece: Piece, shift: FloatArray, label: str = "", *, pale: bool = False, seat: FloatArray | None = None
+    component: Component, shift: FloatArray, label: str = "", *, pale: bool = False, seat: FloatArray | None = None
 ) -> Item:
-    """A piece displaced by `shift` (3,) mm; with `seat` (3,), a line leads to its seat, displaced by `seat`."""
-    item = in_place(piece, label, pale=pale)
-    centre = np.asarray(piece.mesh.bounds).mean(axis=0)
+    """A component displaced by `shift` (3,) mm; with `seat` (3,), a line leads to its seat, displaced by `seat`."""
+    item = in_place(component, label, pale=pale)
+    centre = np.asarray(component.mesh.bounds).mean(axis=0)
     line = None if seat is None else np.array([centre + seat, centre + shift])
     return Item(ShadedBody(item.body.triangles + shift, item.body.rgb, item.body.shine), label, line)
 
 
-def name_of(piece: Piece) -> str:
-    """Number and title of a part or the camera; "" for other pieces."""
-    return f"{piece.number} {piece.title}".strip() if piece.kind in ("part", "camera") else ""
+def name_of(component: Component) -> str:
+    """Number and title of a part or the camera; "" for other components."""
+    return f"{component.number} {component.title}".strip() if component.kind in ("part", "camera") else ""
 
 
-def triangles_of(piece: Piece) -> FloatArray:
-    """The piece's mesh as triangles (n, 3, 3) in the rig frame, mm."""
-    return np.asarray(piece.mesh.triangles, dtype=np.float64)
+def triangles_of(component: Component) -> FloatArray:
+    """The component's mesh as triangles (n, 3, 3) in the rig frame, mm."""
+    return np.asarray(component.mesh.triangles, dtype=np.float64)
 
 
 def mean(vectors: Sequence[FloatArray]) -> FloatArray:
@@ -148,20 +148,20 @@ def mean(vectors: Sequence[FloatArray]) -> FloatArray:
     return np.mean(vectors, axis=0) if vectors else np.zeros(3)
 
 
-def inserted(piece: Piece, seat: FloatArray) -> tuple[Item, Item]:
+def inserted(component: Component, seat: FloatArray) -> tuple[Item, Item]:
     """An insert or a nut outside its part, with its path and an arrow; the part is displaced by `seat` (3,) mm."""
-    path = seat + exit_path(piece)
-    body = displaced(piece, path[-1])
+    path = seat + exit_path(component)
+    body = displaced(component, path[-1])
     inwards = path[-2] - path[-1]
     inwards /= np.linalg.norm(inwards)
-    centre = np.asarray(piece.mesh.bounds).mean(axis=0)
+    centre = np.asarray(component.mesh.bounds).mean(axis=0)
     head = arrow_head(centre + path[-1] + ARROW_GAP_MM * inwards, inwards)
     return replace(body, line=centre + path), Item(head, "")
 
 
-def exit_path(piece: Piece) -> FloatArray:
+def exit_path(component: Component) -> FloatArray:
     """Displacements (n, 3), mm, of an insert or a nut along its exit moves, from its seat."""
-    moves = piece.item.exit_moves_mm if piece.item else np.zeros((0, 3))
+    moves = component.item.exit_moves_mm if component.item else np.zeros((0, 3))
     return np.concatenate([np.zeros((1, 3)), np.cumsum(moves, axis=0)])
 
 
@@ -173,51 +173,52 @@ def arrow_head(position: FloatArray, direction: FloatArray) -> ShadedBody:
 
 
 def assembled(
-    existing: Sequence[Piece],
-    new: Sequence[Piece],
-    fasteners: Sequence[Piece],
-    fixed: Sequence[Piece],
-    moved_with: Sequence[Piece] = (),
+    existing: Sequence[Component],
+    new: Sequence[Component],
+    fasteners: Sequence[Component],
+    fixed: Sequence[Component],
+    moved_with: Sequence[Component] = (),
 ) -> tuple[Item, ...]:
-    """Existing pieces, pale, and new pieces, displaced as in an exploded view in which the `fixed` pieces stay.
+    """Existing components, pale, and new ones, displaced as in an exploded view in which the `fixed` ones stay.
 
-    With `moved_with`, all new pieces have the mean displacement of those pieces.
+    With `moved_with`, all new components have the mean displacement of those components.
     """
-    base = mean([piece.explode_mm for piece in fixed])
-    common = mean([piece.explode_mm for piece in moved_with]) - base if moved_with else None
-    moves = [(piece, STEP_RATIO * (piece.explode_mm - base if common is None else common)) for piece in new]
-    moves += [(piece, STEP_RATIO * (piece.explode_mm - base)) for piece in fasteners]
-    return (*(in_place(piece, name_of(piece), pale=True) for piece in existing), *exploded_items(moves))
+    base = mean([component.explode_mm for component in fixed])
+    common = mean([component.explode_mm for component in moved_with]) - base if moved_with else None
+    moves = [(component, STEP_RATIO * (component.explode_mm - base if common is None else common)) for component in new]
+    moves += [(component, STEP_RATIO * (component.explode_mm - base)) for component in fasteners]
+    return (*(in_place(component, name_of(component), pale=True) for component in existing), *exploded_items(moves))
 
 
-def exploded_items(moves: Sequence[tuple[Piece, FloatArray]]) -> tuple[Item, ...]:
-    """Displaced pieces; fasteners and the camera have a line to their seats, which are displaced with their parts."""
-    parts = {piece.name: piece for piece, _ in moves if piece.kind == "part"}
-    move_of = {piece.name: move for piece, move in moves}
+def exploded_items(moves: Sequence[tuple[Component, FloatArray]]) -> tuple[Item, ...]:
+    """Displaced components; fasteners and the camera have a line to their seats, which are displaced with their
+    parts."""
+    parts = {component.name: component for component, _ in moves if component.kind == "part"}
+    move_of = {component.name: move for component, move in moves}
     items: list[Item] = []
-    for piece, move in moves:
-        joins = (CLIP,) if piece.kind == "camera" else joins_of(piece)
+    for component, move in moves:
+        joins = (CLIP,) if component.kind == "camera" else joins_of(component)
         candidates = [
-            home_of(piece, name, parts.values())
-            for name in (joins if piece.kind in ("screw", "washer") else joins[::-1])
+            home_of(component, name, parts.values())
+            for name in (joins if component.kind in ("screw", "washer") else joins[::-1])
         ]
         home = next((home for home in candidates if home), None)
         seat = move_of[home.name] if home else np.zeros(3) if joins else None
-        if seat is not None and piece.kind in ("insert", "nut"):
-            items += inserted(piece, seat)
+        if seat is not None and component.kind in ("insert", "nut"):
+            items += inserted(component, seat)
             continue
-        items.append(displaced(piece, move, name_of(piece), seat=seat))
+        items.append(displaced(component, move, name_of(component), seat=seat))
     return tuple(items)
 
 
-def lifted(piece: Piece, holder: Sequence[Piece], normal: FloatArray) -> Item:
+def lifted(component: Component, holder: Sequence[Component], normal: FloatArray) -> Item:
     """A mirror lifted towards the viewer, or a carrier between it and the holder."""
-    if piece.kind == "mirror":
-        return displaced(piece, MIRROR_LIFT_MM * normal, piece.name.removeprefix("mirror_"))
-    nearest_move = min((part.explode_mm for part in holder), key=lambda move: _distance(move, piece))
-    distance = float(np.linalg.norm(piece.explode_mm - nearest_move))
-    return displaced(piece, min(distance, MIRROR_LIFT_MM / 2.0) * normal)
+    if component.kind == "mirror":
+        return displaced(component, MIRROR_LIFT_MM * normal, component.name.removeprefix("mirror_"))
+    nearest_move = min((part.explode_mm for part in holder), key=lambda move: _distance(move, component))
+    distance = float(np.linalg.norm(component.explode_mm - nearest_move))
+    return displaced(component, min(distance, MIRROR_LIFT_MM / 2.0) * normal)
 
 
-def _distance(move: FloatArray, piece: Piece) -> float:
-    return float(np.linalg.norm(piece.explode_mm - move))
+def _distance(move: FloatArray, component: Component) -> float:
+    return float(np.linalg.norm(component.explode_mm - move))

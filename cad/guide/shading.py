@@ -73,7 +73,7 @@ class Screen:
 
 
 @dataclass(frozen=True)
-class Shot:
+class Rendering:
     """A picture (h, w, 3), with the index of the body (-1: none) and the z (mm, towards the viewer) of each pixel."""
 
     image: Pixels
@@ -82,7 +82,9 @@ class Shot:
     screen: Screen
 
 
-def render(bodies: Sequence[ShadedBody], screen: Screen, lines: Sequence[tuple[FloatArray, Rgb, float]] = ()) -> Shot:
+def render(
+    bodies: Sequence[ShadedBody], screen: Screen, lines: Sequence[tuple[FloatArray, Rgb, float]] = ()
+) -> Rendering:
     """Draw bodies and visible parts of polylines (points (n, 3) in the rig frame, colour, width in px) on white."""
     fine = Screen(
         screen.axes,
@@ -109,7 +111,7 @@ def render(bodies: Sequence[ShadedBody], screen: Screen, lines: Sequence[tuple[F
     pixel_triangles = index[::SUPERSAMPLING, ::SUPERSAMPLING]
     owner = np.where(pixel_triangles >= 0, owners[pixel_triangles], -1).astype(np.int32)
     pixels = np.asarray(np.clip(np.round(small * 255.0), 0, 255), dtype=np.uint8)
-    return Shot(pixels, owner, z_mm[::SUPERSAMPLING, ::SUPERSAMPLING], screen)
+    return Rendering(pixels, owner, z_mm[::SUPERSAMPLING, ::SUPERSAMPLING], screen)
 
 
 def _rasterise(corners: FloatArray, size_px: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
@@ -194,15 +196,15 @@ def _shade(
     normals = np.vstack([normals_in_view, np.zeros(3)]).astype(np.float32)
     image = colours[index]
     covered = index >= 0
-    ground = np.float32(z_mm[covered].min()) if covered.any() else np.float32(0.0)
-    z = np.where(covered, z_mm, ground)
+    background_z = np.float32(z_mm[covered].min()) if covered.any() else np.float32(0.0)
+    z = np.where(covered, z_mm, background_z)
     occlusion = np.zeros(index.shape, dtype=np.float32)
     weight = covered.astype(np.float32)
-    height = z - ground
+    height = z - background_z
     for size in CORNER_MM:
         kernel = (2 * max(1, round(size * px_per_mm / 2.0)) + 1,) * 2
         coverage = np.maximum(cv2.blur(weight, kernel), 1e-3)
-        surroundings = cv2.blur(height, kernel) / coverage + ground
+        surroundings = cv2.blur(height, kernel) / coverage + background_z
         # In a corner the surroundings are slightly nearer; much nearer surfaces are separate objects in front.
         nearer = np.maximum(surroundings - z, 0.0) / size
         occlusion += nearer / (1.0 + nearer**2)
@@ -266,16 +268,16 @@ def edges_of(mesh: trimesh.Trimesh, towards: FloatArray) -> FloatArray:
     return np.asarray(mesh.vertices[mesh.face_adjacency_edges[selected]], dtype=np.float64)
 
 
-def visible_lines(edges: FloatArray, shot: Shot) -> list[FloatArray]:
+def visible_lines(edges: FloatArray, rendering: Rendering) -> list[FloatArray]:
     """The visible pieces (2, 2) in px of edges (n, 2, 3) in the rig frame, mm, in a rendered picture."""
-    ends = shot.screen.pixels(edges)
+    ends = rendering.screen.pixels(edges)
     spans = ends[:, 1] - ends[:, 0]
     lengths = np.linalg.norm(spans[:, :2], axis=1)
     steps = np.ceil(lengths).astype(int) + 1
     owner = np.repeat(np.arange(len(edges)), steps + 1)
     step = np.arange(len(owner)) - np.repeat(np.cumsum(steps + 1) - (steps + 1), steps + 1)
     points = ends[owner, 0] + (step / steps[owner])[:, None] * spans[owner]
-    visible = _visible(points, shot)
+    visible = _visible(points, rendering)
     first, last = visible.copy(), visible.copy()
     first[1:] &= ~(visible[:-1] & (owner[1:] == owner[:-1]))
     last[:-1] &= ~(visible[1:] & (owner[1:] == owner[:-1]))
@@ -286,9 +288,9 @@ def visible_lines(edges: FloatArray, shot: Shot) -> list[FloatArray]:
     return list(pieces[long_enough])
 
 
-def _visible(points: FloatArray, shot: Shot) -> NDArray[np.bool_]:
+def _visible(points: FloatArray, rendering: Rendering) -> NDArray[np.bool_]:
     """Mask (n,) of points (n, 3), px and z, that are not behind the farthest surface of the adjacent pixels."""
-    farthest = cv2.erode(np.maximum(shot.z_mm, NO_SURFACE), np.ones((3, 3), dtype=np.uint8))
+    farthest = cv2.erode(np.maximum(rendering.z_mm, NO_SURFACE), np.ones((3, 3), dtype=np.uint8))
     height, width = farthest.shape
     columns, rows = np.floor(points[:, :2]).astype(int).T
     return np.asarray(

@@ -29,7 +29,7 @@ HEAD_FIT_MM, CONE_DEG = 0.05, 44.0
 # Depth in the plate for a head and its cone, down to the wall under a spring.
 HEAD_DEPTH_MM = 2.5
 # Widths of the screwdriver's blade and of its holes in the mount, and the ends of these holes along the mount's x from
-# their centres: the holes are horizontal in print and have a roof.
+# their centres: the holes are printed horizontally and have a roof.
 DRIVER_MM, DRIVER_HOLE_MM = 4.0, 4.6
 DRIVER_HOLE_ENDS_MM = (-DRIVER_HOLE_MM / 2.0, DRIVER_HOLE_MM / 2.0 / float(np.sin(np.radians(ROOF_IN_WEBS_DEG))))
 # Thickness of the plastic under a captive nut in a carrier.
@@ -43,7 +43,7 @@ class Adjuster:
     A screw of `length_mm` passes through the holder, `plate_mm` thick, and the gap of `gap_mm` to the carrier, and
     engages `engaged_mm` in a hole `hole_mm` deep. A spring, compressed to `spring_mm` by `force_n`, lies in a recess of
     depth `recess_mm` in the holder's front. With the screw loosened to the end of its travel, plus or minus
-    `travel_mm`, the spring's force is still `least_n`.
+    `travel_mm`, the spring's force is still `min_force_n`.
     """
 
     length_mm: float
@@ -56,7 +56,7 @@ class Adjuster:
     recess_wide_mm: float
     spring_mm: float
     force_n: float
-    least_n: float
+    min_force_n: float
 
     @property
     def head_mm(self) -> float:
@@ -157,5 +157,5 @@ def plan_adjuster(screws_radius_mm: float, edge_radius_mm: float, plate_mm: floa
         recess_wide_mm=recess_diameter_mm(hardware),
         spring_mm=spring_length,
         force_n=spring.n_per_mm * (spring.free_mm - spring_length),
-        least_n=spring.n_per_mm * MIN_COMPRESSION_MM,
+        min_force_n=spring.n_per_mm * MIN_COMPRESSION_MM,
     )

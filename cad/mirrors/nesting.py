@@ -47,9 +47,9 @@ class _Orientation:
 def nest(pieces: Sequence[FloatArray], sheet_mm: tuple[float, float], gap_mm: float) -> list[NestedOutline]:
     """A position for every convex piece (n, 2), at least a gap from the others and from the sheet's edge.
 
-    Tries several orders, packed to the left and to the bottom, until the number of sheets reaches its lower bound by
-    area. Otherwise returns the nesting with the fewest sheets and, among these, the smallest used part of the last one.
-    Raises ValueError for a piece that does not fit.
+    Tries several orders, packed to the left and to the bottom, until the number of sheets reaches the lower bound given
+    by the total area. Otherwise returns the nesting with the fewest sheets and, among these, the smallest used part of
+    the last one. Raises ValueError for a piece that does not fit.
     """
     if not all(fits(piece, sheet_mm, gap_mm) for piece in pieces):
         raise ValueError("a piece is larger than a sheet, but each must fit")

@@ -38,7 +38,7 @@ RIG_FROM_COUPON_MM = np.array([130.0, 0.0, -100.0])
 
 @dataclass(frozen=True)
 class CouponPlan:
-    """A coupon in the rig frame, mm: pieces, cuts and, for a back that clamps, a segment of its ring, open to +x.
+    """A coupon in the rig frame, mm: pieces, cuts and, for an adapter that clamps, a segment of its ring, open to +x.
 
     The segment of `ring` is about `centre` (3,) along z and ends at the plate's edge, x = `right_mm`, so that the
     clamped shell touches nothing else.

@@ -183,7 +183,7 @@ class MountPlan:
     """A mount in the rig frame, mm: convex pieces, cuts, and its interfaces to the other parts.
 
     `rig_from_head` (4, 4) is the frame of the face on the holder's back (z out of the mount, into the holder), with the
-    screws at `holes_in_head_mm` (4, 2) and their stack `head`. `foot` (4, 3) are the back's screws in the lower face,
+    screws at `holes_in_head_mm` (4, 2) and their stack `head`. `foot` (4, 3) are an adapter's screws in the lower face,
     `slide` (3,) is the centre of the clip's travel. `tilt_deg` and `shift_um` are the rotation and displacement of the
     mirrors due to the weight of `load_g` at `load_at` (3,) in the worst direction. `path` (n, 2; y and z) is the centre
     line of the truss.

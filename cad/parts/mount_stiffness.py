@@ -106,7 +106,7 @@ def _bore_outline(radius_mm: float, travel_mm: float, roof_mm: float) -> Polygon
 
 # A screw at the mount's top clamps its skin this far to either side: about the radius of the screw's head.
 CLAMPED_MM = 3.0
-# A screw of the foot clamps the plastic on a disc of this radius, over which its pressure spreads in the back.
+# A screw of the foot clamps the plastic on a disc of this radius, over which its pressure spreads in the adapter.
 DISC_MM = 6.0
 # Solid finite elements tilt up to 1.28 times as far about x as these plates, and .96 to 1.05 times about the other
 # axes, over mounts of 1 x 2 to 5 x 5 mirrors (docs/cad.md). The plates neglect the interaction of openings, and cuts of

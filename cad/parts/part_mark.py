@@ -36,7 +36,7 @@ CLEAR_VIEW_MM = 25.0
 SEARCH_STEP_MM, MAX_POSITIONS = 1.0, 8
 # Tolerances: the part's extent in front of an outer face, and 1 - cosine of the angle to a named plane.
 OUTER_MM, PARALLEL = 1e-3, 1e-4
-# Minimum z of a face's normal in print: the first layers squeeze faces on the bed, and overhangs need support.
+# Minimum z of a face's normal on the bed: the first layers squeeze faces on the bed, and overhangs need support.
 MIN_NORMAL_Z = -0.2
 
 
@@ -60,7 +60,7 @@ def plan_mark(
     lines : sequence of str
         Digits, letters a to f, M, C and "-".
     up : (3,)
-        Upward direction in print, in the rig frame.
+        Upward direction in the print orientation, in the rig frame.
     unmarked : sequence of NamedFace
         Faces that must not be marked.
     """
@@ -159,7 +159,7 @@ def _is_free(face: Face, up: FloatArray, unmarked: Sequence[NamedFace]) -> bool:
 
 
 def _frame(face: Face, up: FloatArray) -> FloatArray:
-    """A frame (4, 4) of a face, z out of it; y is as upright in print as possible, unless the face is level."""
+    """A frame (4, 4) of a face, z out of it; y is as upright on the bed as possible, unless the face is level."""
     normal = np.array(tuple(face.normal_at()))
     upright = up if abs(up @ normal) < 0.9 else np.eye(3)[int(np.argmin(np.abs(normal)))]
     y = upright - (upright @ normal) * normal

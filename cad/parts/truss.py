@@ -1,6 +1,6 @@
-"""The mount's profile in the y-z plane: a line round the light, a truss of skins and webs along it, and its foot.
+"""The mount's profile in the y-z plane: a path around the ray cones, a truss of skins and webs along it, and its foot.
 
-A back's screws enter the foot.
+An adapter's screws enter the foot.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from mirrorcam.cad.plan.stiffness import Section
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
-# The back's screws in the mount's foot: +-x, and distances behind the slide's plane. In a clamp, they leave walls round
-# the roofs of the holes for their heads.
+# The adapter's screws in the mount's foot: +-x, and distances behind the slide's plane. In a clamp, these distances
+# leave walls around the self-supporting roofs of the holes for the screws' heads.
 FOOT_X_MM = 17.0
 FOOT_Y_MM = (4.5, 14.0)
 FOOT_DEPTH_MM = 20.0
 # The foot's plate transmits the full moment of the mirrors from the outer skin to the screws near the inner one. At
 # this ratio of the mount's depth to the plate's thickness, the plate bends less than the truss above it.
-DEPTHS_PER_PLATE = 3.0
+DEPTH_TO_PLATE_RATIO = 3.0
 
 
 def foot_z_mm(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> float:
@@ -40,12 +40,12 @@ def foot_z_mm(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> float:
 
 
 def foot_plate_mm(depth_mm: float, hardware: Hardware) -> float:
-    """Thickness of the foot's plate, which holds the back's screws, in a mount of given depth."""
-    return max(stack(hardware.mount.skin_mm, hardware).wall_mm, depth_mm / DEPTHS_PER_PLATE)
+    """Thickness of the foot's plate, which holds the adapter's screws, in a mount of given depth."""
+    return max(stack(hardware.mount.skin_mm, hardware).wall_mm, depth_mm / DEPTH_TO_PLATE_RATIO)
 
 
 def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
-    """The screws of a back with `grip_mm` of material under their heads, into the threads of the mount's foot.
+    """The screws of an adapter with `grip_mm` of material under their heads, into the threads of the mount's foot.
 
     Their tips may protrude from the foot's plate into the hollow above it. Raises InputError if no screw on the list
     engages.
@@ -57,7 +57,7 @@ def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
 
 
 def foot_screws(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> FloatArray:
-    """Points (4, 3) in the rig frame where the back's screws enter the foot's lower face, in a mount of given depth."""
+    """Points (4, 3) in the rig frame where the adapter's screws enter the foot's lower face, for a mount's depth."""
     z = foot_z_mm(clip, depth_mm, hardware)
     return np.array([(x, clip.slide_y_mm - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
 
@@ -123,11 +123,11 @@ def up_to_head(path: FloatArray, holder: HolderPlan) -> FloatArray:
 def offset(inner: FloatArray, depth: float) -> FloatArray:
     """A polyline (n, 2) offset to its left by a depth, with mitred corners."""
     directions = np.diff(inner, axis=0) / np.linalg.norm(np.diff(inner, axis=0), axis=1)[:, None]
-    lefts = np.column_stack([-directions[:, 1], directions[:, 0]])
-    corners = [inner[0] + depth * lefts[0]]
-    for point, previous, following in zip(inner[1:-1], lefts[:-1], lefts[1:], strict=True):
+    left_normals = np.column_stack([-directions[:, 1], directions[:, 0]])
+    corners = [inner[0] + depth * left_normals[0]]
+    for point, previous, following in zip(inner[1:-1], left_normals[:-1], left_normals[1:], strict=True):
         corners.append(point + depth * (previous + following) / (1.0 + previous @ following))
-    return np.array([*corners, inner[-1] + depth * lefts[-1]])
+    return np.array([*corners, inner[-1] + depth * left_normals[-1]])
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Dimensions of the backs, the adapters under the mount's foot: one table for each kind. Lengths in mm.
+"""Dimensions of the adapters under the mount's foot (`[back]`): one table for each kind. Lengths in mm.
 
 The key `kind` of a hardware file's table `[back]` selects the kind; only that kind's dimensions are then valid.
 """
@@ -28,10 +28,10 @@ class RingGauge:
 
 
 class BackTable(Value):
-    """Base of the tables of all backs."""
+    """Base of the tables of all adapters."""
 
     title: ClassVar[str]
-    """What the device is mounted on, in a few words."""
+    """Short name of the support."""
     parts: ClassVar[tuple[str, ...]]
     """Names of the printed parts."""
     on_arm: ClassVar[bool] = False
@@ -39,7 +39,7 @@ class BackTable(Value):
 
     @property
     def ring_gauge(self) -> RingGauge | None:
-        """The ring of a back that clamps, for the fit coupon; None for other backs."""
+        """The ring of an adapter that clamps, for the fit coupon; None for others."""
         return None
 
 
@@ -149,7 +149,7 @@ class Gen3Back(BackTable):
     """Kinova Gen3: four threads in the face of the interface module, with a rim round it and the views along its axis.
 
     Measured from `bracelet_no_vision_link.STL` of ros2_kortex, kortex_description (BSD-3-Clause): see
-    `mirrorcam.cad.backs.brackets`. The core holes of 4.2 mm suggest M5 threads; no drawing confirms it.
+    `mirrorcam.cad.backs.brackets`. The tap-drill holes of 4.2 mm suggest M5 threads; no drawing confirms it.
     """
 
     title: ClassVar[str] = "the interface module of a Kinova Gen3"
@@ -173,7 +173,7 @@ class Gen3Back(BackTable):
 
 
 class ProfileBack(BackTable):
-    """An aluminium profile of 20 mm with slots of 6 mm, type I (also called type B of 20 mm), and two M5 T-nuts."""
+    """A 20 mm aluminium extrusion with 6 mm slots, type I (also sold as type B, 20 mm), and two M5 T-nuts."""
 
     title: ClassVar[str] = "an aluminium profile of 20 mm, slot 6"
     parts: ClassVar[tuple[str, ...]] = ("adapter_profile",)
@@ -209,7 +209,7 @@ class MonitorBack(BackTable):
     thick_mm: float = _size(20.0, "thickness of the monitor, in pictures and for clearances")
     range_mm: tuple[float, float] = Field(default=(8.0, 40.0), description="thinnest and thickest monitor that fits")
     plate_mm: float = _size(8.0, "thickness of the plate")
-    hook_mm: float = _size(8.0, "how far the hook reaches down over the screen: less than its frame is wide")
+    hook_mm: float = _size(8.0, "how far the hook reaches down over the screen: less than the width of its bezel")
     jaw_mm: float = _size(40.0, "how far the jaw reaches down behind the monitor")
     grip_mm: float = _size(3.6, "thickness of plastic between the heads of the foot's screws and the mount's foot")
 

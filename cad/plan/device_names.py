@@ -5,7 +5,7 @@ from __future__ import annotations
 from mirrorcam.cad.plan.hardware import Hardware
 
 HOLDER, MOUNT, CLIP, COUPON, COVER = "mirror_holder", "mount", "camera_clip", "fit_coupon", "dust_cover"
-"""Names of printed parts; the table of a back names the back's own parts."""
+"""Names of printed parts; the table of an adapter names its own parts."""
 UNMOUNTED = (COUPON, COVER)
 """Printed parts that are not mounted while the device is in use."""
 CARRIER = "carrier_"

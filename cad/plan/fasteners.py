@@ -82,7 +82,7 @@ ROOF_IN_WEBS_DEG = 30.0
 class Bore:
     """A round hole from the centre of its mouth (3,) along an axis (3,), in the rig frame, mm.
 
-    A bore that is horizontal in print has `up` (3,), normal to the axis: its ceiling is then a roof, `roof_deg` from
+    A bore that is horizontal on the bed has `up` (3,), normal to the axis: its ceiling is then a roof, `roof_deg` from
     upright. `travel_mm` makes it a slot along up x axis, with that distance between the centres of its ends. A `flat`
     slot has a level ceiling, printed as a bridge, so that a screw's head rests on both sides of the slot.
     """
@@ -127,7 +127,7 @@ class Hexagon:
     """A pocket for a nut: centre of its mouth (3,), axis (3,), and `up` (3,) towards a corner, all in the rig frame.
 
     Its two upper sides form a roof, `ROOF_DEG` from upright; the other four hold the nut. A pocket whose axis is
-    vertical in print has no `up`: all six sides hold the nut, and two corners lie along x.
+    vertical on the bed has no `up`: all six sides hold the nut, and two corners lie along x.
     """
 
     mouth: FloatArray

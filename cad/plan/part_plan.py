@@ -1,4 +1,4 @@
-"""The types of printed parts that exports, checks and documents use: plans, bought items, built parts and joints."""
+"""The types of printed parts that exports, checks and documents use: plans, purchased items, built parts and joints."""
 
 from __future__ import annotations
 
@@ -128,8 +128,8 @@ BoughtKind = Literal["screw", "washer", "spring", "insert", "nut", "pin"]
 
 
 @dataclass(frozen=True)
-class BoughtItem:
-    """A bought item with its pose in the device.
+class PurchasedItem:
+    """A purchased item with its pose in the device.
 
     `rig_from_item` (4, 4) has its origin under a screw's head or a washer, or at the mouth of an insert's hole, and z
     along the axis, out of the material. `explode_mm` (3,) is the displacement in an exploded view, in the rig frame;

@@ -1,4 +1,4 @@
-"""Prices of a device's plastic, mirrors and bought items, as of a stated month.
+"""Prices of a device's plastic, mirrors and purchased items, as of a stated month.
 
 They are estimates of typical retail prices of small quantities in Europe with tax. They serve to compare devices and to
 give the order of magnitude of the cost. The table `[prices]` of a hardware file replaces any of them.
@@ -90,7 +90,7 @@ class Prices(Value):
     date: Name = Field(default="2026-11", description="month of the prices")
     plastic_per_kg: _PriceList = _price_list("filament by the name of its plastic")
     mirror_per_100_cm2: _PriceList = _price_list('stock by name, such as "first-surface acrylic mirror"')
-    each: _PriceList = _price_list('bought items by title without their length, such as "M3 screw"; cameras by name')
+    each: _PriceList = _price_list('purchased items by title without their length, such as "M3 screw"; cameras by name')
 
     def of_plastic(self, plastic: str, grams: float) -> float:
         """Price of a mass of filament, by the longest known name with which the plastic's name starts."""
@@ -105,7 +105,7 @@ class Prices(Value):
         return price * area_cm2 / 100.0
 
     def of_item(self, title: str) -> float | None:
-        """Price of one bought item by its title; None if unknown."""
+        """Price of one purchased item by its title; None if unknown."""
         plain = re.sub(r" x [\d.]+(?= )", "", title)
         return _by_name(plain, ITEM_PRICES | dict(self.each))
 

@@ -21,7 +21,7 @@ import numpy as np
 from mirrorcam.cad.plan.device_names import CARRIER, CLIP
 from mirrorcam.cad.plan.fasteners import Thread, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem
+from mirrorcam.cad.plan.part_plan import FORMING, PurchasedItem
 
 FRICTION = 0.12
 # Fraction of its strength that a plastic bears for years.
@@ -48,15 +48,15 @@ class Tightening:
         return f"{np.floor(self.torque_nm / digit + 1e-9) * digit:.2g} N m"
 
 
-def tightenings(items: Sequence[BoughtItem], hardware: Hardware) -> tuple[Tightening | None, ...]:
-    """The tightening of each bought item, in their order; None for screws that adjust mirrors, and other items.
+def tightenings(items: Sequence[PurchasedItem], hardware: Hardware) -> tuple[Tightening | None, ...]:
+    """The tightening of each purchased item, in their order; None for screws that adjust mirrors, and other items.
 
     The insert, nut or washer of a screw is the item on its axis.
     """
     return tuple(_tightening(item, items, hardware) if item.kind == "screw" else None for item in items)
 
 
-def _tightening(screw: BoughtItem, items: Sequence[BoughtItem], hardware: Hardware) -> Tightening | None:
+def _tightening(screw: PurchasedItem, items: Sequence[PurchasedItem], hardware: Hardware) -> Tightening | None:
     table, thread = hardware.screw, thread_of(screw.size)
     on_axis = {item.kind for item in items if item is not screw and _is_coaxial(item, screw)}
     pressure = PERMANENT_FRACTION * hardware.printer.plastic_strength_mpa
@@ -95,12 +95,12 @@ def _ring_mm2(outer_mm: float, inner_mm: float) -> float:
     return float(np.pi / 4.0 * (outer_mm**2 - inner_mm**2))
 
 
-def _engaged_mm(screw: BoughtItem, hardware: Hardware) -> float:
+def _engaged_mm(screw: PurchasedItem, hardware: Hardware) -> float:
     """Length of a board's screw in plastic, below the board."""
     return max(screw.length_mm - hardware.camera.depth_mm, 0.0)
 
 
-def _is_coaxial(item: BoughtItem, screw: BoughtItem) -> bool:
+def _is_coaxial(item: PurchasedItem, screw: PurchasedItem) -> bool:
     """Return whether an item is on a screw's axis, between one screw length above the head and the tip."""
     frame = screw.rig_from_item
     offset = item.rig_from_item[:3, 3] - frame[:3, 3]

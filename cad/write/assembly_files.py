@@ -4,7 +4,7 @@ The STEP file is a labelled, coloured tree in a fixed order, assembled by joints
 components per process (`NEXT_ASSEMBLY_USAGE_OCCURRENCE`), and writes colours in the order of a map whose keys are
 memory addresses. `ordered_step` makes the text independent of both; the geometry is already in the order of its input.
 
-The GLB has a node for every piece, with its name, number, colour and displacement in an exploded view.
+The GLB has a node for every component, with its name, number, colour and displacement in an exploded view.
 """
 
 from __future__ import annotations
@@ -38,19 +38,19 @@ from trimesh.graph import smooth_shade
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from mirrorcam.cad.assembly.catalogue import bought_items
-from mirrorcam.cad.assembly.device_plan import Device, connections
-from mirrorcam.cad.assembly.pieces import (
+from mirrorcam.cad.assembly.catalogue import purchased_items
+from mirrorcam.cad.assembly.components import (
     CAMERA_RGB,
     ITEM_RGB,
     MIRROR_RGB,
+    Component,
     Kind,
-    Piece,
     camera_solid,
     holder_under,
     item_names,
     item_solid,
 )
+from mirrorcam.cad.assembly.device_plan import Device, connections
 from mirrorcam.cad.plan.device_names import CLIP, UNMOUNTED
 from mirrorcam.cad.plan.part_plan import LICENCE, BuiltPart, Connection, Rgb
 from mirrorcam.cad.write.part_export import write_step
@@ -60,7 +60,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 
-# An entity "#12 = NAME(...);", possibly over several lines; in its body, quoted text or a reference.
+# An entity "#12 = NAME(...);", possibly over several lines. A TOKEN in its body is quoted text or a reference.
 ENTITY = re.compile(r"^#(\d+) = (.*?);$", re.DOTALL | re.MULTILINE)
 TOKEN = re.compile(r"'(?:[^']|'')*'|#(\d+)")
 COLOUR_ROOTS = "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION"
@@ -118,7 +118,8 @@ ROOT = "mirrorcam"
 def write_assembly(path: Path, device: Device, parts: Iterable[BuiltPart]) -> None:
     """Write the device as STEP, with its printed parts read from their STEP files.
 
-    The root `mirrorcam` has the groups `printed`, `mirrors` and `bought`, with pieces named and coloured as in the GLB.
+    The root `mirrorcam` has the groups `printed`, `mirrors` and `bought`, with components named and coloured as in the
+    GLB.
     """
     assembly = assemble(device, parts)
     with TemporaryDirectory() as folder:
@@ -128,9 +129,9 @@ def write_assembly(path: Path, device: Device, parts: Iterable[BuiltPart]) -> No
 
 
 def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
-    """The device in the rig frame: printed parts joined as planned, and every other piece joined to one of them.
+    """The device in the rig frame: printed parts joined as planned, and every other component joined to one of them.
 
-    Parts are made in their positions, so that joints move them only by the differences between their plans.
+    Parts are modelled in their positions, so joints move them only by differences between their planned frames.
     """
     mounted = [part for part in parts if part.name not in UNMOUNTED]
     printed = {part.name: _printed(part) for part in mounted}
@@ -145,7 +146,7 @@ def assemble(device: Device, parts: Iterable[BuiltPart]) -> Compound:
         mirrors.append(_joined(printed[holder_under(mirror, mounted).name], solid, seat))
     camera = _coloured(camera_solid(device.hardware.camera), "camera", CAMERA_RGB)
     bought.append(_joined(_printed_part((CLIP,), printed), camera, np.eye(4)))
-    items = bought_items(device)
+    items = purchased_items(device)
     shapes: dict[tuple[str, str, float], Shape[Any]] = {}
     for name, item in zip(item_names(items), items, strict=True):
         key = (item.kind, item.size, item.length_mm)
@@ -199,7 +200,7 @@ def _joined(part: Solid, solid: Solid, rig_from_solid: FloatArray) -> Solid:
 
 
 def _printed_part(names: tuple[str, ...], printed: dict[str, Solid]) -> Solid:
-    """The printed part, or its first piece, of the first name that exists."""
+    """The printed part, or its first segment, of the first name that exists."""
     for name in names:
         for label, solid in printed.items():
             if label == name or label.startswith(f"{name}_"):
@@ -219,7 +220,7 @@ GLTF_FROM_RIG: FloatArray = 0.001 * np.array(
 )
 """glTF is in metres, with +Y up and the front towards +Z: the rig's z is up, and the device looks along the rig's y."""
 
-# Metalness and roughness of a piece's material.
+# Metalness and roughness of a component's material.
 FINISH: dict[Kind, tuple[float, float]] = {
     "part": (0.0, 0.75),
     "mirror": (1.0, 0.04),
@@ -237,26 +238,30 @@ INDICES, VERTICES = 34963, 34962
 CREASE_RAD = np.radians(30.0)
 
 
-def write_glb(path: Path, pieces: Sequence[Piece]) -> None:
-    """Write the pieces as binary glTF 2.0.
+def write_glb(path: Path, components: Sequence[Component]) -> None:
+    """Write the components as binary glTF 2.0.
 
-    The node `device` has the matrix `GLTF_FROM_RIG`; its child nodes, one for each piece and with its name, are in the
-    rig frame, mm. Their `extras` are `kind`, `number`, `title` and `explode_mm` [x, y, z] in the rig frame. To explode
-    the device, move each node by a fraction of `explode_mm`.
+    The node `device` has the matrix `GLTF_FROM_RIG`; its child nodes, one for each component and with its name, are in
+    the rig frame, mm. Their `extras` are `kind`, `number`, `title` and `explode_mm` [x, y, z] in the rig frame. To
+    explode the device, move each node by a fraction of `explode_mm`.
     """
     scene = trimesh.Scene()
     scene.graph.update(GLB_ROOT, scene.graph.base_frame, matrix=GLTF_FROM_RIG)
-    for piece in pieces:
+    for component in components:
         extras = {
-            "kind": piece.kind,
-            "number": piece.number,
-            "title": piece.title,
-            "explode_mm": [round(float(length), 4) for length in piece.explode_mm],
+            "kind": component.kind,
+            "number": component.number,
+            "title": component.title,
+            "explode_mm": [round(float(length), 4) for length in component.explode_mm],
         }
         scene.add_geometry(
-            _shaded(piece), node_name=piece.name, geom_name=piece.name, parent_node_name=GLB_ROOT, metadata=extras
+            _shaded(component),
+            node_name=component.name,
+            geom_name=component.name,
+            parent_node_name=GLB_ROOT,
+            metadata=extras,
         )
-    colours = {piece.name: [*linear(np.array(piece.rgb)).round(6).tolist(), 1.0] for piece in pieces}
+    colours = {component.name: [*linear(np.array(component.rgb)).round(6).tolist(), 1.0] for component in components}
 
     def finish(tree: dict[str, Any]) -> None:
         tree["asset"]["copyright"] = f"{DESIGNER}, {LICENCE}"
@@ -279,12 +284,12 @@ def _set_target(tree: dict[str, Any], accessor: int, target: int) -> None:
     tree["bufferViews"][tree["accessors"][accessor]["bufferView"]]["target"] = target
 
 
-def _shaded(piece: Piece) -> trimesh.Trimesh:
-    """The mesh of a piece with duplicate vertices along sharp edges, and its material."""
-    mesh = smooth_shade(piece.mesh, angle=CREASE_RAD, facet_minarea=None)
-    metallic, roughness = FINISH[piece.kind]
+def _shaded(component: Component) -> trimesh.Trimesh:
+    """The mesh of a component with duplicate vertices along sharp edges, and its material."""
+    mesh = smooth_shade(component.mesh, angle=CREASE_RAD, facet_minarea=None)
+    metallic, roughness = FINISH[component.kind]
     material = PBRMaterial(
-        name=piece.name, baseColorFactor=[*piece.rgb, 1.0], metallicFactor=metallic, roughnessFactor=roughness
+        name=component.name, baseColorFactor=[*component.rgb, 1.0], metallicFactor=metallic, roughnessFactor=roughness
     )
     normals = np.array(mesh.vertex_normals)
     # Facets without area have no normals; they are invisible, but glTF requires unit vectors.

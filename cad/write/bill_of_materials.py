@@ -12,12 +12,12 @@ from pydantic import Field
 from shapely import Polygon
 
 from mirrorcam.cad.assembly.build_steps import also_needed, tools_of
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
+from mirrorcam.cad.assembly.components import item_title, standard_of
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import item_title, standard_of
 from mirrorcam.cad.holder.glue import glue_amount
 from mirrorcam.cad.mirrors.stock_sheets import StockSheet
-from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart
+from mirrorcam.cad.plan.part_plan import BuiltPart, PurchasedItem
 from mirrorcam.cad.plan.prices import BASIS, Prices, hours_text
 from mirrorcam.cad.plan.tightening import Tightening, tightenings
 from mirrorcam.core.disk.files import write_json, write_text
@@ -172,7 +172,7 @@ def _mirrors(device: Device, sheets: Sequence[StockSheet]) -> tuple[MirrorLine, 
 
 
 def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]:
-    items, mount = bought_items(device), device.hardware.mount
+    items, mount = purchased_items(device), device.hardware.mount
     counts = Counter((item.kind, item_title(item)) for item in items)
     torques = tightenings(items, device.hardware)
     order = ("screw", "washer", "spring", "insert", "nut", "pin")
@@ -206,7 +206,7 @@ def _priced(line: BoughtLine, prices: Prices) -> BoughtLine:
     return line if price is None else line.replaced(price=round(price * (line.count or 1), 2))
 
 
-def _joined_parts(items: Sequence[tuple[BoughtItem, Tightening | None]], titles: Mapping[str, str]) -> str:
+def _joined_parts(items: Sequence[tuple[PurchasedItem, Tightening | None]], titles: Mapping[str, str]) -> str:
     """The parts that items join, and the largest tightening torques of the screws among them."""
     parts_by_torque: dict[str, set[str]] = {}
     for item, tightening in items:

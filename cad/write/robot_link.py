@@ -1,7 +1,7 @@
 """The device for a robot: a URDF link with mass, shape and colours, and a frame for the camera and every view.
 
-The back defines the link's frame: x forward towards the scene, y left, z up (REP 103). The frames of camera and views
-are optical frames: x right, y down, z forward; the camera's is the rig frame. Units are metres and kilograms.
+The adapter defines the link's frame: x forward towards the scene, y left, z up (REP 103). The frames of camera and
+views are optical frames: x right, y down, z forward; the camera's is the rig frame. Units are metres and kilograms.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 from trimesh.exchange.stl import export_stl
 
+from mirrorcam.cad.assembly.components import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, Component, combined
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import CAMERA_RGB, ITEM_RGB, MIRROR_RGB, Piece, combined
 from mirrorcam.cad.backs.back import RobotLink
 from mirrorcam.core.disk.files import atomic, write_text
 from mirrorcam.core.values import FloatArray
@@ -35,33 +35,37 @@ USAGE = """MirrorCam on the last link of an arm: {arms}. In the arm's own xacro:
      The mass assumes solid plastic; a device printed with infill is lighter."""
 
 
-def write_robot(folder: Path, device: Device, pieces: Sequence[Piece]) -> None:
+def write_robot(folder: Path, device: Device, components: Sequence[Component]) -> None:
     """Write `mirrorcam.xacro` (a macro), `mirrorcam.urdf` (the same on a bare link of the arm), and their meshes.
 
-    Writes nothing if the back is not for an arm. Visible meshes are `../parts/NAME.stl` for printed parts, and files in
-    `meshes/` for mirrors, camera and fasteners (in the rig frame, mm). Collision meshes, also in `meshes/`, are the
+    Writes nothing if the adapter is not for an arm. Visible meshes are `../parts/NAME.stl` for printed parts, and files
+    in `meshes/` for mirrors, camera and fasteners (in the rig frame, mm). Collision meshes, also in `meshes/`, are the
     convex hulls of the printed parts and of the camera.
     """
     robot = device.back.robot
     if robot is None:
         return
     groups = {
-        "mirrors": ([piece for piece in pieces if piece.kind == "mirror"], MIRROR_RGB),
-        "camera": ([piece for piece in pieces if piece.kind == "camera"], CAMERA_RGB),
-        "fasteners": ([p for p in pieces if p.kind in ITEM_RGB], ITEM_RGB["screw"]),
+        "mirrors": ([component for component in components if component.kind == "mirror"], MIRROR_RGB),
+        "camera": ([component for component in components if component.kind == "camera"], CAMERA_RGB),
+        "fasteners": ([p for p in components if p.kind in ITEM_RGB], ITEM_RGB["screw"]),
     }
-    visuals = {piece.name: (f"parts/{piece.name}.stl", piece.rgb) for piece in pieces if piece.kind == "part"}
+    visuals = {
+        component.name: (f"parts/{component.name}.stl", component.rgb)
+        for component in components
+        if component.kind == "part"
+    }
     for name, (group, rgb) in groups.items():
         if group:
-            write_mesh(folder / "meshes" / f"{name}.stl", _as_one([piece.mesh for piece in group]))
+            write_mesh(folder / "meshes" / f"{name}.stl", _as_one([component.mesh for component in group]))
             visuals[name] = (f"robot/meshes/{name}.stl", rgb)
     hulls = []
-    for piece in pieces:
-        if piece.kind in ("part", "camera"):
-            write_mesh(folder / "meshes" / f"{piece.name}_hull.stl", hull_of(piece.mesh))
-            hulls.append(f"robot/meshes/{piece.name}_hull.stl")
+    for component in components:
+        if component.kind in ("part", "camera"):
+            write_mesh(folder / "meshes" / f"{component.name}_hull.stl", hull_of(component.mesh))
+            hulls.append(f"robot/meshes/{component.name}_hull.stl")
     pose = link_from_rig(robot)
-    elements = [link(pose, pieces, visuals, hulls), *frames(device.layout, pose)]
+    elements = [link(pose, components, visuals, hulls), *frames(device.layout, pose)]
     write_text(folder / "mirrorcam.xacro", as_macro(elements, robot))
     write_text(folder / "mirrorcam.urdf", as_urdf(elements, robot))
 
@@ -78,12 +82,12 @@ def rig_from_view(layout: Layout, index: int) -> FloatArray:
 
 def link(
     pose: FloatArray,
-    pieces: Sequence[Piece],
+    components: Sequence[Component],
     visuals: dict[str, tuple[str, tuple[float, float, float]]],
     hulls: list[str],
 ) -> Element:
-    """The link: total mass properties of the pieces, visible meshes (file and colour by name) and collision meshes."""
-    body = combined([piece.mass for piece in pieces])
+    """The link: total mass properties of the components, visible meshes (file and colour by name), collision meshes."""
+    body = combined([component.mass for component in components])
     centre = (pose @ np.append(body.centre_in_rig_mm, 1.0))[:3]
     rotation = pose[:3, :3]
     inertia = rotation @ body.inertia_g_mm2 @ rotation.T * 1e-9

@@ -18,8 +18,8 @@ from build123d import Part
 from numpy.typing import NDArray
 from shapely import Polygon, points
 
+from mirrorcam.cad.assembly.components import MIRROR_DENSITIES
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import MIRROR_DENSITIES
 from mirrorcam.cad.checks.elasticity.condensed_solid import LOADS, Carried, CondensedSolid, Solid
 from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
 from mirrorcam.cad.holder.holder_solid import make_holder

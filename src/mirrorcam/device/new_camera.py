@@ -93,18 +93,19 @@ def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
         If answers contradict each other.
     """
     # Imported here, as it loads the drawing libraries.
-    from mirrorcam.cad.guide.camera_measures import MEASURES
+    from mirrorcam.cad.guide.camera_measures import MEASUREMENTS
 
     body: dict[str, Any] = {name: getattr(like.body, name) for name in CameraBody.model_fields}
     guessed: set[str] = set()
     name = interview.answer("name of the camera", like.name, lambda text: _Title(name=text).name).value
-    for measure in MEASURES:
-        question = f"{measure.letter}: {measure.description}{', mm' if not measure.description.endswith(', g') else ''}"
+    for measurement in MEASUREMENTS:
+        unit = "" if measurement.description.endswith(", g") else ", mm"
+        question = f"{measurement.letter}: {measurement.description}{unit}"
         guesses = like.body.guessed
-        answer = interview.answer(question, body[measure.field], _number_of(CameraBody, measure.field))
-        body[measure.field] = answer.value
-        if answer.guessed or (answer.value == getattr(like.body, measure.field) and measure.field in guesses):
-            guessed.add(measure.field)
+        answer = interview.answer(question, body[measurement.field], _number_of(CameraBody, measurement.field))
+        body[measurement.field] = answer.value
+        if answer.guessed or (answer.value == getattr(like.body, measurement.field) and measurement.field in guesses):
+            guessed.add(measurement.field)
     mounting_guesses = {name for name in like.body.guessed if name.partition(".")[0] == "held_by"}
     body |= {
         "name": name,
@@ -136,12 +137,12 @@ def _ask_mounting(held_by: Lips | BoardHoles, interview: Interview) -> dict[str,
         "distance of the board's holes along the picture's height, mm", y_distance, _positive
     ).value
     table["holes_mm"] = tuple((x * x_distance / 2.0, y * y_distance / 2.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0))
-    for measure, text in (
+    for key, text in (
         ("hole_mm", "diameter of the holes, mm"),
         ("post_mm", "height of the parts on the board's back, mm"),
         ("screw_mm", "thread of the screws, mm"),
     ):
-        table[measure] = interview.answer(text, table[measure], _number_of(BoardHoles, measure)).value
+        table[key] = interview.answer(text, table[key], _number_of(BoardHoles, key)).value
     return table
 
 

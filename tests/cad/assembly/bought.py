@@ -1,15 +1,15 @@
-"""A bought item for tests of the assembly."""
+"""A purchased item for tests of the assembly."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mirrorcam.cad.plan.part_plan import BoughtItem, BoughtKind
+from mirrorcam.cad.plan.part_plan import BoughtKind, PurchasedItem
 from mirrorcam.core.values import FloatArray
 
 
-def item(kind: BoughtKind, size: str, length_mm: float, place: FloatArray | None = None) -> BoughtItem:
-    return BoughtItem(
+def item(kind: BoughtKind, size: str, length_mm: float, place: FloatArray | None = None) -> PurchasedItem:
+    return PurchasedItem(
         kind=kind,
         size=size,
         length_mm=length_mm,

@@ -13,7 +13,7 @@ import pytest
 from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, connected_to_camera, parts_when_joined, tools_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.hardware import Cutting
-from mirrorcam.cad.plan.part_plan import BoughtItem, BoughtKind
+from mirrorcam.cad.plan.part_plan import BoughtKind, PurchasedItem
 from mirrorcam.optics.geometry.camera_library import read_body
 
 PIECES = ("mirror_holder_1", "mirror_holder_2", "mount", "camera_clip", "adapter_cap", "mirror_0-0", "camera")
@@ -69,8 +69,8 @@ def test_pieces_present_at_a_screw_are_those_connected_to_its_parts_by_then(
     assert parts_when_joined(joins, SPLIT) == there
 
 
-def item(kind: BoughtKind, size: str) -> BoughtItem:
-    return BoughtItem(kind, size, 8.0, np.eye(4), np.zeros(3), ("mount",))
+def item(kind: BoughtKind, size: str) -> PurchasedItem:
+    return PurchasedItem(kind, size, 8.0, np.eye(4), np.zeros(3), ("mount",))
 
 
 @pytest.mark.parametrize(
@@ -91,7 +91,7 @@ def test_every_screw_has_the_key_of_its_standard(device: Device, sizes: tuple[st
 
 
 def test_tools_follow_fasteners_and_material(device: Device) -> None:
-    def names(of: Device, *items: BoughtItem) -> set[str]:
+    def names(of: Device, *items: PurchasedItem) -> set[str]:
         return {tool.name for tool in tools_of(of, items)}
 
     assert names(device, item("insert", "M3")) - names(device) == {"soldering iron with a tip for M3 inserts"}

@@ -1,4 +1,4 @@
-"""The catalogue of parts and bought items: every screw has its thread, every part lies on the bed.
+"""The catalogue of parts and purchased items: every screw has its thread, every part lies on the bed.
 
 Named faces: the STEP files of the default device have them in the planned planes.
 
@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 from build123d import Location, Part, Plane, Rotation
 
-from mirrorcam.cad.assembly.catalogue import bought_items, named_faces, parts_of
+from mirrorcam.cad.assembly.catalogue import named_faces, parts_of, purchased_items
+from mirrorcam.cad.assembly.components import item_components, item_names, item_solid, tessellated
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
-from mirrorcam.cad.assembly.pieces import item_names, item_pieces, item_solid, tessellated
 from mirrorcam.cad.checks.clashes import FORMING
 from mirrorcam.cad.checks.device_checks import _expected_names
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
@@ -51,7 +51,7 @@ def each_device(request: pytest.FixtureRequest, default_layout: Layout) -> Devic
     return plan_device(default_layout, hardware)
 
 
-def axis_of(item: BoughtItem) -> tuple[np.ndarray, np.ndarray]:
+def axis_of(item: PurchasedItem) -> tuple[np.ndarray, np.ndarray]:
     return item.rig_from_item[:3, 3], item.rig_from_item[:3, 2]
 
 
@@ -64,7 +64,7 @@ def slide_screws(device: Device) -> int:
 def test_every_screw_of_the_frame_holds_in_its_own_thread(each_device: Device) -> None:
     """A screw engages an insert by the required length or a complete nut, and ends soon after it."""
     screw = each_device.hardware.screw
-    items = bought_items(each_device)
+    items = purchased_items(each_device)
     threads = [item for item in items if item.kind in ("insert", "nut")]
     screws = [item for item in items if item.kind == "screw" and item.size in ("M3", "M3 countersunk")]
     sprung = [item for item in screws if item.joins == ("camera_clip",)]
@@ -93,7 +93,7 @@ def test_every_screw_of_the_frame_holds_in_its_own_thread(each_device: Device) -
 
 
 def test_bought_items_are_counted_by_kind(each_device: Device) -> None:
-    items = bought_items(each_device)
+    items = purchased_items(each_device)
     kind = each_device.hardware.screw.kind
     lips = each_device.hardware.camera.held_by.kind == "lips"
     sizes = [(item.kind, item.size) for item in items]
@@ -104,7 +104,7 @@ def test_bought_items_are_counted_by_kind(each_device: Device) -> None:
 
 def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(each_device: Device) -> None:
     """Thread-forming screws have their own names, by which the clash check allows them in plastic."""
-    names = item_names(bought_items(each_device))
+    names = item_names(purchased_items(each_device))
     mirrors = {f"mirror_{name}" for name in each_device.layout.mirror_names}
     assert {*names, *mirrors, "camera"} == _expected_names(each_device, ())
     forming = [name for name in names if name.startswith(FORMING)]
@@ -113,7 +113,7 @@ def test_fasteners_are_called_in_the_assembly_what_its_checks_expect(each_device
 
 def test_sprung_screws_end_at_the_camera_and_can_be_turned_in_further(each_device: Device) -> None:
     tips = [screw.tip for screw in each_device.clip.nest.screws] if each_device.clip.nest else []
-    screws = [item for item in bought_items(each_device) if item.kind == "screw" and item.joins == ("camera_clip",)]
+    screws = [item for item in purchased_items(each_device) if item.kind == "screw" and item.joins == ("camera_clip",)]
     if not tips:
         assert all(item.size.endswith(" thread-forming") for item in screws)
         return
@@ -128,7 +128,7 @@ def test_sprung_screws_end_at_the_camera_and_can_be_turned_in_further(each_devic
 def test_nuts_lie_in_their_pockets(each_device: Device) -> None:
     """No nut overlaps plastic, but each would if it were rotated by 30 deg: its pocket keeps it from turning."""
     made = {part.name: part.make(part.plan) for part in parts_of(each_device) if part.name in POCKETS}
-    nuts = [item for item in bought_items(each_device) if item.kind == "nut" and item.joins[-1] in made]
+    nuts = [item for item in purchased_items(each_device) if item.kind == "nut" and item.joins[-1] in made]
     lips = each_device.hardware.camera.held_by.kind == "lips"
     m3 = 4 + slide_screws(each_device) + sum(len(joint.heads) for joint in each_device.back.joints) + lips * 2
     assert len(nuts) == m3 * (each_device.hardware.screw.kind == "nut") + len(each_device.back.items)
@@ -203,10 +203,10 @@ HOMES = ("mirror_holder", "mount", "camera_clip", "adapter_saddle", "adapter_des
 )
 def test_inserts_and_nuts_get_to_their_seats(hardware: Hardware, small_layout: Layout) -> None:
     device = plan_device(small_layout, hardware)
-    items = bought_items(device)
+    items = purchased_items(device)
     assert all(bool(len(item.exit_moves_mm)) == (item.kind in ("insert", "nut")) for item in items)
     solids = {part.name: solid_of(tessellated(part.make(part.plan))) for part in parts_of(device) if part.name in HOMES}
-    solids |= {piece.name: solid_of(piece.mesh) for piece in item_pieces(items)}
+    solids |= {piece.name: solid_of(piece.mesh) for piece in item_components(items)}
     assert not [name for name, check in check_insertion(items, solids).items() if check.passed is False]
     threads = [item for item in items if item.kind in ("insert", "nut")]
     assert check_tool_reach(threads, solids)["device.tool_clash_mm3"].value == 0.0
@@ -218,7 +218,7 @@ def test_inserts_and_nuts_get_to_their_seats(hardware: Hardware, small_layout: L
 
 @pytest.mark.slow
 def test_a_nut_of_the_foot_leaves_by_the_nearer_side(small_layout: Layout) -> None:
-    nuts = [item for item in bought_items(plan_device(small_layout, NUTS)) if item.joins == ("mount",)]
+    nuts = [item for item in purchased_items(plan_device(small_layout, NUTS)) if item.joins == ("mount",)]
     assert len(nuts) == 4
     for nut in nuts:
         assert nut.exit_moves_mm[0] @ nut.rig_from_item[:3, 2] < 0.0

@@ -1,4 +1,4 @@
-"""The stress in a back's neck, against beam theory.
+"""The stress in a back's section, against beam theory.
 
 The planned load of a back: an upper bound of the parts' mass, about the same centre.
 """
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.back import BACK_DOWN, FRONT_DOWN, SIDE_DOWN, UPRIGHT, Neck, carried_load
+from mirrorcam.cad.backs.back import BACK_DOWN, FRONT_DOWN, SIDE_DOWN, UPRIGHT, CriticalSection, carried_load
 from tests.cad.conftest import Built
 
 X, Z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -22,20 +22,20 @@ def test_parts_are_rotated_onto_the_bed_not_mirrored(turn: np.ndarray) -> None:
 
 
 def test_a_force_through_the_centre_pulls_and_one_above_it_bends() -> None:
-    neck = Neck("post", np.zeros(3), Z, X, (20.0, 10.0))
-    assert neck.stress_mpa(100.0, np.zeros(3)) == pytest.approx(100.0 / 200.0)
-    above = neck.stress_mpa(100.0, np.array([0.0, 0.0, 50.0]))
+    section = CriticalSection("post", np.zeros(3), Z, X, (20.0, 10.0))
+    assert section.stress_mpa(100.0, np.zeros(3)) == pytest.approx(100.0 / 200.0)
+    above = section.stress_mpa(100.0, np.array([0.0, 0.0, 50.0]))
     # M / W about each side, W = b h^2 / 6; the force above the centre causes no torsion.
     bending = 100.0 * 50.0 * 6.0 * (1.0 / (20.0 * 10.0**2) + 1.0 / (10.0 * 20.0**2))
     assert above == pytest.approx(0.5 + bending)
-    aside = neck.stress_mpa(100.0, np.array([0.0, 50.0, 0.0]))
+    aside = section.stress_mpa(100.0, np.array([0.0, 50.0, 0.0]))
     assert aside == pytest.approx(0.5 + 5000.0 * 6.0 / (20.0 * 10.0**2) + 5000.0 * 5.0 / (20.0 * 10.0**2))
 
 
 def test_a_neck_that_only_bends_has_its_own_arm() -> None:
-    neck = Neck("plate", np.zeros(3), Z, X, (60.0, 6.0), arm_mm=30.0)
+    section = CriticalSection("plate", np.zeros(3), Z, X, (60.0, 6.0), arm_mm=30.0)
     for at in (np.zeros(3), np.array([500.0, 0.0, 0.0])):
-        assert neck.stress_mpa(12.0, at) == pytest.approx(12.0 / 360.0 + 12.0 * 30.0 * 6.0 / (60.0 * 36.0))
+        assert section.stress_mpa(12.0, at) == pytest.approx(12.0 / 360.0 + 12.0 * 30.0 * 6.0 / (60.0 * 36.0))
 
 
 def test_the_load_is_that_of_the_parts_as_made(device: Device, built_default: Built) -> None:

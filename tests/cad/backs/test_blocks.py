@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from build123d import GeomType
 
-from mirrorcam.cad.assembly.pieces import item_solid
+from mirrorcam.cad.assembly.components import item_solid
 from mirrorcam.cad.backs.blocks import (
     CORNERS,
     HEAD_FIT_MM,

@@ -36,7 +36,7 @@ def test_a_bracket_extends_from_the_foot_to_below_its_centre(device: Device) -> 
     np.testing.assert_allclose([box.min.Z, box.max.Z], [foot_z - 60.0, foot_z], atol=1e-6)
     np.testing.assert_allclose([box.min.Y, box.max.Y], [bracket.back_centre[1], device.clip.slide_y_mm], atol=1e-6)
     assert bracket.front_mm - bracket.back_centre[1] == pytest.approx(8.0)
-    assert bracket.neck.stress_mpa(12.0, np.array([0.0, 0.0, 30.0])) < 5.0
+    assert bracket.critical_section.stress_mpa(12.0, np.array([0.0, 0.0, 30.0])) < 5.0
     assert plan_back(device.clip, device.mount, device.hardware).kind == "none"
 
 

@@ -12,8 +12,8 @@ import pytest
 import trimesh
 from build123d import GeomType
 
+from mirrorcam.cad.assembly.components import tessellated
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import tessellated
 from mirrorcam.cad.backs.kinova_gen2 import CAP_EAR_MM, JOINT_RING_MM, ROUND_TO_MM, SHELL_MM, plan_clamp
 from mirrorcam.cad.backs.plan_backs import MAKERS, make_ring, plan_back
 from mirrorcam.cad.checks.clashes import check_clashes

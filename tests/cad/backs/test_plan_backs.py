@@ -45,7 +45,7 @@ def test_every_kind_is_fastened_by_the_four_screws_of_the_foot(kind: str, screws
     back = plan_back(device.clip, device.mount, hardware)
     assert back.kind == kind
     np.testing.assert_allclose(back.foot_heads + np.array([0.0, 0.0, back.foot.grip_mm]), device.mount.foot, atol=1e-9)
-    assert back.necks
+    assert back.critical_sections
     names = [part.name for part in back.parts]
     assert len(set(names)) == len(names)
     assert all(

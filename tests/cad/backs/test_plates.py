@@ -30,8 +30,8 @@ from tests.cad.backs.planned_blocks import blocks_of
 def test_a_plate_holds_the_nut_and_the_heads(device: Device, table: DeskBack | TripodBack) -> None:
     plate = foot_plate(table, device.mount, device.hardware)
     foot_z = device.mount.foot_z_mm
-    assert plate.low_z_mm + plate.thick_mm == pytest.approx(foot_z)
-    assert plate.thick_mm >= tripod_depth_mm(table.nut)
+    assert plate.low_z_mm + plate.thickness_mm == pytest.approx(foot_z)
+    assert plate.thickness_mm >= tripod_depth_mm(table.nut)
     # Heads do not protrude below.
     assert plate.heads[:, 2] == pytest.approx(foot_z - table.grip_mm)
     assert plate.heads[0, 2] > plate.low_z_mm
@@ -60,7 +60,7 @@ def test_the_plate_has_the_given_outline(device: Device) -> None:
     outline = np.array([(-60.0, -60.0), (60.0, -60.0), (0.0, 70.0)])
     back = back_of_plate(table, "plate", "Plate", plate, outline, device.hardware)
     np.testing.assert_allclose(blocks_of(back.parts[0]).corners[:3, :2], outline)
-    assert back.necks == ()
+    assert back.critical_sections == ()
     assert [item.size for item in back.items] == ["1/4-20 UNC"]
 
 

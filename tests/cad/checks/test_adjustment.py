@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from manifold3d import Manifold
 
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.checks.adjustment import check_adjustment, poses
 from mirrorcam.cad.checks.clashes import check_clashes
 from mirrorcam.cad.checks.exported_mesh import solid_of
@@ -96,7 +96,7 @@ def test_a_larger_tilt_fails_and_a_weak_spring_does() -> None:
     far.hardware = far.hardware.replaced(holder=far.hardware.holder.replaced(adjust_deg=3.0))
     assert not check_adjustment(far, solids(), {})["mirrors.adjust_clash_mm3"].passed
     weak = device()
-    weak.holder = replace(planned(), adjuster=replace(planned().adjuster, least_n=0.1))
+    weak.holder = replace(planned(), adjuster=replace(planned().adjuster, min_force_n=0.1))
     failed = {name for name, each in check_adjustment(weak, solids(), {}).items() if not each.passed}
     assert failed == {"mirrors.spring_least_n"}
 
@@ -117,7 +117,7 @@ def test_poses_tilt_by_the_angle_about_axes_in_the_back() -> None:
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 def test_a_small_device_on_screws_passes_the_checks_of_its_parts_together(kind: str, tmp_path: Path) -> None:
     made = make(pair(), with_screws(kind), tmp_path)
-    items = bought_items(made.device)
+    items = purchased_items(made.device)
     parts = {piece.name: solid_of(piece.mesh) for piece in made.pieces}
     assert {part.name for part in made.parts if part.name.startswith("carrier")} == {"carrier_0-0", "carrier_0-1"}
     assert [part.number for part in made.parts if part.name.startswith("carrier")] == ["MC-08", "MC-09"]

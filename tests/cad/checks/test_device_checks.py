@@ -13,8 +13,8 @@ import trimesh
 from trimesh.exchange.gltf import export_glb
 
 from mirrorcam.cad.assembly.catalogue import parts_of
+from mirrorcam.cad.assembly.components import mass_of
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import mass_of
 from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.checks.cut_outlines import fits
 from mirrorcam.cad.checks.device_checks import (

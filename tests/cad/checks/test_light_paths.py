@@ -17,7 +17,7 @@ import pytest
 from manifold3d import Manifold
 
 from mirrorcam.cad.assembly.build_steps import STEPS, Step
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.device_checks import ASSEMBLY, read_glb
 from mirrorcam.cad.checks.exported_mesh import solid_of
@@ -193,7 +193,7 @@ def solids(built_default: Built) -> Solids:
 
 
 def hidden(device: Device, solids: Solids, steps: tuple[Step, ...] = STEPS) -> dict[str, float]:
-    checks = check_step_views(device.layout, bought_items(device), solids, steps)
+    checks = check_step_views(device.layout, purchased_items(device), solids, steps)
     assert all(check.limit == 0.0 for check in checks.values())
     return {name: check.value for name, check in checks.items()}
 

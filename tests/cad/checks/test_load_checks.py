@@ -11,10 +11,10 @@ import manifold3d
 import numpy as np
 import pytest
 
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
+from mirrorcam.cad.assembly.components import camera_solid, item_names, tessellated
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import camera_solid, item_names, tessellated
-from mirrorcam.cad.backs.back import Neck, Stand
+from mirrorcam.cad.backs.back import CriticalSection, Stand
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.load_checks import check_back, check_nest, check_rest, tipping_angle_deg, tripod_turns
 from mirrorcam.cad.parts.clip import plan_clip
@@ -89,7 +89,7 @@ def test_turns_are_counted_from_the_parts_lower_face() -> None:
 
 
 def test_a_device_that_falls_is_held_by_too_little_or_breaks_does_not_pass(device: Device) -> None:
-    items = bought_items(device)
+    items = purchased_items(device)
     (name,) = [name for name, item in zip(item_names(items), items, strict=True) if item.size == "1/4-20 UNC"]
     (nut,), (part,) = device.back.items, device.back.parts
     x, y, z = nut.rig_from_item[:3, 3]
@@ -108,7 +108,11 @@ def test_a_device_that_falls_is_held_by_too_little_or_breaks_does_not_pass(devic
     }
     thin = replace(
         device.back,
-        necks=(Neck("thin", np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), (20.0, 1.5), 20.0),),
+        critical_sections=(
+            CriticalSection(
+                "thin", np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), (20.0, 1.5), 20.0
+            ),
+        ),
     )
     solids[part.name] = box((-30.0, -50.0, stand.z_mm - 1.0), (30.0, 30.0, z + 1.0))
     bad = check_back(thin, items, solids, whole(400.0, (0.0, 25.0, 80.0)))

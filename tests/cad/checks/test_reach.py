@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.cad.checks.reach import IRON_MM, check_insertion, check_tool_reach, swept, tool_clash_mm3
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import PurchasedItem
 from tests.cad.assembly.bought import item
 
 WALL = manifold3d.Manifold.cube((20.0, 20.0, 10.0), center=True)
@@ -55,13 +55,15 @@ def cube(low: tuple[float, float, float], high: tuple[float, float, float]) -> m
     return manifold3d.Manifold.cube(tuple(size)).translate(low)
 
 
-def placed(one: BoughtItem, joins: tuple[str, ...], origin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> BoughtItem:
+def placed(
+    one: PurchasedItem, joins: tuple[str, ...], origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> PurchasedItem:
     frame = np.eye(4)
     frame[:3, 3] = origin
     return replace(one, joins=joins, rig_from_item=frame)
 
 
-def failed(items: list[BoughtItem], solids: Solids) -> set[str]:
+def failed(items: list[PurchasedItem], solids: Solids) -> set[str]:
     return {name for name, check in check_tool_reach(items, solids).items() if check.passed is False}
 
 

@@ -1,4 +1,4 @@
-"""A small part with known edges, and a device with few pieces and its documents."""
+"""A small part with known edges, and a device with few components and its documents."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import trimesh
 from build123d import Box, BuildPart, Cylinder, Locations, Mode, Part
 
 from mirrorcam.cad.assembly.catalogue import parts_of
+from mirrorcam.cad.assembly.components import Component, components_of, mass_of
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
-from mirrorcam.cad.assembly.pieces import Piece, mass_of, pieces_of
 from mirrorcam.cad.guide.assembly_guide import write_guide
 from mirrorcam.cad.guide.device_page import write_page
 from mirrorcam.cad.guide.device_pictures import pictures_of
@@ -35,7 +35,7 @@ class Made:
     folder: Path
     device: Device
     parts: tuple[BuiltPart, ...]
-    pieces: tuple[Piece, ...]
+    components: tuple[Component, ...]
     pictures: tuple[DevicePicture, ...]
     plates: Mapping[str, Sequence[str]] = field(default_factory=dict)
 
@@ -68,8 +68,8 @@ def make(layout: Layout, hardware: Hardware, folder: Path) -> Made:
                 checks={},
             )
         )
-    pieces = pieces_of(device, parts)
-    return Made(folder, device, tuple(parts), pieces, pictures_of(device, parts, pieces))
+    components = components_of(device, parts)
+    return Made(folder, device, tuple(parts), components, pictures_of(device, parts, components))
 
 
 @pytest.fixture(scope="session")
@@ -77,7 +77,7 @@ def made(make_parabola: Callable[..., Layout], tmp_path_factory: pytest.TempPath
     """A small device with its model, parts list, guide and page."""
     layout = make_parabola(2, 2, scale_mm=40.0, gap_mm=2.0)
     device = make(layout, HARDWARE, tmp_path_factory.mktemp("documents"))
-    write_glb(device.folder / "assembly.glb", device.pieces)
+    write_glb(device.folder / "assembly.glb", device.components)
     for sheet in plan_sheets(layout, HARDWARE.cutting):
         write_dxf(device.folder / "mirrors" / f"{sheet.stem}.dxf", sheet)
     write_bom(device.folder, bill_of(device.device, device.parts, ()))
@@ -86,7 +86,7 @@ def made(make_parabola: Callable[..., Layout], tmp_path_factory: pytest.TempPath
 
 
 def write_documents(made: Made, checks: dict[str, Metric] = CHECKS) -> None:
-    write_guide(made.folder, made.device, made.parts, made.pieces)
+    write_guide(made.folder, made.device, made.parts, made.components)
     write_page(made.folder, made.device, made.parts, made.plates, made.pictures, checks)
 
 

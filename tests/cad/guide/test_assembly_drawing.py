@@ -1,4 +1,4 @@
-"""The assembly drawing: a balloon for every line of the parts list, at a piece of that item, without overlaps."""
+"""The assembly drawing: a balloon for every line of the parts list, at a component of that item, without overlaps."""
 
 from __future__ import annotations
 
@@ -21,17 +21,23 @@ from tests.cad.guide.test_drawing import crossed, outside, overlaps
 
 @pytest.fixture(scope="module")
 def sheet(made: Made) -> DrawingSheet:
-    return draw_assembly(made.device.layout, made.pieces, "0123456789ab")
+    return draw_assembly(made.device.layout, made.components, "0123456789ab")
 
 
 def test_the_parts_list_counts_every_piece_once(made: Made) -> None:
-    listed = listed_items(made.pieces)
+    listed = listed_items(made.components)
     assert [item.number for item in listed] == list(range(1, len(listed) + 1))
-    assert Counter(piece.name for item in listed for piece in item.pieces) == Counter(p.name for p in made.pieces)
-    assert {len({piece.title for piece in item.pieces}) for item in listed if item.pieces[0].kind != "mirror"} == {1}
-    (mirrors,) = (item for item in listed if item.pieces[0].kind == "mirror")
-    assert len(mirrors.pieces) == len(made.device.layout.mirrors)
-    assert all(item.reference for item in listed if item.pieces[0].kind in ("part", "screw", "insert", "nut"))
+    assert Counter(component.name for item in listed for component in item.components) == Counter(
+        p.name for p in made.components
+    )
+    assert {
+        len({component.title for component in item.components})
+        for item in listed
+        if item.components[0].kind != "mirror"
+    } == {1}
+    (mirrors,) = (item for item in listed if item.components[0].kind == "mirror")
+    assert len(mirrors.components) == len(made.device.layout.mirrors)
+    assert all(item.reference for item in listed if item.components[0].kind in ("part", "screw", "insert", "nut"))
 
 
 @pytest.mark.slow
@@ -40,7 +46,7 @@ def test_every_line_of_the_list_has_a_balloon(made: Made, sheet: DrawingSheet) -
     circles = [
         line.mean(axis=0) for line, _ in sheet.drawn_lines if len(line) == 49 and np.isclose(line[0], line[-1]).all()
     ]
-    listed = listed_items(made.pieces)
+    listed = listed_items(made.components)
     assert len(circles) == len(listed)
     for item in listed:
         assert texts[item.description] == 1
@@ -63,7 +69,7 @@ def test_nothing_lies_over_anything(sheet: DrawingSheet) -> None:
 @pytest.mark.slow
 def test_the_files_are_the_same_each_time(made: Made, tmp_path: Path) -> None:
     first, second = (
-        write_assembly_drawing(tmp_path / name, made.device.layout, made.pieces, "0123456789ab") for name in "ab"
+        write_assembly_drawing(tmp_path / name, made.device.layout, made.components, "0123456789ab") for name in "ab"
     )
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()

@@ -17,9 +17,9 @@ from markdown_it import MarkdownIt
 from shapely import Polygon
 
 from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
+from mirrorcam.cad.assembly.components import item_components
 from mirrorcam.cad.assembly.device_plan import plan_device
-from mirrorcam.cad.assembly.pieces import item_pieces
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.checks.cut_outlines import check_cuts
 from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of
@@ -31,7 +31,7 @@ from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE, Cutting, Hardware
-from mirrorcam.cad.plan.part_plan import BoughtItem
+from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism, outline_at
 from mirrorcam.cad.write.bill_of_materials import as_markdown, bill_of
@@ -52,7 +52,9 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
         assert f"(pictures/{name}.png)" in text
     hardware = Hardware.model_validate({"camera": "board_38", "screw": {"kind": "nut"}})
     device = plan_device(made.device.layout, hardware)
-    write_guide(tmp_path, device, made.parts, (*made.pieces[: len(made.parts)], *item_pieces(bought_items(device))))
+    write_guide(
+        tmp_path, device, made.parts, (*made.components[: len(made.parts)], *item_components(purchased_items(device)))
+    )
     other = (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert "heat-set" not in other
     assert "not compared with the layout's camera, which sees 70.4 x 43.3 deg" in other
@@ -92,7 +94,7 @@ def test_solid_and_sliced_masses_are_labelled(made: Made, tmp_path: Path) -> Non
     bare = [part.replaced(checks={}) for part in made.parts]
     sliced = [part.replaced(checks={"print_g": Metric(value=1.25, unit="g")}) for part in made.parts]
     for parts, head, mass in ((sliced, "mass sliced", "1"), (bare, "mass solid", f"{bare[0].mass.mass_g:.0f}")):
-        write_guide(tmp_path, made.device, parts, made.pieces)
+        write_guide(tmp_path, made.device, parts, made.components)
         text = (tmp_path / "guide.md").read_text(encoding="utf-8")
         assert f"| number | part | file | {head} |" in text
         assert f"(parts/{parts[0].name}.3mf) | {mass} g |" in text
@@ -107,7 +109,7 @@ def test_hostile_names_are_text_in_the_guide(made: Made, tmp_path: Path) -> None
         back=Gen2Back(name=name),
     )
     clamped = replace(made.device, hardware=hardware, back=plan_back(made.device.clip, made.device.mount, hardware))
-    write_guide(tmp_path, clamped, made.parts, made.pieces)
+    write_guide(tmp_path, clamped, made.parts, made.components)
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     page = MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
     assert "onerror" not in re.sub(r"&lt;img src=x onerror=alert\(1\)&gt;", "", page)
@@ -135,7 +137,7 @@ def test_guide_notes_and_drawing_lay_the_same_face_up(
     layout = made.device.layout.replaced(mirrors=mirrors)
     (sheet,) = plan_sheets(layout, HARDWARE.cutting)
     write_dxf(tmp_path / "mirrors" / "mirrors.dxf", sheet)
-    write_guide(tmp_path, replace(made.device, layout=layout), made.parts, made.pieces)
+    write_guide(tmp_path, replace(made.device, layout=layout), made.parts, made.components)
     step = (tmp_path / "guide.md").read_text(encoding="utf-8").partition("## Step 3")[2].partition("## Step 4")[0]
     texts = readfile(tmp_path / "mirrors" / "mirrors.dxf").modelspace().query('TEXT[layer=="NOTES"]')
     (note,) = [text.dxf.text for text in texts if text.dxf.text.startswith("Lay the sheet down")]
@@ -168,8 +170,8 @@ def test_the_camera_in_the_guide_is_a_file_that_can_be_read_back(name: str, tmp_
 
 
 def test_a_split_part_is_pinned_in_the_guide(made: Made, tmp_path: Path) -> None:
-    pin = BoughtItem("pin", "3", 16.0, np.eye(4), np.zeros(3), ("mirror_holder_1", "mirror_holder_2"))
-    write_guide(tmp_path, made.device, made.parts, (*made.pieces, *item_pieces([pin, pin])))
+    pin = PurchasedItem("pin", "3", 16.0, np.eye(4), np.zeros(3), ("mirror_holder_1", "mirror_holder_2"))
+    write_guide(tmp_path, made.device, made.parts, (*made.components, *item_components([pin, pin])))
     assert f"Press the pins (2 {TIMES} 3 x 16 pins)" in (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert "Press the pins" not in (made.folder / "guide.md").read_text(encoding="utf-8")
 
@@ -179,7 +181,9 @@ def test_the_guide_names_mirrors_of_a_pattern_by_their_numbers(made: Made, tmp_p
     views = len(layout.mirrors)
     pattern = Pattern(name="zigzag", positions=np.column_stack([np.arange(views), np.arange(views) % 2]))
     device = plan_device(layout.replaced(rows=1, cols=views, pattern=pattern), made.device.hardware)
-    write_guide(tmp_path, device, made.parts, (*made.pieces[: len(made.parts)], *item_pieces(bought_items(device))))
+    write_guide(
+        tmp_path, device, made.parts, (*made.components[: len(made.parts)], *item_components(purchased_items(device)))
+    )
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert f"{views} mirrors (zigzag) above" in text
     assert "row" not in text.partition("## Step 5")[2].partition("## Step 6")[0].replace("arrow", "")
@@ -190,7 +194,7 @@ def test_glass_is_never_cut_by_a_laser_or_called_acrylic(made: Made, tmp_path: P
     device = replace(made.device, hardware=made.device.hardware.replaced(cutting=Cutting(material="glass")))
     (sheet,) = plan_sheets(device.layout, device.hardware.cutting)
     write_dxf(tmp_path / "mirrors" / "mirrors.dxf", sheet)
-    write_guide(tmp_path, device, made.parts, made.pieces)
+    write_guide(tmp_path, device, made.parts, made.components)
     guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
     notes = "\n".join(
         text.dxf.text for text in readfile(tmp_path / "mirrors" / "mirrors.dxf").modelspace().query("TEXT")
@@ -214,7 +218,7 @@ def test_the_step_of_the_back_is_that_of_its_kind(made: Made, tmp_path: Path) ->
     assert not re.search("kinova|wrist", (made.folder / "index.html").read_text(encoding="utf-8"), re.IGNORECASE)
     hardware = made.device.hardware.replaced(back=Gen2Back())
     clamped = replace(made.device, hardware=hardware, back=plan_back(made.device.clip, made.device.mount, hardware))
-    write_guide(tmp_path, clamped, made.parts, made.pieces)
+    write_guide(tmp_path, clamped, made.parts, made.components)
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert "clamp the device to the arm" in text
     assert "screw on the desk foot" not in text
@@ -247,7 +251,7 @@ def test_the_focus_is_set_at_the_distance_of_the_design_before_the_first_picture
     best = made.device.layout.replaced(metrics={"best_focus_mm": Metric(value=436.05, unit="mm")})
     assert focus_of(best) == 436.05
     assert focus_of(made.device.layout.replaced(metrics={})) == made.device.layout.camera.focus_mm
-    write_guide(tmp_path, replace(made.device, layout=best), made.parts, made.pieces)
+    write_guide(tmp_path, replace(made.device, layout=best), made.parts, made.components)
     step = (tmp_path / "guide.md").read_text(encoding="utf-8").partition("## Step 7")[2].partition("## Step 8")[0]
     set_at, board, pictures = (
         step.index(words) for words in ("**Set the focus now**, at 436 mm", "Print it at 100 %", "Take the pictures")
@@ -258,7 +262,7 @@ def test_the_focus_is_set_at_the_distance_of_the_design_before_the_first_picture
 def test_the_guide_says_which_screw_goes_where(made: Made) -> None:
     """Of the bought screws in the clip, the one behind the back is along the lens axis, the other at the corner."""
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
-    screws = [item for item in bought_items(made.device) if item.kind == "screw" and item.joins == ("camera_clip",)]
+    screws = [item for item in purchased_items(made.device) if item.kind == "screw" and item.joins == ("camera_clip",)]
     upright = {abs(item.rig_from_item[2, 2]) > 0.99: f"M3 x {item.length_mm:g} screw" for item in screws}
     assert len(upright) == 2
     assert upright[True] != upright[False]
@@ -268,7 +272,7 @@ def test_the_guide_says_which_screw_goes_where(made: Made) -> None:
 def test_the_guide_and_the_parts_list_have_the_same_tools(made: Made) -> None:
     guide, bill = ((made.folder / name).read_text(encoding="utf-8") for name in ("guide.md", "bom.md"))
     opening = guide.partition("## Step 1")[0]
-    for tool in tools_of(made.device, bought_items(made.device)):
+    for tool in tools_of(made.device, purchased_items(made.device)):
         assert tool.name in opening
         assert f"| - | Tool: {tool.name} |  | {tool.purpose} | - |" in bill
     for other in also_needed(made.device):
@@ -290,7 +294,7 @@ def test_every_measure_of_the_cameras_file_is_in_the_guide(made: Made) -> None:
 def test_the_picture_is_checked_once_the_device_stands(made: Made, tmp_path: Path) -> None:
     """Nothing supports the device before the step of its back, after which come the live picture and the cover."""
     cover = made.parts[-1].replaced(name="dust_cover", number="MC-07")
-    write_guide(tmp_path, made.device, (*made.parts, cover), made.pieces)
+    write_guide(tmp_path, made.device, (*made.parts, cover), made.components)
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     places = [text.index(words) for words in ("Screw the desk foot", "(pictures/live_view.png)", "Put the dust cover")]
     assert places == sorted(places)

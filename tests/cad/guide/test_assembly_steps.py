@@ -1,4 +1,4 @@
-"""Assembly steps: every bought piece once, with the piece of the part that it is in."""
+"""Assembly steps: every bought component once, with the segment of the part that it is in."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import replace
 import numpy as np
 import trimesh
 
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.guide.assembly_steps import Stages, home_of
 from mirrorcam.cad.guide.device_pictures import pictures_of
 from tests.cad.guide.conftest import Made
 
 
 def test_the_guide_takes_every_bought_piece_once(made: Made) -> None:
-    stages = Stages(made.pieces)
+    stages = Stages(made.components)
     taken = [
         *stages.threads,
         *stages.pins,
@@ -25,15 +25,15 @@ def test_the_guide_takes_every_bought_piece_once(made: Made) -> None:
         *stages.adapter_screws,
         *stages.back_nuts,
     ]
-    assert Counter(piece.name for piece in taken) == Counter(
-        piece.name for piece in stages.of_kind("screw", "washer", "insert", "nut", "pin")
+    assert Counter(component.name for component in taken) == Counter(
+        component.name for component in stages.of_kind("screw", "washer", "insert", "nut", "pin")
     )
-    assert len(taken) == len(bought_items(made.device))
+    assert len(taken) == len(purchased_items(made.device))
 
 
 def test_fasteners_find_their_piece_of_a_part_that_is_split(made: Made) -> None:
-    holder = next(piece for piece in made.pieces if piece.name == "mirror_holder")
-    rest = [piece for piece in made.pieces if piece.name != "mirror_holder"]
+    holder = next(component for component in made.components if component.name == "mirror_holder")
+    rest = [component for component in made.components if component.name != "mirror_holder"]
     low, high = np.asarray(holder.mesh.bounds)
     halves = []
     for number, side in ((1, -1.0), (2, 1.0)):
@@ -41,13 +41,13 @@ def test_fasteners_find_their_piece_of_a_part_that_is_split(made: Made) -> None:
         ends[0 if side > 0.0 else 1, 0] = 0.0
         half = replace(holder, name=f"mirror_holder_{number}", mesh=trimesh.creation.box(bounds=ends))
         halves.append(replace(half, explode_mm=holder.explode_mm + np.array([40.0 * side, 0.0, 0.0])))
-    pieces = (*halves, *rest)
-    stages = Stages(pieces)
+    components = (*halves, *rest)
+    stages = Stages(components)
     assert len(stages.threads_in(halves)) == 4
-    assert Counter(piece.kind for piece in stages.holder_screws) == {"screw": 4, "washer": 4}
+    assert Counter(component.kind for component in stages.holder_screws) == {"screw": 4, "washer": 4}
     for thread in stages.threads_in(halves):
         home = home_of(thread, "mirror_holder", halves)
         assert home is not None
         assert np.sign(home.explode_mm[0]) == np.sign(thread.mesh.bounds.mean(axis=0)[0])
-    drawn = {picture.name: picture for picture in pictures_of(made.device, made.parts, pieces)}
+    drawn = {picture.name: picture for picture in pictures_of(made.device, made.parts, components)}
     assert len(drawn["inserts"].items) > len(stages.threads)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.guide.camera_measures import MEASURES, draw_camera
+from mirrorcam.cad.guide.camera_measures import MEASUREMENTS, draw_camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
 from tests.cad.guide.test_drawing import outside, overlaps
@@ -18,17 +18,17 @@ def test_every_camera_of_the_library_has_its_drawing(name: str) -> None:
     assert overlaps(sheet) == []
     assert outside(sheet) == []
     texts = [box.text for box in sheet.text_boxes]
-    for measure in MEASURES:
-        assert measure.letter in texts
-        assert f"{getattr(body, measure.field):g}{' ?' if measure.field in body.guessed else ''}" in texts
+    for measurement in MEASUREMENTS:
+        assert measurement.letter in texts
+        assert f"{getattr(body, measurement.field):g}{' ?' if measurement.field in body.guessed else ''}" in texts
     for letter, value in (("A", body.width_mm), ("B", body.height_mm), ("C", body.depth_mm)):
         assert f"{letter} {value:g}" in texts
 
 
 def test_letters_and_fields_are_named_once() -> None:
-    assert len({measure.letter for measure in MEASURES}) == len(MEASURES)
-    assert len({measure.field for measure in MEASURES}) == len(MEASURES)
-    assert {measure.field for measure in MEASURES} <= set(CameraBody.model_fields)
+    assert len({measurement.letter for measurement in MEASUREMENTS}) == len(MEASUREMENTS)
+    assert len({measurement.field for measurement in MEASUREMENTS}) == len(MEASUREMENTS)
+    assert {measurement.field for measurement in MEASUREMENTS} <= set(CameraBody.model_fields)
 
 
 def test_views_are_to_scale() -> None:

@@ -107,7 +107,7 @@ def test_the_page_carries_the_model_and_its_rays(made: Made) -> None:
     glb = base64.b64decode(scripts["glb"])
     assert glb == (made.folder / "assembly.glb").read_bytes()
     extras = [node["extras"] for node in json.loads(model_json(glb))["nodes"] if "kind" in node.get("extras", {})]
-    assert len(extras) == len(made.pieces)
+    assert len(extras) == len(made.components)
     assert {"kind", "number", "title", "explode_mm"} <= set(extras[0])
     # Each ray is reflected by its mirror.
     rays = np.array(json.loads(scripts["data"])["rays_mm"])
@@ -123,7 +123,7 @@ def test_every_plate_names_its_parts_and_what_comes_before_it(made: Made, tmp_pa
     plates = {"plates/plate_1.3mf": ("mirror_holder", "mount"), "plates/plate_2.3mf": ("camera_clip",)}
     for path in plates:
         write_bytes(plated / path, b"")
-    write_documents(Made(plated, made.device, made.parts, made.pieces, made.pictures, plates))
+    write_documents(Made(plated, made.device, made.parts, made.components, made.pictures, plates))
     page = (plated / "index.html").read_text(encoding="utf-8")
     for listed in ("MC-01 Mirror holder, MC-02 Mount", "MC-03 Camera clip"):
         coupon = "MC-06 Fit coupon comes first, alone, from its own file"
@@ -133,7 +133,7 @@ def test_every_plate_names_its_parts_and_what_comes_before_it(made: Made, tmp_pa
 def test_the_model_says_which_printed_parts_it_lacks(made: Made) -> None:
     scripts = Links((made.folder / "index.html").read_text(encoding="utf-8")).scripts
     lacking = json.loads(scripts["data"])["not_shown"]
-    absent = {part.name for part in made.parts} - {piece.name for piece in made.pieces}
+    absent = {part.name for part in made.parts} - {component.name for component in made.components}
     titles = [f"{part.number} {part.title}" for part in made.parts if part.name in absent]
     assert titles and all(title in lacking for title in titles)
 
@@ -155,7 +155,7 @@ def test_a_failed_check_is_reported_at_the_top_and_in_its_row(made: Made, tmp_pa
     broken = tmp_path / "broken"
     shutil.copytree(made.folder, broken)
     thin = CHECKS | {"mirror_holder.wall_mm": Metric(value=0.4, unit="mm", limit=1.2, lower_is_better=False)}
-    write_documents(Made(broken, made.device, made.parts, made.pieces, made.pictures), thin)
+    write_documents(Made(broken, made.device, made.parts, made.components, made.pictures), thin)
     page = (broken / "index.html").read_text(encoding="utf-8")
     assert "1 of 3 checks failed" in page
     row = next(line for line in page.splitlines() if ">0.4 mm<" in line)
@@ -169,15 +169,15 @@ def test_what_the_page_quotes_is_escaped(made: Made, tmp_path: Path) -> None:
     shutil.copytree(made.folder, odd)
     camera = made.device.hardware.camera.replaced(name="<script>alert(1)</script>")
     device = plan_device(made.device.layout, made.device.hardware.replaced(camera=camera))
-    write_documents(Made(odd, device, made.parts, made.pieces, made.pictures))
+    write_documents(Made(odd, device, made.parts, made.components, made.pictures))
     assert "<script>alert(1)" not in (odd / "index.html").read_text(encoding="utf-8")
 
 
 @pytest.mark.skipif(shutil.which("chromium") is None, reason="chromium is not installed")
 def test_a_browser_without_a_network_shows_the_model(made: Made, tmp_path: Path) -> None:
     document = browse(made.folder / "index.html", tmp_path, "--use-gl=angle", "--use-angle=swiftshader")
-    assert f'data-ready="{len(made.pieces)}"' in document
-    assert document.count('type="checkbox"') > len(made.pieces)
+    assert f'data-ready="{len(made.components)}"' in document
+    assert document.count('type="checkbox"') > len(made.components)
     without = browse(made.folder / "index.html", tmp_path, "--disable-3d-apis")
     assert 'class="flat"' in without
     assert "shows no 3-D graphics" in without

@@ -45,7 +45,7 @@ def test_the_exploded_view_shows_every_part_and_mirror(made: Made) -> None:
     points = np.concatenate([item.body.triangles.reshape(-1, 3) for item in picture.items])
     shot = render([item.body for item in picture.items], Screen.around(points, picture.axes, (700, 525), (20, 20)))
     seen = set(np.unique(shot.bodies).tolist())
-    shown = [index for index, piece in enumerate(made.pieces) if piece.kind in ("part", "mirror", "camera")]
+    shown = [index for index, component in enumerate(made.components) if component.kind in ("part", "mirror", "camera")]
     assert set(shown) <= seen
 
 
@@ -61,7 +61,7 @@ def test_every_insert_is_seen_in_a_view_and_counted_at_its_part(made: Made) -> N
         hidden = hidden & unseen if number else unseen
         counted = sum(int(item.label.rpartition(": ")[2]) for item in view.items if item.label)
     assert hidden == set()
-    assert counted == sum(piece.kind == "insert" for piece in made.pieces)
+    assert counted == sum(component.kind == "insert" for component in made.components)
 
 
 def test_every_mirror_and_seat_is_named_where_it_is(made: Made) -> None:

@@ -14,8 +14,8 @@ BOX = np.array([[60.0, 60.0], [140.0, 140.0]])
 def drawn(*spans: tuple[float, float, str]) -> DrawingSheet:
     """Upright dimensions left of a square view, with ends in mm from its lower edge."""
     sheet = DrawingSheet(200.0, 200.0)
-    linears = [LinearDimension(60.0 + np.array([a, b]), np.full(2, 60.0), words) for a, b, words in spans]
-    draw_tiers(sheet, BOX, linears, 40.0, vertical=True)
+    dimensions = [LinearDimension(60.0 + np.array([a, b]), np.full(2, 60.0), words) for a, b, words in spans]
+    draw_tiers(sheet, BOX, dimensions, 40.0, vertical=True)
     return sheet
 
 
@@ -43,8 +43,10 @@ def test_text_without_room_keeps_clear_of_extension_lines() -> None:
 def test_no_text_is_beyond_the_room_however_many_lines_there_are() -> None:
     for vertical in (True, False):
         sheet = DrawingSheet(200.0, 200.0)
-        linears = [LinearDimension(60.0 + np.array([0.0, 10.0 + 9.0 * k]), np.full(2, 60.0), f"{k}") for k in range(8)]
-        draw_tiers(sheet, BOX, linears, 40.0, vertical=vertical)
+        dimensions = [
+            LinearDimension(60.0 + np.array([0.0, 10.0 + 9.0 * k]), np.full(2, 60.0), f"{k}") for k in range(8)
+        ]
+        draw_tiers(sheet, BOX, dimensions, 40.0, vertical=vertical)
         axis = 0 if vertical else 1
         assert min(float(box.corners[:, axis].min()) for box in sheet.text_boxes) > 60.0 - 40.0
         assert min(float(line[:, axis].min()) for line, _ in sheet.drawn_lines) > 60.0 - 40.0

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from shapely import LineString
 
 from mirrorcam.cad.guide.labels import Label, annotate, innermost_body_pixel, uncrossed_order
-from mirrorcam.cad.guide.shading import Screen, Shot
+from mirrorcam.cad.guide.shading import Rendering, Screen
 
 
-def shot_of(bodies: NDArray[np.int32]) -> Shot:
+def rendering_of(bodies: NDArray[np.int32]) -> Rendering:
     height, width = bodies.shape
     screen = Screen(np.eye(3), np.zeros(2), 1.0, (width, height))
     white = np.full((height, width, 3), 255, dtype=np.uint8)
-    return Shot(white, bodies, np.zeros((height, width), dtype=np.float32), screen)
+    return Rendering(white, bodies, np.zeros((height, width), dtype=np.float32), screen)
 
 
 def test_leaders_of_random_places_never_cross() -> None:
@@ -35,34 +35,34 @@ def test_an_anchor_is_the_innermost_visible_pixel_of_a_body() -> None:
     bodies = np.full((40, 60), -1, dtype=np.int32)
     bodies[10:31, 20:41] = 3
     bodies[0:2, 0:2] = 5
-    point = innermost_body_pixel(shot_of(bodies), 3)
+    point = innermost_body_pixel(rendering_of(bodies), 3)
     assert point is not None
     np.testing.assert_allclose(point, [30.0, 20.0], atol=1.0)
-    assert innermost_body_pixel(shot_of(bodies), 4) is None
+    assert innermost_body_pixel(rendering_of(bodies), 4) is None
 
 
 def test_only_visible_bodies_have_labels() -> None:
     bodies = np.full((300, 400), -1, dtype=np.int32)
     bodies[120:180, 170:230] = 0
-    shot = shot_of(bodies)
-    assert (annotate(shot, [Label(1, "hidden")]) == shot.image).all()
-    assert (annotate(shot, [Label(0, "seen")]) != shot.image).any()
+    rendering = rendering_of(bodies)
+    assert (annotate(rendering, [Label(1, "hidden")]) == rendering.image).all()
+    assert (annotate(rendering, [Label(0, "seen")]) != rendering.image).any()
 
 
 def test_text_is_as_heavy_whatever_was_drawn_before() -> None:
     """OpenCV's font keeps the weight of the last text, also if an older function drew it."""
     bodies = np.zeros((120, 400), dtype=np.int32)
-    before = annotate(shot_of(bodies), [Label(0, "MC-01 Mirror holder")])
+    before = annotate(rendering_of(bodies), [Label(0, "MC-01 Mirror holder")])
     cv2.putText(np.zeros((90, 90), dtype=np.uint8), "x", (9, 60), cv2.FONT_HERSHEY_SIMPLEX, 2.0, 255, 6, cv2.LINE_AA)
     cv2.putText(np.zeros((90, 90), dtype=np.uint8), "x", (9, 60), 255, cv2.FontFace("sans"), 30, 900)
-    np.testing.assert_array_equal(annotate(shot_of(bodies), [Label(0, "MC-01 Mirror holder")]), before)
+    np.testing.assert_array_equal(annotate(rendering_of(bodies), [Label(0, "MC-01 Mirror holder")]), before)
 
 
 def test_a_name_over_a_dark_body_is_as_on_white() -> None:
     bodies = np.full((120, 500), -1, dtype=np.int32)
     bodies[50:70, 20:40] = 0
-    white = shot_of(bodies)
-    dark = Shot(np.full_like(white.image, 20), bodies, white.z_mm, white.screen)
+    white = rendering_of(bodies)
+    dark = Rendering(np.full_like(white.image, 20), bodies, white.z_mm, white.screen)
     labels = [Label(0, "Raspberry Pi Camera Module 2")]
     on_white, on_dark = annotate(white, labels), annotate(dark, labels)
     # The leader runs from the name to the dot in the middle of the body.

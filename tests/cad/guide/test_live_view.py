@@ -27,13 +27,13 @@ def test_every_pixel_shows_what_its_ray_meets(made: Made) -> None:
     """Rays against the meshes, with the camera's distortion, at random pixels away from edges and names."""
     layout = made.device.layout
     camera = layout.camera
-    image = live_view(layout, made.pieces)
+    image = live_view(layout, made.components)
     assert image.shape == (camera.height_px, camera.width_px, 3)
     random = np.random.default_rng(3)
     pixels = random.uniform((20.0, 20.0), (camera.width_px - 20.0, camera.height_px - 20.0), (1500, 2))
     around = np.stack([cv2.erode(image[..., 0], np.ones((9, 9))), cv2.dilate(image[..., 0], np.ones((9, 9)))], axis=-1)
     rays = camera.unproject(pixels)
-    parts = [solid_of(piece.mesh) for piece in made.pieces if piece.kind == "part"]
+    parts = [solid_of(component.mesh) for component in made.components if component.kind == "part"]
     outlines = [Polygon(mirror.usable_normalized) for mirror in layout.mirrors]
     seen = {"mirror": 0, "part": 0, "around": 0}
     for pixel, ray in zip(np.round(pixels).astype(int), rays, strict=True):
@@ -68,7 +68,7 @@ def test_the_overlay_is_clear_but_for_outlines_and_names(made: Made) -> None:
 
 def test_files_have_the_size_of_the_frame_and_the_same_bytes(made: Made, tmp_path: Path) -> None:
     for name in ("one", "other"):
-        write_live_view(tmp_path / name, made.device.layout, made.pieces)
+        write_live_view(tmp_path / name, made.device.layout, made.components)
     for stem in ("live_view", "live_overlay"):
         one, other = (tmp_path / name / "pictures" / f"{stem}.png" for name in ("one", "other"))
         assert one.read_bytes() == other.read_bytes()

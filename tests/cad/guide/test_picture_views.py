@@ -1,6 +1,7 @@
 """Views of a picture: one below the other, with labels of points only where these are visible.
 
-Pieces in pictures: displaced with a line to their seats, inserted along their exit paths, assembled onto fixed pieces.
+Components in pictures: displaced with a line to their seats, inserted along their exit paths, assembled onto fixed
+ones.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from mirrorcam.cad.assembly.pieces import Piece
+from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.guide.assembly_steps import Stages
 from mirrorcam.cad.guide.labels import CAPTION_ROOM_PX, pixel_of
 from mirrorcam.cad.guide.picture_views import (
@@ -65,11 +66,11 @@ def test_views_lie_one_below_the_other_with_their_captions(tmp_path: Path) -> No
 
 @pytest.fixture
 def stages(made: Made) -> Stages:
-    return Stages(made.pieces)
+    return Stages(made.components)
 
 
-def one(made: Made, kind: str) -> Piece:
-    return next(piece for piece in made.pieces if piece.kind == kind)
+def one(made: Made, kind: str) -> Component:
+    return next(component for component in made.components if component.kind == kind)
 
 
 def test_existing_pieces_may_be_pale_except_mirrors(made: Made) -> None:
@@ -106,7 +107,7 @@ def test_an_insert_is_at_the_beginning_of_its_way_behind_an_arrow(made: Made) ->
 def test_fasteners_are_displaced_from_existing_pieces(stages: Stages) -> None:
     items = assembled(stages.mount, [], stages.holder_screws, stages.mount)
     assert len(items) == len(stages.mount) + len(stages.holder_screws)
-    base = mean([piece.explode_mm for piece in stages.mount])
+    base = mean([component.explode_mm for component in stages.mount])
     for screw, item in zip(stages.holder_screws, items[len(stages.mount) :], strict=True):
         moves = item.body.triangles - triangles_of(screw)
         np.testing.assert_allclose(moves - STEP_RATIO * (screw.explode_mm - base), 0.0, atol=1e-9)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from shapely import LineString
 
 from mirrorcam.cad.guide.labels import Label, annotate, innermost_body_pixel, uncrossed_order
-from mirrorcam.cad.guide.shading import Screen, ShadedBody, Shot, edges_of, merged_lines, render, visible_lines
+from mirrorcam.cad.guide.shading import Rendering, Screen, ShadedBody, edges_of, merged_lines, render, visible_lines
 from mirrorcam.core.values import FloatArray
 
 FROM_ABOVE = np.eye(3)
@@ -33,32 +33,32 @@ def screen(size_px: tuple[int, int] = (200, 160)) -> Screen:
 
 
 def test_a_box_covers_its_pixels_at_its_height() -> None:
-    shot = render([box((-10, -5, 0), (10, 5, 7), RED)], screen())
-    assert (shot.bodies == 0).sum() == 20 * 4 * 10 * 4
-    np.testing.assert_allclose(shot.z_mm[shot.bodies == 0], 7.0)
-    assert shot.image[80, 100].argmax() == 0
-    assert (shot.image[:10] == 255).all()
+    rendering = render([box((-10, -5, 0), (10, 5, 7), RED)], screen())
+    assert (rendering.bodies == 0).sum() == 20 * 4 * 10 * 4
+    np.testing.assert_allclose(rendering.z_mm[rendering.bodies == 0], 7.0)
+    assert rendering.image[80, 100].argmax() == 0
+    assert (rendering.image[:10] == 255).all()
 
 
 def test_a_sphere_is_round_and_as_near_as_its_equation() -> None:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=15.0)
-    shot = render([ShadedBody(np.asarray(ball.triangles), RED)], screen())
-    seen = shot.bodies == 0
+    rendering = render([ShadedBody(np.asarray(ball.triangles), RED)], screen())
+    seen = rendering.bodies == 0
     assert seen.sum() == pytest.approx(np.pi * (15.0 * 4.0) ** 2, rel=0.01)
     rows, columns = np.nonzero(seen)
     # Every second fine pixel, with its middle a quarter of a pixel above and left of the coarse pixel's.
     x, y = (columns + 0.25 - 100.0) / 4.0, (80.0 - rows - 0.25) / 4.0
     inner = np.hypot(x, y) < 12.0
     expected = np.sqrt(15.0**2 - x[inner] ** 2 - y[inner] ** 2)
-    np.testing.assert_allclose(shot.z_mm[rows[inner], columns[inner]], expected, atol=0.1)
+    np.testing.assert_allclose(rendering.z_mm[rows[inner], columns[inner]], expected, atol=0.1)
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
 def test_nearer_bodies_hide_farther_ones_in_any_order(order: tuple[int, int]) -> None:
     bodies = [box((-10, -10, 0), (10, 10, 5), RED), box((-3, -3, 6), (3, 3, 8), BLUE)]
-    shot = render([bodies[i] for i in order], screen())
-    assert (shot.bodies == order.index(1)).sum() == (6 * 4) ** 2
-    assert shot.image[80, 100].argmax() == 2
+    rendering = render([bodies[i] for i in order], screen())
+    assert (rendering.bodies == order.index(1)).sum() == (6 * 4) ** 2
+    assert rendering.image[80, 100].argmax() == 2
 
 
 @settings(max_examples=25, deadline=None)
@@ -68,7 +68,7 @@ def test_random_triangles_agree_with_a_ray_by_ray_answer(seed: int) -> None:
     triangles = generator.uniform((-9, -9, -5), (9, 9, 5), (6, 3, 3))
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     triangles[normals[:, 2] < 0.0] = triangles[normals[:, 2] < 0.0][:, ::-1]
-    shot = render([ShadedBody(triangle[None], RED) for triangle in triangles], screen((80, 80)))
+    rendering = render([ShadedBody(triangle[None], RED) for triangle in triangles], screen((80, 80)))
     rows, columns = np.mgrid[0:80, 0:80]
     points = np.stack([(columns + 0.25 - 40.0) / 4.0, (40.0 - rows - 0.25) / 4.0], axis=-1)
     heights = np.full((6, 80, 80), -np.inf)
@@ -83,7 +83,7 @@ def test_random_triangles_agree_with_a_ray_by_ray_answer(seed: int) -> None:
     with np.errstate(invalid="ignore"):
         tie = ordered[-1] - ordered[-2] < 1e-3
     clear = ~rim & ~tie
-    np.testing.assert_array_equal(shot.bodies[clear], expected[clear])
+    np.testing.assert_array_equal(rendering.bodies[clear], expected[clear])
 
 
 def barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
@@ -131,15 +131,15 @@ def test_a_label_points_inside_the_visible_part_of_its_body() -> None:
         box((-15, -10, 6), (5, 10, 8), BLUE),
         box((0, 0, 1), (1, 1, 2), RED),
     ]
-    shot = render(bodies, screen((800, 400)))
-    point = innermost_body_pixel(shot, 0)
+    rendering = render(bodies, screen((800, 400)))
+    point = innermost_body_pixel(rendering, 0)
     assert point is not None
-    assert shot.bodies[int(point[1]), int(point[0])] == 0
+    assert rendering.bodies[int(point[1]), int(point[0])] == 0
     # Half hidden: the middle of the visible part, not of the complete body.
     assert point[0] > 400 + 5 * 4
-    assert innermost_body_pixel(shot, 2) is None
-    named = annotate(shot, [Label(0, "red"), Label(1, "blue"), Label(2, "hidden")])
-    changed = (named != shot.image).any(axis=-1)
+    assert innermost_body_pixel(rendering, 2) is None
+    named = annotate(rendering, [Label(0, "red"), Label(1, "blue"), Label(2, "hidden")])
+    changed = (named != rendering.image).any(axis=-1)
     assert changed[:, :100].any()
     assert changed[:, -100:].any()
 
@@ -147,36 +147,36 @@ def test_a_label_points_inside_the_visible_part_of_its_body() -> None:
 TOWARDS = np.array([0.0, 0.0, 1.0])
 
 
-def shot_of(*meshes: trimesh.Trimesh) -> Shot:
+def rendering_of(*meshes: trimesh.Trimesh) -> Rendering:
     triangles = [np.asarray(mesh.triangles) for mesh in meshes]
     points = np.concatenate([each.reshape(-1, 3) for each in triangles])
     screen = Screen.around(points, np.eye(3), (200, 200), (4, 4))
     return render([ShadedBody(each, (1.0, 1.0, 1.0)) for each in triangles], screen)
 
 
-def length_mm(mesh: trimesh.Trimesh, shot: Shot) -> float:
-    lines = visible_lines(edges_of(mesh, TOWARDS), shot)
-    return sum(float(np.linalg.norm(line[1] - line[0])) for line in lines) / shot.screen.px_per_mm
+def length_mm(mesh: trimesh.Trimesh, rendering: Rendering) -> float:
+    lines = visible_lines(edges_of(mesh, TOWARDS), rendering)
+    return sum(float(np.linalg.norm(line[1] - line[0])) for line in lines) / rendering.screen.px_per_mm
 
 
 def test_of_a_box_seen_squarely_its_upper_face_is_drawn() -> None:
     box = trimesh.creation.box((20.0, 10.0, 5.0))
-    assert length_mm(box, shot_of(box)) == pytest.approx(60.0, rel=0.03)
+    assert length_mm(box, rendering_of(box)) == pytest.approx(60.0, rel=0.03)
 
 
 def test_a_cylinder_on_its_side_is_its_outline_and_its_ends() -> None:
     cylinder = trimesh.creation.cylinder(5.0, 20.0, sections=64)
     cylinder.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2.0, (0.0, 1.0, 0.0)))
-    assert length_mm(cylinder, shot_of(cylinder)) == pytest.approx(60.0, rel=0.05)
+    assert length_mm(cylinder, rendering_of(cylinder)) == pytest.approx(60.0, rel=0.05)
 
 
 def test_hidden_edges_are_not_drawn() -> None:
     below = trimesh.creation.box((20.0, 10.0, 5.0))
     cover = trimesh.creation.box((10.0, 20.0, 5.0))
     cover.apply_translation((6.0, 0.0, 20.0))
-    shot = shot_of(below, cover)
-    assert length_mm(below, shot) == pytest.approx(10.0 + 2 * 11.0, rel=0.05)
-    assert length_mm(cover, shot) == pytest.approx(60.0, rel=0.03)
+    rendering = rendering_of(below, cover)
+    assert length_mm(below, rendering) == pytest.approx(10.0 + 2 * 11.0, rel=0.05)
+    assert length_mm(cover, rendering) == pytest.approx(60.0, rel=0.03)
 
 
 def test_lines_that_meet_are_one() -> None:

@@ -27,7 +27,7 @@ def test_at_both_ends_of_its_travel_a_screw_engages_and_its_spring_is_neither_lo
     assert screw.spring_mm == pytest.approx(screw.recess_mm + screw.gap_mm)
     spring = hardware.holder.spring
     assert screw.spring_mm - screw.travel_mm > spring.solid_mm
-    assert screw.least_n == pytest.approx(spring.n_per_mm * (spring.free_mm - screw.spring_mm - screw.travel_mm))
+    assert screw.min_force_n == pytest.approx(spring.n_per_mm * (spring.free_mm - screw.spring_mm - screw.travel_mm))
     # The carrier's edge does not touch the holder.
     assert screw.gap_mm > 1.5 * reach_mm * np.tan(np.radians(1.0)) + hardware.holder.adjust_mm
 

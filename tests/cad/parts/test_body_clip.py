@@ -14,7 +14,7 @@ import trimesh
 from shapely import MultiPoint
 
 from mirrorcam.cad.assembly.catalogue import Y_UP, with_base_at
-from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
+from mirrorcam.cad.assembly.components import camera_solid, tessellated
 from mirrorcam.cad.checks.clashes import overlap_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.part_checks import check_overhangs, thinnest_wall_mm

@@ -10,7 +10,7 @@ import pytest
 from build123d import Box, Location
 
 from mirrorcam.cad.assembly.catalogue import Y_UP, with_base_at
-from mirrorcam.cad.assembly.pieces import camera_solid, tessellated
+from mirrorcam.cad.assembly.components import camera_solid, tessellated
 from mirrorcam.cad.checks.clashes import overlap_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.part_checks import overhangs

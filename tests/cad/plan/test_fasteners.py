@@ -2,7 +2,7 @@
 
 Screws: long enough to engage, short enough not to bottom out.
 
-Frames of bought items: right-handed, along their axes; and exit moves that end outside.
+Frames of purchased items: right-handed, along their axes; and exit moves that end outside.
 """
 
 from __future__ import annotations

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
+from mirrorcam.cad.assembly.components import item_title
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
-from mirrorcam.cad.assembly.pieces import item_title
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -60,13 +60,13 @@ def test_every_bought_item_of_any_back_has_a_price(device: Device) -> None:
     for kind in BACKS:
         hardware = device.hardware.replaced(back=back_of(kind))
         carried = replace(device, hardware=hardware, back=plan_back(device.clip, device.mount, hardware))
-        assert [title for title in map(item_title, bought_items(carried)) if PRICES.of_item(title) is None] == []
+        assert [title for title in map(item_title, purchased_items(carried)) if PRICES.of_item(title) is None] == []
 
 
 @pytest.mark.slow
 def test_every_item_for_mirrors_on_screws_has_a_price(device: Device) -> None:
     hardware = device.hardware.replaced(holder=device.hardware.holder.replaced(mirrors="screws"))
-    titles = {item_title(each) for each in bought_items(plan_device(device.layout, hardware))}
+    titles = {item_title(each) for each in purchased_items(plan_device(device.layout, hardware))}
     assert any("spring" in title for title in titles)
     assert [title for title in titles if PRICES.of_item(title) is None] == []
 

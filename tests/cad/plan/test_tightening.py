@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BoughtKind
+from mirrorcam.cad.plan.part_plan import FORMING, BoughtKind, PurchasedItem
 from mirrorcam.cad.plan.tightening import Tightening, tightenings
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_library import read_body
@@ -18,10 +18,10 @@ from mirrorcam.optics.geometry.camera_library import read_body
 PRESSURE = 0.25 * HARDWARE.printer.plastic_strength_mpa
 
 
-def item(kind: BoughtKind, size: str, length_mm: float, at_mm: tuple[float, float, float]) -> BoughtItem:
+def item(kind: BoughtKind, size: str, length_mm: float, at_mm: tuple[float, float, float]) -> PurchasedItem:
     frame: FloatArray = np.eye(4)
     frame[:3, 3] = at_mm
-    return BoughtItem(kind, size, length_mm, frame, np.zeros(3), ("mount", "mirror_holder"))
+    return PurchasedItem(kind, size, length_mm, frame, np.zeros(3), ("mount", "mirror_holder"))
 
 
 def arm_mm(bearing_mm: float) -> float:
@@ -29,7 +29,7 @@ def arm_mm(bearing_mm: float) -> float:
     return 0.16 * 0.5 + 0.58 * 2.675 * 0.12 + bearing_mm / 2.0 * 0.12
 
 
-def torque(*items: BoughtItem) -> Tightening:
+def torque(*items: PurchasedItem) -> Tightening:
     found = tightenings(items, HARDWARE)[0]
     assert found is not None
     return found
@@ -92,7 +92,7 @@ def test_an_unknown_thread_is_refused() -> None:
 
 
 def test_every_screw_of_a_device_has_a_tightening_torque(device: Device) -> None:
-    items = bought_items(device)
+    items = purchased_items(device)
     limits = [(item, found) for item, found in zip(items, tightenings(items, HARDWARE), strict=True) if found]
     assert len(limits) == sum(item.kind == "screw" for item in items)
     on_skins = [found for item, found in limits if item.joins == ("mount", "mirror_holder")]

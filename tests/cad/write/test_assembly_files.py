@@ -2,7 +2,7 @@
 
 The STEP assembly, read back: labels, colours, volumes and positions; and the order of its text.
 
-The GLB, read back: metres and +Y up, every piece a node with the data for a page.
+The GLB, read back: metres and +Y up, every component a node with the data for a page.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ import trimesh
 from build123d import CenterOf, LinearJoint, Shape, Solid, import_step
 from shapely import Polygon
 
+from mirrorcam.cad.assembly.components import MIRROR_RGB, Component, mesh_of
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import MIRROR_RGB, Piece, mesh_of
 from mirrorcam.cad.plan.back_table import Gen2Back
-from mirrorcam.cad.plan.part_plan import BoughtItem, BuiltPart, Connection
+from mirrorcam.cad.plan.part_plan import BuiltPart, Connection, PurchasedItem
 from mirrorcam.cad.plan.seats import mirror_prism
 from mirrorcam.cad.write import assembly_files
 from mirrorcam.cad.write.assembly_files import (
@@ -77,8 +77,8 @@ SCREW_AT = np.array([[0.0, 0.0, 1.0, 10.0], [0.0, 1.0, 0.0, 20.0], [-1.0, 0.0, 0
 PRINTED = ("mirror_holder_1", "mirror_holder_2", "mount", "camera_clip", "adapter_desk")
 
 
-def screw(place: np.ndarray, *joins: str) -> BoughtItem:
-    return BoughtItem("screw", "M3", 12.0, place, np.zeros(3), joins)
+def screw(place: np.ndarray, *joins: str) -> PurchasedItem:
+    return PurchasedItem("screw", "M3", 12.0, place, np.zeros(3), joins)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def parts(built_block: BuiltPart, tmp_path_factory: pytest.TempPathFactory) -> l
 @pytest.fixture
 def screws(monkeypatch: pytest.MonkeyPatch) -> None:
     items = (screw(SCREW_AT, "mirror_holder"), screw(np.eye(4), "camera_clip", "mount"))
-    monkeypatch.setattr(assembly_files, "bought_items", lambda _: items)
+    monkeypatch.setattr(assembly_files, "purchased_items", lambda _: items)
 
 
 def rgb_of(shape: Shape[Any]) -> list[float]:
@@ -148,12 +148,17 @@ def test_freecad_shows_the_tree_and_reads_every_piece(device: Device, parts: lis
     for group in ("printed", "mirrors", "bought"):
         assert shown[group]["within"] == ["mirrorcam"]
     for name, shape in written.items():
-        piece = shown[name]
+        component = shown[name]
         group = "printed" if name in PRINTED else "mirrors" if name.startswith("mirror_") else "bought"
-        assert piece["within"] == [group]
-        assert (piece["kind"], piece["solids"], piece["closed"], piece["valid"]) == ("Solid", 1, [True], True)
-        assert piece["volume"] == pytest.approx(shape.volume, rel=1e-9)
-        np.testing.assert_allclose(piece["centre"], tuple(shape.center(CenterOf.MASS)), atol=1e-6)
+        assert component["within"] == [group]
+        assert (component["kind"], component["solids"], component["closed"], component["valid"]) == (
+            "Solid",
+            1,
+            [True],
+            True,
+        )
+        assert component["volume"] == pytest.approx(shape.volume, rel=1e-9)
+        np.testing.assert_allclose(component["centre"], tuple(shape.center(CenterOf.MASS)), atol=1e-6)
 
 
 @pytest.mark.usefixtures("screws")
@@ -184,7 +189,7 @@ def test_names_of_others_are_not_in_it(name: str, device: Device, parts: list[Bu
 def test_a_screw_in_no_printed_part_is_a_bug(
     device: Device, parts: list[BuiltPart], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(assembly_files, "bought_items", lambda _: (screw(np.eye(4), "adapter_lid"),))
+    monkeypatch.setattr(assembly_files, "purchased_items", lambda _: (screw(np.eye(4), "adapter_lid"),))
     with pytest.raises(ValueError, match=r"names=\('adapter_lid',\) are not printed parts, expected one of mirror_hol"):
         write_assembly(tmp_path / "assembly.step", device, parts)
     assert list(tmp_path.iterdir()) == []
@@ -241,9 +246,9 @@ def test_a_sliding_part_has_the_orientation_of_its_connection() -> None:
 
 
 @pytest.fixture(scope="module")
-def pieces(default_layout: Layout, built_block: BuiltPart) -> tuple[Piece, ...]:
+def components(default_layout: Layout, built_block: BuiltPart) -> tuple[Component, ...]:
     mirrors = tuple(
-        Piece(
+        Component(
             name=f"mirror_0-{index}",
             kind="mirror",
             number=f"M0-{index}",
@@ -255,7 +260,7 @@ def pieces(default_layout: Layout, built_block: BuiltPart) -> tuple[Piece, ...]:
         )
         for index, mirror in enumerate(default_layout.mirrors[:2])
     )
-    block = Piece(
+    block = Component(
         name="block",
         kind="part",
         number="MC-99",
@@ -269,9 +274,9 @@ def pieces(default_layout: Layout, built_block: BuiltPart) -> tuple[Piece, ...]:
 
 
 @pytest.fixture(scope="module")
-def written(pieces: tuple[Piece, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def written(components: tuple[Component, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("gltf") / "assembly.glb"
-    write_glb(path, pieces)
+    write_glb(path, components)
     return path
 
 
@@ -282,12 +287,12 @@ def tree_of(path: Path) -> dict[str, Any]:
     return dict(json.loads(data[20 : 20 + size]))
 
 
-def test_it_is_in_metres_with_y_up_and_looks_along_z(written: Path, pieces: tuple[Piece, ...]) -> None:
+def test_it_is_in_metres_with_y_up_and_looks_along_z(written: Path, components: tuple[Component, ...]) -> None:
     scene = trimesh.load_scene(written)
-    for piece in pieces:
-        matrix, geometry = scene.graph[piece.name]
+    for component in components:
+        matrix, geometry = scene.graph[component.name]
         found = trimesh.transform_points(scene.geometry[geometry].vertices, matrix)
-        rig = piece.mesh.vertices
+        rig = component.mesh.vertices
         # Up in the device is the rig's z, the scene is along its y; x follows for a right-handed frame.
         expected = np.column_stack([-rig[:, 0], rig[:, 2], rig[:, 1]]) / 1000.0
         np.testing.assert_allclose(found.min(axis=0), expected.min(axis=0), atol=1e-7)
@@ -295,36 +300,42 @@ def test_it_is_in_metres_with_y_up_and_looks_along_z(written: Path, pieces: tupl
     assert np.linalg.det(GLTF_FROM_RIG[:3, :3]) == pytest.approx(1e-9)
 
 
-def test_every_piece_is_a_node_below_the_device(written: Path, pieces: tuple[Piece, ...]) -> None:
+def test_every_piece_is_a_node_below_the_device(written: Path, components: tuple[Component, ...]) -> None:
     tree = tree_of(written)
     nodes = {node["name"]: node for node in tree["nodes"]}
     assert [tree["nodes"][index]["name"] for index in tree["scenes"][0]["nodes"]] == ["device"]
-    assert [tree["nodes"][index]["name"] for index in nodes["device"]["children"]] == [p.name for p in pieces]
+    assert [tree["nodes"][index]["name"] for index in nodes["device"]["children"]] == [p.name for p in components]
     np.testing.assert_allclose(np.array(nodes["device"]["matrix"]).reshape(4, 4).T, GLTF_FROM_RIG)
-    for piece in pieces:
-        extras = nodes[piece.name]["extras"]
+    for component in components:
+        extras = nodes[component.name]["extras"]
         assert set(extras) == {"kind", "number", "title", "explode_mm"}
-        assert (extras["kind"], extras["number"], extras["title"]) == (piece.kind, piece.number, piece.title)
-        np.testing.assert_allclose(extras["explode_mm"], piece.explode_mm, atol=1e-4)
-        assert "matrix" not in nodes[piece.name]
+        assert (extras["kind"], extras["number"], extras["title"]) == (
+            component.kind,
+            component.number,
+            component.title,
+        )
+        np.testing.assert_allclose(extras["explode_mm"], component.explode_mm, atol=1e-4)
+        assert "matrix" not in nodes[component.name]
 
 
-def test_a_reader_finds_any_title_as_it_is(pieces: tuple[Piece, ...], tmp_path: Path) -> None:
-    titled = [replace(pieces[0], name=f"piece_{number}", title=title) for number, title in enumerate(ACCEPTED)]
+def test_a_reader_finds_any_title_as_it_is(components: tuple[Component, ...], tmp_path: Path) -> None:
+    titled = [replace(components[0], name=f"piece_{number}", title=title) for number, title in enumerate(ACCEPTED)]
     write_glb(tmp_path / "titles.glb", titled)
     found = {node["name"]: node.get("extras", {}).get("title") for node in tree_of(tmp_path / "titles.glb")["nodes"]}
-    assert [found[piece.name] for piece in titled] == list(ACCEPTED)
-    assert set(trimesh.load_scene(tmp_path / "titles.glb").graph.nodes_geometry) == {piece.name for piece in titled}
+    assert [found[component.name] for component in titled] == list(ACCEPTED)
+    assert set(trimesh.load_scene(tmp_path / "titles.glb").graph.nodes_geometry) == {
+        component.name for component in titled
+    }
 
 
-def test_mirrors_are_metal_and_colours_are_linear(written: Path, pieces: tuple[Piece, ...]) -> None:
+def test_mirrors_are_metal_and_colours_are_linear(written: Path, components: tuple[Component, ...]) -> None:
     tree = tree_of(written)
-    for piece in pieces:
-        (node,) = (node for node in tree["nodes"] if node["name"] == piece.name)
+    for component in components:
+        (node,) = (node for node in tree["nodes"] if node["name"] == component.name)
         (primitive,) = tree["meshes"][node["mesh"]]["primitives"]
         finish = tree["materials"][primitive["material"]]["pbrMetallicRoughness"]
-        assert (finish["metallicFactor"] == 1.0) == (piece.kind == "mirror")
-        np.testing.assert_allclose(finish["baseColorFactor"], [*linear(np.array(piece.rgb)), 1.0], atol=1e-6)
+        assert (finish["metallicFactor"] == 1.0) == (component.kind == "mirror")
+        np.testing.assert_allclose(finish["baseColorFactor"], [*linear(np.array(component.rgb)), 1.0], atol=1e-6)
     np.testing.assert_allclose(linear(np.array([0.0, 0.5, 1.0])), [0.0, 0.2140, 1.0], atol=1e-4)
 
 
@@ -337,11 +348,11 @@ def test_flat_faces_look_flat(written: Path) -> None:
     )
 
 
-def test_normals_are_units_even_where_a_facet_has_no_area(pieces: tuple[Piece, ...], tmp_path: Path) -> None:
+def test_normals_are_units_even_where_a_facet_has_no_area(components: tuple[Component, ...], tmp_path: Path) -> None:
     # A square with one side split by a point on it: one facet is degenerate.
     corners = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 9.0, 0.0], [4.0, 0.0, 0.0]])
     mesh = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3], [0, 4, 1]], process=False)
-    write_glb(tmp_path / "flat.glb", [replace(pieces[0], mesh=mesh)])
+    write_glb(tmp_path / "flat.glb", [replace(components[0], mesh=mesh)])
     found = trimesh.load_scene(tmp_path / "flat.glb", process=False).geometry["block"]
     assert len(found.faces) == 3
     np.testing.assert_allclose(np.linalg.norm(found.vertex_normals, axis=1), 1.0, atol=1e-6)
@@ -356,9 +367,9 @@ def test_bytes_say_what_they_are_for(written: Path) -> None:
 
 
 def test_the_same_pieces_give_the_same_bytes_and_no_path(
-    written: Path, pieces: tuple[Piece, ...], tmp_path: Path
+    written: Path, components: tuple[Component, ...], tmp_path: Path
 ) -> None:
-    write_glb(tmp_path / "again.glb", pieces)
+    write_glb(tmp_path / "again.glb", components)
     assert (tmp_path / "again.glb").read_bytes() == written.read_bytes()
     assert str(tmp_path.parent.parent).encode() not in written.read_bytes()
     assert b"block.stl" not in written.read_bytes()

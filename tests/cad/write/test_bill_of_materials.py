@@ -51,7 +51,7 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
 def test_ties_are_bought_for_what_is_tied(
     name: str, ties: int, device: Device, built_block: BuiltPart, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bill_of_materials, "bought_items", lambda _: ())
+    monkeypatch.setattr(bill_of_materials, "purchased_items", lambda _: ())
     other = replace(device, hardware=HARDWARE.replaced(camera=read_body(name)))
     bought = bill_of(other, [built_block], plan_sheets(device.layout, HARDWARE.cutting)).bought
     assert sum(line.count or 0 for line in bought if line.title.startswith("Cable tie")) == ties
@@ -97,7 +97,7 @@ def test_every_line_has_its_price_and_the_sum_is_the_devices(bom: Bom, device: D
 def test_a_hardware_file_replaces_prices_and_what_has_none_is_named(
     device: Device, built_block: BuiltPart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bill_of_materials, "bought_items", lambda _: ())
+    monkeypatch.setattr(bill_of_materials, "purchased_items", lambda _: ())
     (tmp_path / "mine.toml").write_text(
         """[prices]
 currency = "CHF"
@@ -125,7 +125,7 @@ PLA = 100
 def test_a_hostile_name_is_text_in_every_file(
     device: Device, built_block: BuiltPart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bill_of_materials, "bought_items", lambda _: ())
+    monkeypatch.setattr(bill_of_materials, "purchased_items", lambda _: ())
     name = '=HYPERLINK("http://x") <img src=x onerror=alert(1)> | a'
     hardware = device.hardware.replaced(
         camera=device.hardware.camera.replaced(name=name), printer=device.hardware.printer.replaced(plastic=name)

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from shapely import Polygon
 from urdf_parser_py.urdf import URDF
 
+from mirrorcam.cad.assembly.components import Component, camera_component, combined, mirror_components
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
-from mirrorcam.cad.assembly.pieces import Piece, camera_piece, combined, mirror_pieces
 from mirrorcam.cad.backs.kinova_gen2 import RingPlan
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import Gen2Back
@@ -37,17 +37,17 @@ def device(default_layout: Layout) -> Device:
 
 
 @pytest.fixture(scope="module")
-def pieces(device: Device, built_block: BuiltPart) -> tuple[Piece, ...]:
+def components(device: Device, built_block: BuiltPart) -> tuple[Component, ...]:
     mesh = trimesh.load_mesh(built_block.stl)
     looks = (built_block.rgb, built_block.explode_mm, mesh, built_block.mass)
-    holder = Piece("mirror_holder", "part", "MC-01", "Mirror holder", *looks)
-    return holder, *mirror_pieces(device, [holder]), camera_piece(device, holder)
+    holder = Component("mirror_holder", "part", "MC-01", "Mirror holder", *looks)
+    return holder, *mirror_components(device, [holder]), camera_component(device, holder)
 
 
 @pytest.fixture(scope="module")
-def folder(device: Device, pieces: tuple[Piece, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(device: Device, components: tuple[Component, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("device")
-    write_robot(out / "robot", device, pieces)
+    write_robot(out / "robot", device, components)
     return out
 
 
@@ -95,11 +95,11 @@ def test_every_link_hangs_on_the_arm(urdf: Element, device: Device) -> None:
 
 @pytest.mark.parametrize("name", ["m1n6s200_link_6", "arm/tool-0", "a.b", "7", "null"])
 def test_parsers_of_robots_find_the_link_that_the_device_hangs_on(
-    name: str, device: Device, pieces: tuple[Piece, ...], tmp_path: Path
+    name: str, device: Device, components: tuple[Component, ...], tmp_path: Path
 ) -> None:
     wrist = Gen2Back.model_validate_json(json.dumps({"link": name, "name": "--> <img src=x onerror=alert(1)>"}))
     hung = replace(device, back=plan_back(device.clip, device.mount, device.hardware.replaced(back=wrist)))
-    write_robot(tmp_path / "robot", hung, pieces)
+    write_robot(tmp_path / "robot", hung, components)
     robot = URDF.from_xml_file(str(tmp_path / "robot" / "mirrorcam.urdf"))
     assert robot.get_root() == name
     text = (tmp_path / "robot" / "mirrorcam.xacro").read_text(encoding="utf-8")
@@ -120,12 +120,12 @@ def test_views_look_from_their_virtual_centres_to_the_scene(urdf: Element, devic
 
 
 def test_views_of_another_fold_look_along_their_own_axis(
-    device: Device, pieces: tuple[Piece, ...], tmp_path: Path
+    device: Device, components: tuple[Component, ...], tmp_path: Path
 ) -> None:
     sine, cosine = np.sin(np.radians(120.0)), np.cos(np.radians(120.0))
     turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
     folded = replace(device, layout=device.layout.replaced(view_from_rig=turn, spec=None))
-    write_robot(tmp_path / "robot", folded, pieces)
+    write_robot(tmp_path / "robot", folded, components)
     urdf = ElementTree.parse(tmp_path / "robot" / "mirrorcam.urdf").getroot()
     rig_from_view = np.linalg.inv(root_from(urdf, "mirrorcam_camera_optical_frame")) @ root_from(
         urdf, "mirrorcam_view_1_1"
@@ -147,8 +147,8 @@ def test_the_link_stands_on_the_wrist_and_looks_forward(urdf: Element, device: D
     np.testing.assert_allclose(root_from(urdf, "mirrorcam_link")[:3, 0], [0.0, 0.0, -1.0], atol=1e-9)
 
 
-def test_mass_and_inertia_are_those_of_all_pieces(urdf: Element, pieces: tuple[Piece, ...]) -> None:
-    body = combined([piece.mass for piece in pieces])
+def test_mass_and_inertia_are_those_of_all_pieces(urdf: Element, components: tuple[Component, ...]) -> None:
+    body = combined([component.mass for component in components])
     (inertial,) = urdf.findall("link/inertial")
     assert float(attribute(inertial, "mass", "value")) == pytest.approx(body.mass_g / 1000.0)
     link_from_rig = np.linalg.inv(root_from(urdf, "mirrorcam_link")) @ root_from(urdf, "mirrorcam_camera_optical_frame")
@@ -166,7 +166,7 @@ def test_mass_and_inertia_are_those_of_all_pieces(urdf: Element, pieces: tuple[P
     assert lengths[0] + lengths[1] >= lengths[2]
 
 
-def test_meshes_are_there_at_their_scale(urdf: Element, folder: Path, pieces: tuple[Piece, ...]) -> None:
+def test_meshes_are_there_at_their_scale(urdf: Element, folder: Path, components: tuple[Component, ...]) -> None:
     (link,) = (link for link in urdf.findall("link") if link.get("name") == "mirrorcam_link")
     files = {}
     for kind in ("visual", "collision"):
@@ -183,7 +183,7 @@ def test_meshes_are_there_at_their_scale(urdf: Element, folder: Path, pieces: tu
     for name in files:
         assert trimesh.load_mesh(folder / "robot" / name).is_watertight
     mirrors = trimesh.load_mesh(folder / "robot" / "meshes" / "mirrors.stl")
-    assert mirrors.volume == pytest.approx(sum(p.mass.volume_mm3 for p in pieces if p.kind == "mirror"), rel=1e-4)
+    assert mirrors.volume == pytest.approx(sum(p.mass.volume_mm3 for p in components if p.kind == "mirror"), rel=1e-4)
     assert trimesh.load_mesh(folder / "robot" / "meshes" / "camera_hull.stl").is_convex
 
 
@@ -204,9 +204,9 @@ def test_the_macro_is_the_same_with_its_names_left_open(folder: Path, urdf: Elem
 
 
 def test_the_same_device_gives_the_same_bytes(
-    device: Device, pieces: tuple[Piece, ...], folder: Path, tmp_path: Path
+    device: Device, components: tuple[Component, ...], folder: Path, tmp_path: Path
 ) -> None:
-    write_robot(tmp_path / "robot", device, pieces)
+    write_robot(tmp_path / "robot", device, components)
     names = sorted(path.relative_to(tmp_path) for path in tmp_path.rglob("*") if path.is_file())
     assert len(names) == 6
     assert all((tmp_path / name).read_bytes() == (folder / name).read_bytes() for name in names)
@@ -233,7 +233,7 @@ def test_a_hull_is_closed_though_a_face_is_flat_but_for_rounding() -> None:
     assert hull.volume > base * 164.529 / 3.0
 
 
-def test_a_device_for_no_arm_has_no_link(device: Device, pieces: tuple[Piece, ...], tmp_path: Path) -> None:
+def test_a_device_for_no_arm_has_no_link(device: Device, components: tuple[Component, ...], tmp_path: Path) -> None:
     stands = replace(device, back=replace(device.back, robot=None))
-    write_robot(tmp_path / "robot", stands, pieces)
+    write_robot(tmp_path / "robot", stands, components)
     assert not list(tmp_path.iterdir())

@@ -1,6 +1,6 @@
-"""The pieces of the assembled device: closed, in place, and with the masses of closed forms.
+"""The components of the assembled device: closed, in place, and with the masses of closed forms.
 
-Solids of bought items: volumes in closed form.
+Solids of purchased items: volumes in closed form.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ import numpy as np
 import pytest
 from shapely import Polygon
 
-from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.assembly.pieces import (
+from mirrorcam.cad.assembly.components import (
     CABLE_STUB_MM,
     MIRROR_DENSITIES,
-    Piece,
-    camera_piece,
+    Component,
+    camera_component,
     camera_solid,
     combined,
-    item_pieces,
+    components_of,
+    item_components,
     item_solid,
     item_title,
     mesh_of,
-    mirror_pieces,
-    pieces_of,
+    mirror_components,
 )
+from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.fasteners import COUNTERSUNK
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BoughtKind, BuiltPart, MassProperties
@@ -39,7 +39,7 @@ from tests.cad.assembly.bought import item
 @pytest.fixture(scope="module")
 def parts(built_block: BuiltPart, tmp_path_factory: pytest.TempPathFactory) -> list[BuiltPart]:
     """The block in place of holder, clip and fit coupon: these tests do not depend on their shape."""
-    folder = tmp_path_factory.mktemp("pieces")
+    folder = tmp_path_factory.mktemp("components")
     names = ("mirror_holder", "camera_clip", "fit_coupon", "dust_cover")
     for name in names:
         shutil.copy(built_block.stl, folder / f"{name}.stl")
@@ -76,40 +76,40 @@ def test_two_points_are_a_dumbbell() -> None:
 
 
 def test_every_piece_is_closed_named_once_and_in_the_device(device: Device, parts: list[BuiltPart]) -> None:
-    pieces = pieces_of(device, parts)
-    names = [piece.name for piece in pieces]
+    components = components_of(device, parts)
+    names = [component.name for component in components]
     assert len(set(names)) == len(names)
     assert {"mirror_holder", "mirror_0-0", "mirror_2-2", "camera"} <= set(names)
     assert not {"fit_coupon", "dust_cover"} & set(names)
-    for piece in pieces:
-        assert piece.mesh.is_volume, piece.name
-        np.testing.assert_allclose(piece.mesh.center_mass, piece.mass.centre_in_rig_mm, atol=1e-3)
-        assert np.linalg.eigvalsh(piece.mass.inertia_g_mm2).min() > 0.0
+    for component in components:
+        assert component.mesh.is_volume, component.name
+        np.testing.assert_allclose(component.mesh.center_mass, component.mass.centre_in_rig_mm, atol=1e-3)
+        assert np.linalg.eigvalsh(component.mass.inertia_g_mm2).min() > 0.0
 
 
 def test_a_mirror_is_a_prism_between_seat_and_light(device: Device, parts: list[BuiltPart]) -> None:
-    pieces = mirror_pieces(device, pieces_of(device, parts)[:1])
-    for piece, mirror in zip(pieces, device.layout.mirrors, strict=True):
+    components = mirror_components(device, components_of(device, parts)[:1])
+    for component, mirror in zip(components, device.layout.mirrors, strict=True):
         volume = Polygon(mirror.outline_in_plane_mm).area * mirror.thickness_mm
-        assert piece.mass.mass_g == pytest.approx(volume * MIRROR_DENSITIES["acrylic"] / 1000.0, rel=1e-9)
-        heights = piece.mesh.vertices @ mirror.normal_in_rig + mirror.distance_mm
+        assert component.mass.mass_g == pytest.approx(volume * MIRROR_DENSITIES["acrylic"] / 1000.0, rel=1e-9)
+        heights = component.mesh.vertices @ mirror.normal_in_rig + mirror.distance_mm
         # First surface: the front is the reflecting plane, the back is one thickness behind it.
         np.testing.assert_allclose([heights.min(), heights.max()], [-mirror.thickness_mm, 0.0], atol=1e-9)
-        away = piece.explode_mm - parts[0].explode_mm
+        away = component.explode_mm - parts[0].explode_mm
         np.testing.assert_allclose(away / np.linalg.norm(away), mirror.normal_in_rig, atol=1e-9)
 
 
 def test_a_mirror_goes_with_the_nearest_piece_of_a_split_holder(device: Device, parts: list[BuiltPart]) -> None:
-    whole = pieces_of(device, parts)[0]
+    whole = components_of(device, parts)[0]
 
-    def half(name: str, x: float) -> Piece:
+    def half(name: str, x: float) -> Component:
         mass = whole.mass.replaced(centre_in_rig_mm=np.array([x, 0.0, 90.0]))
         return replace(whole, name=name, mass=mass, explode_mm=np.array([x, 0.0, 0.0]))
 
-    pieces = mirror_pieces(device, [half("mirror_holder_1", -60.0), half("mirror_holder_2", 60.0)])
-    for piece, mirror in zip(pieces, device.layout.mirrors, strict=True):
+    components = mirror_components(device, [half("mirror_holder_1", -60.0), half("mirror_holder_2", 60.0)])
+    for component, mirror in zip(components, device.layout.mirrors, strict=True):
         expected = 60.0 if mirror.outline_in_rig_mm[:, 0].mean() > 0.0 else -60.0
-        sideways = (piece.explode_mm - 35.0 * mirror.normal_in_rig)[0]
+        sideways = (component.explode_mm - 35.0 * mirror.normal_in_rig)[0]
         if abs(mirror.outline_in_rig_mm[:, 0].mean()) > 1.0:
             assert sideways == pytest.approx(expected)
 
@@ -119,11 +119,11 @@ def test_the_camera_has_its_mass_and_its_front_before_the_pupil(
     device: Device, parts: list[BuiltPart], name: str, out: tuple[float, float, float]
 ) -> None:
     camera = read_body(name)
-    clip = pieces_of(device, parts)[1]
-    piece = camera_piece(replace(device, hardware=HARDWARE.replaced(camera=camera)), clip)
-    np.testing.assert_allclose(piece.explode_mm, clip.explode_mm + out)
-    assert piece.mass.mass_g == pytest.approx(camera.mass_g)
-    assert piece.title == camera.name
+    clip = components_of(device, parts)[1]
+    component = camera_component(replace(device, hardware=HARDWARE.replaced(camera=camera)), clip)
+    np.testing.assert_allclose(component.explode_mm, clip.explode_mm + out)
+    assert component.mass.mass_g == pytest.approx(camera.mass_g)
+    assert component.title == camera.name
     solid = camera_solid(camera)
     box = solid.bounding_box()
     assert pytest.approx(camera.pupil_behind_front_mm + camera.lens_protrusion_mm, abs=1e-6) == box.max.Z
@@ -133,10 +133,10 @@ def test_the_camera_has_its_mass_and_its_front_before_the_pupil(
 
 def test_fasteners_are_where_they_are_told(device: Device) -> None:
     place = np.array([[0.0, 0.0, 1.0, 10.0], [0.0, 1.0, 0.0, 20.0], [-1.0, 0.0, 0.0, 30.0], [0.0, 0.0, 0.0, 1.0]])
-    screw, other, insert = item_pieces(
+    screw, other, insert = item_components(
         [item("screw", "M3", 12.0, place), item("screw", "M3", 8.0), item("insert", "M3", 5.7)]
     )
-    assert [piece.name for piece in (screw, other, insert)] == ["screw_01", "screw_02", "insert_01"]
+    assert [component.name for component in (screw, other, insert)] == ["screw_01", "screw_02", "insert_01"]
     assert (screw.title, insert.title) == ("M3 x 12 screw", "M3 x 5.7 heat-set insert")
     # The item's z is the rig's x here: a shank of 12 mm behind the origin, a head of 3 mm in front of it.
     np.testing.assert_allclose(screw.mesh.bounds[:, 0], [-2.0, 13.0], atol=1e-9)

@@ -1,4 +1,4 @@
-"""The pieces of an assembled device as meshes with their masses: printed parts, mirrors, camera and fasteners."""
+"""The components of an assembled device as meshes with their masses: printed parts, mirrors, camera and fasteners."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from build123d import (
     extrude,
 )
 
-from mirrorcam.cad.assembly.catalogue import bought_items
+from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.device_names import CLIP, HOLDER, UNMOUNTED, carrier_name
 from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, diameter_mm, thread_of
-from mirrorcam.cad.plan.part_plan import FORMING, BoughtItem, BuiltPart, MassProperties, Rgb
+from mirrorcam.cad.plan.part_plan import FORMING, BuiltPart, MassProperties, PurchasedItem, Rgb
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody
@@ -72,11 +72,11 @@ ANGLE_RAD = 0.35
 
 
 @dataclass(frozen=True)
-class Piece:
-    """A piece of the assembled device: `mesh` in the rig frame, mm.
+class Component:
+    """A component of the assembled device: `mesh` in the rig frame, mm.
 
     `name` is unique: the name of a part or fastener, or "mirror_ROW-COLUMN". `number` is a part or mirror number, ""
-    for bought items. `explode_mm` (3,) is the displacement in an exploded view; `item` is the bought item of a
+    for purchased items. `explode_mm` (3,) is the displacement in an exploded view; `item` is the purchased item of a
     fastener.
     """
 
@@ -88,37 +88,37 @@ class Piece:
     explode_mm: FloatArray
     mesh: trimesh.Trimesh
     mass: MassProperties
-    item: BoughtItem | None = None
+    item: PurchasedItem | None = None
 
 
-PieceOrPart = TypeVar("PieceOrPart", Piece, BuiltPart)
+ComponentOrPart = TypeVar("ComponentOrPart", Component, BuiltPart)
 
 
-def pieces_of(device: Device, parts: Iterable[BuiltPart]) -> tuple[Piece, ...]:
-    """All pieces of a device, with the printed parts read from their STL files."""
+def components_of(device: Device, parts: Iterable[BuiltPart]) -> tuple[Component, ...]:
+    """All components of a device, with the printed parts read from their STL files."""
     printed = [_printed(part) for part in parts if part.name not in UNMOUNTED]
     return (
         *printed,
-        *mirror_pieces(device, printed),
-        camera_piece(device, next(piece for piece in printed if piece.name.startswith(CLIP))),
-        *item_pieces(bought_items(device)),
+        *mirror_components(device, printed),
+        camera_component(device, next(component for component in printed if component.name.startswith(CLIP))),
+        *item_components(purchased_items(device)),
     )
 
 
-def _printed(part: BuiltPart) -> Piece:
+def _printed(part: BuiltPart) -> Component:
     mesh = trimesh.load_mesh(part.stl)
-    return Piece(part.name, "part", part.number, part.title, part.rgb, part.explode_mm, mesh, part.mass)
+    return Component(part.name, "part", part.number, part.title, part.rgb, part.explode_mm, mesh, part.mass)
 
 
-def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]:
-    """The mirrors as cut; in an exploded view they move with their carriers or holder pieces, and away from these."""
-    pieces = []
-    carriers = {piece.name: piece for piece in printed}
+def mirror_components(device: Device, printed: Sequence[Component]) -> tuple[Component, ...]:
+    """The mirrors as cut; in an exploded view they move with their carriers or holder segments, and away from them."""
+    components = []
+    carriers = {component.name: component for component in printed}
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         mesh = mesh_of(mirror_prism(mirror))
         nearest = carriers.get(carrier_name(name)) or holder_under(mirror, printed)
-        pieces.append(
-            Piece(
+        components.append(
+            Component(
                 name=f"mirror_{name}",
                 kind="mirror",
                 number=f"M{name}",
@@ -129,38 +129,38 @@ def mirror_pieces(device: Device, printed: Sequence[Piece]) -> tuple[Piece, ...]
                 mass=mass_of(mesh, MIRROR_DENSITIES[device.hardware.cutting.material]),
             )
         )
-    return tuple(pieces)
+    return tuple(components)
 
 
-def holder_under(mirror: Mirror, parts: Sequence[PieceOrPart]) -> PieceOrPart:
-    """The holder or, if it is split, the piece whose centre of mass is nearest to the centre of a mirror."""
+def holder_under(mirror: Mirror, parts: Sequence[ComponentOrPart]) -> ComponentOrPart:
+    """The holder or, if it is split, the segment whose centre of mass is nearest to the centre of a mirror."""
     centre = mirror.outline_in_rig_mm.mean(axis=0)
     holders = [part for part in parts if part.name.startswith(HOLDER)]
     return min(holders, key=lambda part: float(np.linalg.norm(part.mass.centre_in_rig_mm - centre)))
 
 
-def camera_piece(device: Device, clip: Piece) -> Piece:
-    """The camera with its stated mass; in an exploded view a body moves towards the scene, a board forwards."""
+def camera_component(device: Device, clip: Component) -> Component:
+    """The camera with its stated mass; in an exploded view a camera body moves towards the scene, a board forwards."""
     camera = device.hardware.camera
     mesh = tessellated(camera_solid(camera))
     mass = mass_of(mesh, camera.mass_g / (mesh.volume / 1000.0))
     to_scene = camera.held_by.kind == "lips"
     move = (0.0, camera.height_mm + CAMERA_EXPLODE_MM, 0.0) if to_scene else (0.0, 0.0, BOARD_EXPLODE_MM)
-    return Piece("camera", "camera", "", camera.name, CAMERA_RGB, clip.explode_mm + move, mesh, mass)
+    return Component("camera", "camera", "", camera.name, CAMERA_RGB, clip.explode_mm + move, mesh, mass)
 
 
-def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
+def item_components(items: Sequence[PurchasedItem]) -> tuple[Component, ...]:
     """The fasteners in their positions."""
     meshes: dict[tuple[str, str, float], trimesh.Trimesh] = {}
-    pieces = []
+    components = []
     for name, item in zip(item_names(items), items, strict=True):
         key = (item.kind, item.size, item.length_mm)
         if key not in meshes:
             meshes[key] = tessellated(item_solid(item))
         mesh = meshes[key].copy()
         mesh.apply_transform(item.rig_from_item)
-        pieces.append(
-            Piece(
+        components.append(
+            Component(
                 name=name,
                 kind=item.kind,
                 number="",
@@ -172,10 +172,10 @@ def item_pieces(items: Sequence[BoughtItem]) -> tuple[Piece, ...]:
                 item=item,
             )
         )
-    return tuple(pieces)
+    return tuple(components)
 
 
-def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
+def item_names(items: Sequence[PurchasedItem]) -> tuple[str, ...]:
     """Names of fasteners, numbered by kind: "screw_01"; "screw_forming_13" for a thread-forming screw."""
     counts: Counter[str] = Counter()
     names = []
@@ -186,8 +186,8 @@ def item_names(items: Sequence[BoughtItem]) -> tuple[str, ...]:
     return tuple(names)
 
 
-def item_title(item: BoughtItem) -> str:
-    """The title of a bought item: "M3 x 12 screw", "M3 nut", "M3 x 12 countersunk screw" (size "M3 countersunk").
+def item_title(item: PurchasedItem) -> str:
+    """The title of a purchased item: "M3 x 12 screw", "M3 nut", "M3 x 12 countersunk screw" (size "M3 countersunk").
 
     A nut with an inch thread has its trade name, "1/4-20 UNC hexagon nut".
     """
@@ -201,7 +201,7 @@ def item_title(item: BoughtItem) -> str:
 
 
 def standard_of(title: str) -> str:
-    """The standard of a bought item by its title, or a description if there is none."""
+    """The standard of a purchased item by its title, or a description if there is none."""
     return next(standard for name, standard in STANDARDS.items() if title.endswith(name))
 
 
@@ -308,8 +308,8 @@ def _rounded(camera: CameraBody) -> None:
         SlotOverall(max(width, height), min(width, height), rotation=0.0 if width > height else 90.0)
 
 
-def item_solid(item: BoughtItem) -> Part:
-    """A bought item in its own frame: origin under a head or at the mouth of a hole, z outwards."""
+def item_solid(item: PurchasedItem) -> Part:
+    """A purchased item in its own frame: origin under a head or at the mouth of a hole, z outwards."""
     if item.kind == "spring":
         return _sleeve(item)
     diameter = diameter_mm(item.size)
@@ -338,7 +338,7 @@ def item_solid(item: BoughtItem) -> Part:
     return _solid(body)
 
 
-def _sleeve(spring: BoughtItem) -> Part:
+def _sleeve(spring: PurchasedItem) -> Part:
     """A spring as a sleeve of its mean diameter and its wire's volume, including the inactive coils."""
     wire, mean, _ = (float(number) for number in spring.size.split(" x "))
     thickness = min(np.pi * wire**2 * SLEEVE_COILS / (4.0 * spring.length_mm), wire)
