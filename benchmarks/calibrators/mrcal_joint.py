@@ -100,7 +100,7 @@ def covariance_of(covariance: FloatArray, poses: FloatArray, lens: int) -> Float
     """Convert mrcal's covariance of a lens and of poses (n, 4, 4) but the first, m, to the one that is scored.
 
     The scored one is of a rotation of points in a camera's frame about its origin, followed by a shift. A change of
-    mrcal's rotation vector leaves its translation unchanged, so that the equivalent shift compensates the rotation.
+    mrcal's rotation vector leaves its translation unchanged, so the equivalent shift compensates the rotation.
     """
     blocks = [np.eye(lens)]
     for pose in poses[1:]:

@@ -174,7 +174,7 @@ class Load:
 def carried_load(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
     """Mass and centre of all but the adapter: the holder as if solid, the mirrors, the mount, the clip and the camera.
 
-    Overlapping pieces of a part count in full, so that this is an upper bound, for the design of adapters. Checks use
+    Overlapping pieces of a part count in full, so this is an upper bound, for the design of adapters. Checks use
     the masses of the parts as made.
     """
     body = body_box(hardware.camera)

@@ -313,7 +313,7 @@ def _ear_cuts(
 ) -> Iterator[Frustum | Bore | Hexagon]:
     """The threads of the clamp's screws in the saddle's ears.
 
-    An ear is too narrow for a closed pocket, so that a channel through it holds the nut by two sides.
+    An ear is too narrow for a closed pocket, so a channel through it holds the nut by two sides.
     """
     screw = hardware.screw
     half_flats = (screw.nut_flats_mm + NUT_FIT_MM) / 2.0

@@ -218,7 +218,7 @@ T_NUT = "M5 T-slot"
 SCREW_GAP_MM, SCREW_TO_END_MM, EDGE_MM = 9.0, 8.0, 3.0
 # Half length of the profile in pictures.
 HALF_PROFILE_MM = 120.0
-# The heads are deep below the face, so that wider holes still leave a wall between them.
+# The heads are deep below the face, so wider holes still leave a wall between them.
 FLARE_MM = 0.6
 
 

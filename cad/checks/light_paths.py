@@ -133,7 +133,7 @@ def check_light(
     mirrors : sequence of Manifold or None
         Solids of the mirrors in the layout's order, None for a missing one.
     camera : Manifold or None
-        The camera's body. It contains the pupil, so that only the light to the scene is cast against it.
+        The camera's body. It contains the pupil, so only the light to the scene is cast against it.
 
     Returns
     -------

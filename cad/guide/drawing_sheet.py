@@ -48,12 +48,12 @@ class TextBox:
 
 
 def text_width_mm(text: str, height_mm: float, *, bold: bool = False) -> float:
-    """Width of a text whose capitals are about `height_mm` high."""
+    """Width of text whose capitals are about `height_mm` high."""
     return _width_of_size_1(text, bold) * height_mm / CAP_HEIGHT
 
 
 def fitted_text(text: str, width_mm: float, height_mm: float) -> str:
-    """A text truncated to a width, with placeholders for characters that the font lacks."""
+    """Text truncated to a width, with placeholders for characters that the font lacks."""
     printable = drawable(text, get_font(findfont(FONT)).get_charmap())
     return fitted(printable, width_mm, lambda part: text_width_mm(part, height_mm))
 

@@ -73,7 +73,7 @@ class Material:
 def with_callouts(
     holes: Iterable[Hole], solid: Part, screw: Fastening, tolerance: str = PRESS_TOLERANCE
 ) -> tuple[Hole, ...]:
-    """The holes with complete texts; the axis of a blind hole runs from its open end into the material.
+    """The holes with complete callouts; the axis of a blind hole runs from its open end into the material.
 
     Parameters
     ----------

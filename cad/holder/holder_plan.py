@@ -1,6 +1,6 @@
 """Plan the mirror holder as plain numbers: its solids, and the light, grooves and hollows cut out of them.
 
-The slab's back is flat and is printed on the bed, so that every seat faces up and nothing needs support. The mount is
+The slab's back is flat and is printed on the bed, so every seat faces up and nothing needs support. The mount is
 screwed to it.
 """
 

@@ -1,6 +1,6 @@
 """A camera's body in the rig frame, the six points that locate it in a clip, and the axes of the rig.
 
-Sprung screws press the body against all six points of a nest. Contacts are modelled without friction, so that the six
+Sprung screws press the body against all six points of a nest. Contacts are modelled without friction, so the six
 forces follow from equilibrium alone; friction only adds to the hold. A screw sits in a leaf of the clip, a cantilever
 that bends when the screw is turned further after contact.
 """

@@ -78,7 +78,7 @@ def hold_board(camera: CameraBody, holes: BoardHoles, hardware: Hardware) -> Cra
 def _rest(camera: CameraBody, gap_mm: float, wall_y: float) -> list[Frustum]:
     """Two wedges on the wall, with faces at a distance `gap_mm` from the nominal barrel.
 
-    The gap is less than the play of the board's holes, so that a tie draws the barrel onto both faces.
+    The gap is less than the play of the board's holes, so a tie draws the barrel onto both faces.
     """
     if camera.rest_mm is None:
         return []
@@ -205,7 +205,7 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     bottom, top = cradle.z_mm
     top = max(top, bottom + 2.0 * (screw.insert_hole_mm + screw.insert_wall_mm))
     if cradle.nest is not None:
-        # A body is heavy, so that the wall extends below it as far as two rows of screws need.
+        # A body is heavy, so the wall extends below it as far as two rows of screws need.
         bottom = min(bottom, top - 2.0 * boss - _min_row_spacing_mm(hardware))
     outer_y = cradle.inner_y_mm - slide.wall_mm
     low_x, high_x = min(cradle.x_mm[0], -half_width), max(cradle.x_mm[1], half_width)
@@ -213,7 +213,7 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     slide_z = _slide_z_mm(cradle, (bottom + boss, top - boss), hardware)
     cuts = list(cradle.cuts)
     for mouth in np.array([(x, outer_y, z) for z in slide_z for x in (-slide_x, slide_x)]):
-        # The clip is printed on this face, so that round holes need no roof.
+        # The clip is printed on this face, so round holes need no roof.
         threaded = thread(mouth, SCENE, UP, slide, slide.wall_mm, screw)
         cuts += [replace(cut, up=None) if isinstance(cut, Bore) else cut for cut in threaded]
     depth = clip.rib_mm + hardware.fit.slide_mm

@@ -66,7 +66,7 @@ def _post_error_jacobian(posts: FloatArray) -> FloatArray:
     """Jacobian (6, n) of a board's motion, mm and rad in the rig frame, with respect to errors in mm of post heights.
 
     The board is in the least-squares plane of the posts' ends (n, 3); with two posts, it does not rotate about the line
-    between them. Points at the posts do not move within the plane, so that a pupil in front of it moves laterally.
+    between them. Points at the posts do not move within the plane, so a pupil in front of it moves laterally.
     """
     x, y, z = posts[:, 0], posts[:, 1], float(posts[:, 2].mean())
     # The board's heights at the posts for a shift along z and rotations about x and y.

@@ -72,7 +72,7 @@ NUT_FIT_MM = 0.2
 OUTSIDE_MM = 0.01
 # Roofs of holes are slightly steeper than the overhang limit, and much steeper where they cut webs at 45 deg, since a
 # web's end recedes along the roof. In a thin skin oblique to the bed, slicers treat the top of a roof of 42 deg as a
-# ceiling, so that skins get steeper roofs too.
+# ceiling, so skins get steeper roofs too.
 ROOF_DEG = 42.0
 ROOF_IN_SKINS_DEG = 36.0
 ROOF_IN_WEBS_DEG = 30.0

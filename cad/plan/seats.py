@@ -85,8 +85,8 @@ def seat_height_mm(mirror: Mirror, hardware: Hardware) -> float:
     """Height of a seat over the reflecting plane, which is below the mirror's back by the thickness of the glue.
 
     The mirror's back rests on three pads on the seat, as high as the glue is thick. A second-surface mirror is coated
-    on its back, so that the tops of its pads are in the layout's (reflecting) plane. A first-surface mirror is coated
-    on its front, so that they are one mirror thickness behind that plane.
+    on its back, so the tops of its pads are in the layout's (reflecting) plane. A first-surface mirror is coated
+    on its front, so they are one mirror thickness behind that plane.
     """
     return mirror.back_mm - hardware.holder.bond_mm
 
@@ -100,7 +100,7 @@ def outline_at(mirror: Mirror, height_mm: float, margin_mm: float = 0.0, *, beve
     """A mirror's outline, enlarged by a margin, at a height over the reflecting plane: (m, 3) in the rig frame, mm.
 
     The sides of a mirror are normal to its faces. The outline is counter-clockwise seen from the pupil. The margin cuts
-    off corners sharper than 60 deg, or all corners if `bevelled`, so that m may exceed the number of corners.
+    off corners sharper than 60 deg, or all corners if `bevelled`, so m may exceed the number of corners.
     """
     polygon = Polygon(mirror.outline_in_plane_mm)
     if margin_mm > 0.0:

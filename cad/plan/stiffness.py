@@ -74,7 +74,7 @@ def beam_compliance(path: FloatArray, load: FloatArray, section: Section) -> tup
 
     Column j is for a force along axis j. The beam follows a path (n, 2; y and z); its first point is clamped, and its
     last is rigidly connected to the load. By Castigliano's theorem: the moment (load - p) x F is linear along each
-    straight piece, so that Simpson's rule is exact for the quadratic energy. Shear of the truss shifts the load without
+    straight piece, so Simpson's rule is exact for the quadratic energy. Shear of the truss shifts the load without
     rotation.
     """
     rotation, shift = np.zeros((3, 3)), np.zeros((3, 3))

@@ -73,7 +73,7 @@ def write_bodies(
     printer: Printer,
     attachments: Mapping[str, str] = MappingProxyType({}),
 ) -> None:
-    """Write the bodies on one bed; `attachments` are texts, by their paths in the archive.
+    """Write the bodies on one bed; `attachments` are text files, by their paths in the archive.
 
     The UUIDs are derived from the parts' identities, so that the same parts give the same bytes; lib3mf's defaults are
     random.

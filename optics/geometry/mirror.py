@@ -188,7 +188,7 @@ class Mirror(Value):
 
     @property
     def is_second_surface(self) -> bool:
-        """Whether the back reflects, so that light passes through the glass."""
+        """Whether the back reflects, so light passes through the glass."""
         return self.surface == "second"
 
     @property

@@ -93,7 +93,7 @@ class Equalisation(Value):
 
     @classmethod
     def load(cls, path: Path) -> Self:
-        """Read a file written by `save`; raises InputError in one line."""
+        """Read a file written by `save`; raises a one-line InputError."""
         return read_model(cls, path, LARGEST_LAYOUT_BYTES)
 
 

@@ -127,7 +127,7 @@ def pixel_footprints(
             visible = grid.visible(mirror, passes, pupil)
             subpixel, share = visible.subpixel, np.minimum(visible.part.fraction, free[visible.subpixel])
             free[subpixel] -= share
-            centre_shift_mm, light = _shift_and_throughput(
+            centre_shift_mm, throughput = _shift_and_throughput(
                 mirror, passes, grid.points(subpixel), float(reflectances[index])
             )
             off_axis: NDArray[np.bool_] = np.asarray(visible.part.centroid.any(axis=1))
@@ -136,7 +136,7 @@ def pixel_footprints(
                     index,
                     subpixel[chosen],
                     centre_shift_mm[chosen],
-                    (light * share)[chosen],
+                    (throughput * share)[chosen],
                     visible.part.selected(chosen),
                     pupil,
                 )

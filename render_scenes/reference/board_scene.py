@@ -1,6 +1,6 @@
 """A calibration board in front of a camera, with or without mirrors, as a Mitsuba scene in the rig frame, mm.
 
-The board emits light, so that no light source adds noise. Mirrors have the outlines of the layout; the rest is black.
+The board emits light, so no light source adds noise. Mirrors have the outlines of the layout; the rest is black.
 The parts of a device, if given, occlude the scene and scatter the light of the board and of the surroundings, whose
 radiance is uniform.
 """

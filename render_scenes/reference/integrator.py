@@ -5,7 +5,7 @@ then parallel to the true one, and corners seen via a mirror move by hundredths 
 unit is metres). Moving the origin along the *reflected direction* leaves the surface too and does not change the ray.
 
 Where the front of a plate splits light, no branch is chosen at random. A path is traced once per branch and the
-radiances are added, so that plates add no noise. Branch 0 is reflected by the front; branch k continues to the coating
+radiances are added, so plates add no noise. Branch 0 is reflected by the front; branch k continues to the coating
 and leaves the plate when it meets the front for the k-th time.
 
 Interactions of light with surfaces (emission, BSDFs, direct light) are in Dr.Jit, for any variant.

@@ -1,7 +1,7 @@
 """Arrangement of a tabletop scene: objects of several kinds at given depths in the common field of all views.
 
 Positions are in view axes (x right, y down, z forward, origin at the pupil, mm). Positions and sizes are proportional
-to the common field of the mirrors at the depth of an object, so that one arrangement suits a camera of any size.
+to the common field of the mirrors at the depth of an object, so one arrangement suits a camera of any size.
 """
 
 from __future__ import annotations

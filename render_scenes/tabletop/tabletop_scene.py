@@ -3,8 +3,8 @@
 Coordinates are in the rig frame, in mm.
 
 Paths are traced in colour with next event estimation, through scenes of mirrors, glass and diffuse surfaces. The
-variance is low, so that few samples suffice. At every diffuse surface of a path, one point of each area light is
-sampled. Cosine-weighted sampling continues the path, so that a uniform environment lights unoccluded surfaces without
+variance is low, so few samples suffice. At every diffuse surface of a path, one point of each area light is
+sampled. Cosine-weighted sampling continues the path, so a uniform environment lights unoccluded surfaces without
 noise. One low-discrepancy sequence gives the position in the pixel and the random numbers of the first diffuse surface;
 later bounces use independent numbers.
 

@@ -1,7 +1,7 @@
 """A tabletop scene photographed via a layout's mirrors, with the ground truth of its light field in a separate folder.
 
 The truth is the picture and depth of a pinhole at each virtual camera, on the grid that decoding with the layout as
-built uses. The request determines the bytes of a set. Every file is written atomically, so that an interrupted set
+built uses. The request determines the bytes of a set. Every file is written atomically, so an interrupted set
 can be continued.
 """
 

@@ -148,7 +148,7 @@ def show_docstring(app: App, names: Sequence[str]) -> None:
 
 
 def parse_and_run(arguments: Sequence[str]) -> int:
-    """Run one command line and return its exit code; raises InputError in one line if it cannot be parsed."""
+    """Run one command line and return its exit code; raises a one-line InputError if it cannot be parsed."""
     app = application()
     show_docstring(app, [argument for argument in arguments if not argument.startswith("-")])
 

@@ -78,7 +78,7 @@ def render(
     noise_grey: float = 0.0,
     seed: int = 0,
 ) -> NDArray[np.uint8]:
-    """A grey frame (h, w) of the board through the mirrors of `layout`, or seen directly where it is None."""
+    """A grey frame (h, w) of the board via the mirrors of `layout`, or seen directly where it is None."""
     rays = rays_through(camera)
     height, width = rays.shape[:2]
     image = np.full((height, width), 12.0, dtype=np.float32)

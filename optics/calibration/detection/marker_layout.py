@@ -193,7 +193,7 @@ class MarkerPairs:
     offset
         Squares (n, 2) from the upper to the lower marker, along x and y of the print: one of `NEIGHBOUR_OFFSETS`.
     inner
-        Whether both markers (n,) lie among inner corners, so that another row of squares follows.
+        Whether both markers (n,) lie among inner corners, so another row of squares follows.
     """
 
     upper: IntArray
@@ -267,7 +267,7 @@ class VerticalPairs:
     highest
         Higher marker number (n,) of each pair.
     has_next_row
-        1 (n,) if the lower marker lies among inner corners, so that another row of squares follows, else 0.
+        1 (n,) if the lower marker lies among inner corners, so another row of squares follows, else 0.
     """
 
     columns: IntArray

@@ -349,7 +349,7 @@ def best_motion(
     start
         Motion (4, 4) to start from.
     scaled
-        Whether B's scale is free, so that the motion is a similarity.
+        Whether B's scale is free, so the motion is a similarity.
     """
     b_from_a, weights = start, np.ones(len(pixels_in_a))
     lever_mm = float(np.linalg.norm(points_in_a - points_in_a.mean(axis=0), axis=1).max())

@@ -107,7 +107,7 @@ def common_motion(layout: Layout, *, lever_mm: float) -> FloatArray:
         weights[rows, rows] = (
             lever_mm * (np.eye(3) - normal_projection) / (2.0 * mirror.distance_mm) + normal_projection / 2.0
         )
-    # In mm at the lever, the six columns have similar size, so the cut-off of pinv is meaningful.
+    # In mm at the lever arm, the six columns have similar size, so the cut-off of pinv is meaningful.
     scale = np.array([lever_mm] * 3 + [1.0] * 3)
     return np.asarray(
         np.linalg.pinv(weights @ rigid_motion_derivatives(layout) / scale, rcond=1e-6) @ weights / scale[:, None]

@@ -50,7 +50,7 @@ class Split:
     frames
         Number of frames in each half.
     difference_px, predicted_px, chance
-        Rms over each mirror's sub-image (m,) at the working range: the difference between the halves, the difference
+        Rms over each mirror's sub-image (m,) at the working distance: the difference between the halves, the difference
         predicted by both covariances, and the probability of a larger difference if both are right.
     relative_difference_px, relative_predicted_px, relative_chance
         The same for points fixed in the reference view.

@@ -36,7 +36,7 @@ NOISE_GREY = 2.2
 GRADIENT_GREY = 5.0
 """RMS gradient along an axis of the picture of a texture in focus, grey levels per px.
 
-The gradient is the same at each frequency, as for edges (a power spectrum of 1 / k^2), so that the texture looks the
+The gradient is the same at each frequency, as for edges (a power spectrum of 1 / k^2), so the texture looks the
 same from any distance; blur and coarser sampling reduce it.
 """
 

@@ -1,7 +1,7 @@
 """Terms of a nonlinear program: small functions shared by many mirrors, with derivatives made only once.
 
 A program with n mirrors contains each kind of term many times, over different unknowns. All uses share the exact
-derivatives of one small function, so that building a program takes milliseconds, however many mirrors it has.
+derivatives of one small function, so building a program takes milliseconds, however many mirrors it has.
 """
 
 from __future__ import annotations

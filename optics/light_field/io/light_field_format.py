@@ -49,7 +49,7 @@ class Assumed(Value):
     def complete(self, path: Path) -> Assumed:
         """Fill values that are None from the light field's `views_toml`, if it exists.
 
-        Raises InputError in one line if the file is invalid.
+        Raises a one-line InputError if the file is invalid.
         """
         file = views_toml(path)
         return read_model(Assumed, file).replaced(**self.model_dump(exclude_none=True)) if file.exists() else self

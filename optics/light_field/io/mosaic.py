@@ -67,7 +67,7 @@ def write_mosaic(path: Path, light_field: LightField, order: Order) -> None:
 def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightField:
     """Read the light field of a picture of all views; NAME.json takes precedence over `order` and `assumed`.
 
-    Raises InputError in one line if the geometry is unknown, the picture does not divide into the views, or its pixels
+    Raises a one-line InputError if the geometry is unknown, the picture does not divide into the views, or its pixels
     contradict the division.
     """
     colours, opacity = read_rgba(path)
@@ -103,7 +103,7 @@ def read_mosaic(path: Path, order: Order, assumed: Assumed = NOTHING) -> LightFi
 
 
 def check_division(colours: Bytes, grid: Grid, order: Order) -> None:
-    """Raise InputError, in one line without a path, if the pixels contradict a division into views.
+    """Raise a one-line InputError without a path, if the pixels contradict a division into views.
 
     Ambiguous pictures, such as those without texture, pass.
     """
@@ -166,11 +166,11 @@ class _Picture:
 
     @cached_property
     def is_noisy(self) -> bool:
-        """Whether adjacent pixels differ about as much as any others, so that noise hides seams."""
+        """Whether adjacent pixels differ about as much as any others, so noise hides seams."""
         return bool(min(float(np.median(gradient)) for gradient in self.gradients) > _NOISE * float(self.grey.std()))
 
     def repeats(self, grid: Grid, order: Order) -> bool:
-        """Return whether the texture of a view of a grid repeats, so that parts of it look like views."""
+        """Return whether the texture of a view of a grid repeats, so parts of it look like views."""
         rows, cols = grid
         grey = self.views(grid, order)[rows // 2, cols // 2]
         return texture_repeats(np.ascontiguousarray(grey))

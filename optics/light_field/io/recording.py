@@ -69,7 +69,7 @@ class Entries:
 
     @classmethod
     def of(cls, lines: Iterable[Any], where: Path) -> Entries:
-        """Parse the lines of a journal; raises InputError in one line if they are invalid."""
+        """Parse the lines of a journal; raises a one-line InputError if they are invalid."""
         entries = cls()
         for line in lines:
             entries.add(line, where)
@@ -125,7 +125,7 @@ class Recording:
     entries
         Journal entries of the frames written.
     is_complete
-        Whether `path` already existed, written with the same `about`, so that nothing remains to be done.
+        Whether `path` already existed, written with the same `about`, so nothing remains to be done.
 
     Raises
     ------

@@ -43,7 +43,7 @@ def read_arrays(path: Path, full_scale: float, assumed: Assumed) -> LightField:
     """Read the light field of an array [t, s, v, u, c] of floats up to `full_scale`, or of integers up to their
     maximum.
 
-    Without `views.json`, samples are float32 on an even grid with the assumed geometry. Raises InputError in one line
+    Without `views.json`, samples are float32 on an even grid with the assumed geometry. Raises a one-line InputError
     for arrays of other shapes, or non-finite values.
     """
     array, stated = _load(path, 5), read_views(path.with_name(VIEWS))

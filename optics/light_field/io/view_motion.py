@@ -27,7 +27,7 @@ _FEW_PAIRS = 3
 _MIN_MOTION_OF_FEW_PX = 0.3
 """Minimum motion for few pairs; smaller motion may be a misalignment of the cameras."""
 _MAX_CORRELATION = 0.8
-"""Correlation of a view with its shifted copy above which its texture repeats, so that motion is ambiguous."""
+"""Correlation of a view with its shifted copy above which its texture repeats, so motion is ambiguous."""
 _MIN_SHIFT_PX, _COARSE_SIGMA_PX = 3.5, 4.0
 """Shifts ignored for this test, and the sigma of brightness variations that are not texture."""
 Pairs = NDArray[np.intp]

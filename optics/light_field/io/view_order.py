@@ -118,7 +118,7 @@ def in_order(light_field: LightField, *, may_change: bool = True) -> tuple[Light
     without texture, keep their order. Both orders for which the picture moves in the same direction along rows and
     columns are valid: one for a scene in front of the plane of zero disparity, the other for one behind it.
 
-    Raises InputError in one line for pictures that contradict their order, if the right one is uncertain or must not be
+    Raises a one-line InputError for pictures that contradict their order, if the right one is uncertain or must not be
     adopted.
     """
     motion = measure_motion(light_field)
@@ -274,7 +274,7 @@ def named_views(folder: Path, files: Sequence[Path]) -> NamedViews:
     """Return the views among the pictures of a folder.
 
     A grid of rows and columns is preferred to a single row, and names with positions to names without. Raises
-    InputError in one line for names that do not form a grid.
+    a one-line InputError for names that do not form a grid.
     """
     positioned = [
         _Named(file, int(match[1]), int(match[2]), (float(match[4]), float(match[3])))

@@ -39,7 +39,7 @@ def fields_of_views(views: Views) -> dict[str, Any]:
 
 
 def views_of_fields(values: Mapping[str, Any], where: str) -> Views:
-    """Build views from fields of lists, numbers or arrays; raises InputError in one line that begins with `where`."""
+    """Build views from fields of lists, numbers or arrays; raises a one-line InputError that begins with `where`."""
     try:
         views = Views(
             positions_mm=values["positions_mm"],
@@ -111,7 +111,7 @@ def check_weights(weights: Any) -> None:
 
 
 def light_field_of_fields(values: Mapping[str, Any], where: str) -> LightField:
-    """Build a light field from its fields by name; raises InputError in one line that begins with `where`."""
+    """Build a light field from its fields by name; raises a one-line InputError that begins with `where`."""
     try:
         light_field = LightField.of(views_of_fields(values, where), values["samples"], values["weights"])
         check_weights(light_field.weights)
@@ -140,7 +140,7 @@ class ViewsFile(Value):
 def read_views(path: Path) -> tuple[Views, ViewsFile] | None:
     """Read a file written by `write_views`: the views, and the entire file; None if it does not exist.
 
-    Raises InputError in one line for other files, including the `views.json` that `evaluate` gives to calibrators.
+    Raises a one-line InputError for other files, including the `views.json` that `evaluate` gives to calibrators.
     """
     if not path.exists():
         return None

@@ -11,7 +11,7 @@ from numba import njit
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a function at its first call, and cache the code next to the source or in the user's cache.
 
-    The code releases the interpreter's lock, so that threads run in parallel, and rounds as written: the results are
+    The code releases the interpreter's lock, so threads run in parallel, and rounds as written: the results are
     identical on every processor. Division by zero gives infinity or NaN, as in NumPy.
     """
     code: Callable[..., Any] = njit(nogil=True, cache=True, error_model="numpy")(function)

@@ -38,7 +38,7 @@ Line = Annotated[str, Field(max_length=500), AfterValidator(_printable)]
 
 
 def markdown_text(text: str) -> str:
-    """Escape a text for Markdown, so that it contains no tags, links, emphasis or table cells."""
+    """Escape text for Markdown, so that it contains no tags, links, emphasis or table cells."""
     return _MARKDOWN.sub(r"\\\g<0>", html.escape(text, quote=False))
 
 

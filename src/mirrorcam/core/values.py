@@ -166,7 +166,7 @@ def _stop_at_first(schema: Any) -> None:
 class Value(BaseModel):
     """A frozen value without unknown keys, NaN or infinities; equal if all fields are equal.
 
-    However it is constructed, invalid fields raise InvalidValue, in one line.
+    However it is constructed, invalid fields raise a one-line InvalidValue.
     """
 
     model_config = ConfigDict(

@@ -46,7 +46,7 @@ class DesignRequest(DesignSpec):
 def read_request(path: Path) -> DesignRequest:
     """Read a request from a TOML or JSON file, or from a layout; its camera may be the name of a file.
 
-    Raises InputError in one line.
+    Raises a one-line InputError.
     """
     raw = read_bytes(path, LARGEST_LAYOUT_BYTES)
     _require_suffix(path)

@@ -64,7 +64,7 @@ class SweepRequest(Value):
 
 
 def read_sweep(path: Path) -> SweepRequest:
-    """Read a TOML or JSON request, with the common camera by name or file; raises InputError in one line."""
+    """Read a TOML or JSON request, with the common camera by name or file; raises a one-line InputError."""
     tables = tables_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
     if isinstance(tables, dict) and isinstance(tables.get("common"), dict):
         tables = tables | {"common": with_camera(path, tables["common"])}

@@ -26,7 +26,7 @@ class Opening:
 def opened(path: Path | None) -> Opening:
     """Read a designed layout, a request, or the designs in the folder of a sweep.
 
-    Raises InputError in one line.
+    Raises a one-line InputError.
     """
     if path is None:
         return Opening(DesignSpec())

@@ -118,7 +118,7 @@ def test_poses_tilt_by_the_angle_about_axes_in_the_back() -> None:
 def test_a_small_device_on_screws_passes_the_checks_of_its_parts_together(kind: str, tmp_path: Path) -> None:
     made = make(pair(), with_screws(kind), tmp_path)
     items = purchased_items(made.device)
-    parts = {piece.name: solid_of(piece.mesh) for piece in made.pieces}
+    parts = {component.name: solid_of(component.mesh) for component in made.components}
     assert {part.name for part in made.parts if part.name.startswith("carrier")} == {"carrier_0-0", "carrier_0-1"}
     assert [part.number for part in made.parts if part.name.startswith("carrier")] == ["MC-08", "MC-09"]
     checks = {
@@ -128,7 +128,7 @@ def test_a_small_device_on_screws_passes_the_checks_of_its_parts_together(kind: 
         **check_clashes(parts, made.device.hardware.fit.press_mm),
     }
     assert {name: check for name, check in checks.items() if not check.passed} == {}
-    write_guide(tmp_path, made.device, made.parts, made.pieces)
+    write_guide(tmp_path, made.device, made.parts, made.components)
     guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
     size = made.device.hardware.holder.spring.size
     assert f"6 {TIMES} M3 x" in guide

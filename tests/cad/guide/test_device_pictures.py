@@ -12,7 +12,7 @@ import pytest
 
 from mirrorcam.cad.guide.device_pictures import FIRST_END, is_v, notes_of
 from mirrorcam.cad.guide.labels import pixel_of
-from mirrorcam.cad.guide.picture_views import labels_of, shot_of, views_of, write_picture
+from mirrorcam.cad.guide.picture_views import labels_of, rendering_of, views_of, write_picture
 from mirrorcam.cad.guide.shading import Screen, render
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.plan.hardware import HARDWARE
@@ -25,7 +25,7 @@ def test_the_picture_shows_points_slots_and_both_screws_with_their_lengths(made:
     picture = next(picture for picture in made.pictures if picture.name == "camera")
     seen = set()
     for view in views_of(picture):
-        shot = shot_of(view)
+        shot = rendering_of(view)
         seen |= {label.text for label in labels_of(view) if pixel_of(shot, label) is not None}
     screws = {f"{name} screw, M3 x {length}" for name, length in (("corner", 25), ("back", 12))}
     assert {"V", "front pad", "side pad", "slot of the cable tie", FIRST_END} | screws <= seen
@@ -54,7 +54,7 @@ def test_every_insert_is_seen_in_a_view_and_counted_at_its_part(made: Made) -> N
     hidden: set[int] = set()
     counted = 0
     for number, view in enumerate(views_of(picture)):
-        shot = shot_of(view, (700, 525))
+        shot = rendering_of(view, (700, 525))
         pixels = np.bincount(shot.bodies[shot.bodies >= 0], minlength=len(view.items))
         # Items with a line to their seat are inserted; the views of a small device have the same items.
         unseen = {index for index, item in enumerate(view.items) if item.line is not None and pixels[index] < 12}
@@ -68,7 +68,7 @@ def test_every_mirror_and_seat_is_named_where_it_is(made: Made) -> None:
     picture = next(picture for picture in made.pictures if picture.name == "mirrors")
     mirrors, seats = views_of(picture)
     assert "from the scene" in mirrors.caption
-    shots = [shot_of(view) for view in (mirrors, seats)]
+    shots = [rendering_of(view) for view in (mirrors, seats)]
     at = [
         {label.text.removeprefix("seat "): pixel_of(shot, label) for label in labels_of(view)}
         for view, shot in zip((mirrors, seats), shots, strict=True)

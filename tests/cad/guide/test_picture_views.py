@@ -28,7 +28,7 @@ from mirrorcam.cad.guide.picture_views import (
     labels_of,
     mean,
     name_of,
-    shot_of,
+    rendering_of,
     triangles_of,
     views_of,
     write_picture,
@@ -47,7 +47,7 @@ def test_each_view_names_the_points_that_it_shows() -> None:
     front = DevicePicture("cube", "Cube", np.eye(3), (CUBE,), notes=NOTES, lower=behind)
     seen = []
     for view in views_of(front):
-        shot = shot_of(view)
+        shot = rendering_of(view)
         seen.append([label.text for label in labels_of(view) if pixel_of(shot, label) is not None])
     assert seen == [["front"], ["back"]]
 
@@ -60,7 +60,7 @@ def test_views_lie_one_below_the_other_with_their_captions(tmp_path: Path) -> No
     assert (image[:60, :200] < 100).any()
     # The drawing starts below the caption, whatever its height.
     tall = DevicePicture("cube", "Cube", np.eye(3), (CUBE,), caption="Above")
-    assert not (shot_of(tall).bodies[:CAPTION_ROOM_PX] >= 0).any()
+    assert not (rendering_of(tall).bodies[:CAPTION_ROOM_PX] >= 0).any()
     assert (image[1050:1110, :200] == 255).all()
 
 

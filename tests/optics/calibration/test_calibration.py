@@ -109,7 +109,7 @@ def calibrated(small_set: Set, detections: Path) -> Calibration:
 
 @pytest.fixture(scope="module")
 def plain_frames(small_set: Set) -> list[Grey]:
-    """Two frames of a checkerboard of 9 x 6 squares through the mirrors."""
+    """Two frames of a checkerboard of 9 x 6 squares via the mirrors."""
     return [
         render(small_set.truth.camera, small_set.truth, PLAIN, posed(PLAIN, np.array(at), np.array(turn), direct=False))
         for at, turn in (([0.0, 330.0, 85.0], [10.0, 12.0, 20.0]), ([10.0, 350.0, 80.0], [-15.0, 20.0, 0.0]))

@@ -51,7 +51,7 @@ TELE = Camera.c920().replaced(fx_px=40000.0, fy_px=40000.0)
             (
                 "body",
                 DesignSpec(rows=1, cols=2, body_clearance_mm=150.0),
-                r"mirrors or their light come [\d.]+ mm too close to the camera's body, .* 150 mm",
+                r"mirrors or their ray cones come [\d.]+ mm too close to the camera's body, .* 150 mm",
             ),
             (
                 # 65.5 mm from pupil to plane; for light at 35 degrees, the glass brings the coating 119.1 mm nearer.

@@ -96,7 +96,7 @@ def scene(
 
 
 def photograph(layout: Layout, sheets: list[Sheet], shot: Shot, random: np.random.Generator) -> NDArray[np.uint8]:
-    """The picture (h, w, 3) that the camera takes of sheets through the mirrors of a layout."""
+    """The picture (h, w, 3) that the camera takes of sheets via the mirrors of a layout."""
     height, width = layout.camera.height_px, layout.camera.width_px
     frame = np.zeros((height, width), np.float32)
     gains = np.random.default_rng(len(layout.mirrors)).normal(1.0, shot.gains, len(layout.mirrors))

@@ -174,7 +174,7 @@ def read_hci(folder: Path, *, every: int = 1) -> HciScene:
     Depths are measured from the central view, as nothing else is known. `every` selects every n-th view in both
     directions, including the central one; disparities are then per step of the selected views.
 
-    Raises InputError in one line for missing files, pictures of a different size, or a grid without a central view.
+    Raises a one-line InputError for missing files, pictures of a different size, or a grid without a central view.
     """
     path = folder / PARAMETERS
     parser = ConfigParser(interpolation=None)

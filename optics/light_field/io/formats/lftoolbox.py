@@ -109,7 +109,7 @@ def write_lftoolbox(path: Path, light_field: LightField) -> None:
 def read_lftoolbox(path: Path, assumed: Assumed = NOTHING) -> LightField:
     """Read a light field from a .mat file: the toolbox's (-v7.3), an older version, or one of `write_lftoolbox`.
 
-    The geometry comes from `MirrorCam`, else from H, else it is assumed. Raises InputError in one line for any other
+    The geometry comes from `MirrorCam`, else from H, else it is assumed. Raises a one-line InputError for any other
     file.
     """
     stored_bytes(path)

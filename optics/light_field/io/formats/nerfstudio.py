@@ -68,7 +68,7 @@ class _Frame(Value):
 def read_nerfstudio(folder: Path) -> LightField:
     """Read a dataset of parallel, undistorted views named `..._ROW_COLUMN.png`.
 
-    Without `views.json`, the rig is nerfstudio's world in mm. Raises InputError in one line for any other dataset.
+    Without `views.json`, the rig is nerfstudio's world in mm. Raises a one-line InputError for any other dataset.
     """
     path = folder / TRANSFORMS
     dataset = read_json(path, LARGEST_LAYOUT_BYTES)

@@ -19,7 +19,7 @@ def save_npz(path: Path, light_field: LightField) -> None:
 
 
 def load_npz(path: Path) -> LightField:
-    """Read a file written by `save_npz`; raises InputError in one line for any other or a damaged file."""
+    """Read a file written by `save_npz`; raises a one-line InputError for any other or a damaged file."""
     names = [field.name for field in fields(LightField)]
     arrays = read_npz(path, names)
     missing = [name for name in names if name not in arrays]

@@ -55,7 +55,7 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
     of columns (for one column, of rows): the archive's own unit is unknown. Names without positions mean an even grid,
     whose step must be assumed. Focal length and reference depth must be assumed.
 
-    Raises InputError in one line if a view is missing or has a different size, or the geometry is unknown.
+    Raises a one-line InputError if a view is missing or has a different size, or the geometry is unknown.
     """
     with as_input_error(folder, "pictures of a grid of views"):
         pictures_in_folder = [file for file in sorted(folder.iterdir()) if is_picture(file)]

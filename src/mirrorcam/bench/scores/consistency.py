@@ -1,7 +1,7 @@
 """Normalised estimation error squared (NEES): whether the errors of a calibration match its covariance.
 
 After Bar-Shalom. The error is measured in pixels over the working volume. The motion of the rig is removed from the
-error and from the predicted error, so that the gauge of a calibration does not matter. If the covariance is right, the
+error and from the predicted error, so the gauge of a calibration does not matter. If the covariance is right, the
 NEES is chi-squared distributed, with the rank of the covariance as degrees of freedom.
 """
 

@@ -60,7 +60,7 @@ def check_bytes(path: Path, size: int, stored: int) -> None:
 
 
 def read_npy(path: Path) -> NDArray[Any]:
-    """Read an .npy file of numbers, booleans or text; raises InputError in one line for anything else."""
+    """Read an .npy file of numbers, booleans or text; raises a one-line InputError for anything else."""
     stored = stored_bytes(path)
     with as_input_error(path, "an .npy file that can be read"), path.open("rb") as stream:
         return _array(stream, path, stored, stored)

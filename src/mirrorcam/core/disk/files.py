@@ -147,7 +147,7 @@ def readable(path: Path) -> Iterator[None]:
 
 
 def stored_bytes(path: Path) -> int:
-    """Return the size of a regular file; raises InputError in one line for anything else, which may block when opened.
+    """Return the size of a regular file; raises a one-line InputError for anything else, which may block when opened.
 
     The error for a Git LFS pointer, which replaces a file until it is fetched, names the command that fetches the file.
     """
@@ -175,7 +175,7 @@ def first_bytes(path: Path, count: int) -> bytes:
 
 
 def read_bytes(path: Path, max_bytes: int = LARGEST_FILE_BYTES) -> bytes:
-    """Return the content of a regular file; raises InputError in one line above `max_bytes`."""
+    """Return the content of a regular file; raises a one-line InputError above `max_bytes`."""
     if (stored := stored_bytes(path)) <= max_bytes:
         with readable(path), path.open("rb") as stream:
             content = stream.read(stored + 1)
@@ -187,7 +187,7 @@ def read_bytes(path: Path, max_bytes: int = LARGEST_FILE_BYTES) -> bytes:
 
 
 def read_lines(path: Path) -> list[bytes]:
-    """Read the lines of a record, without line ends; raises InputError in one line for an invalid file."""
+    """Read the lines of a record, without line ends; raises a one-line InputError for an invalid file."""
     raw = read_bytes(path)
     if raw.count(b"\n") > MAX_LINES:
         raise InputError(f"{path}: has more than {MAX_LINES} lines, expected fewer")
@@ -195,12 +195,12 @@ def read_lines(path: Path) -> list[bytes]:
 
 
 def read_json(path: Path, max_bytes: int = LARGEST_TEXT_BYTES) -> Any:
-    """Read the value of a JSON file (UTF-8); raises InputError in one line, also for a duplicate key."""
+    """Read the value of a JSON file (UTF-8); raises a one-line InputError, also for a duplicate key."""
     return json_of(path, read_bytes(path, max_bytes))
 
 
 def json_of(where: Path | str, raw: bytes) -> Any:
-    """Parse a JSON text; raises InputError in one line, which names `where`."""
+    """Parse a JSON text; raises a one-line InputError, which names `where`."""
     try:
         return json_value(raw)
     except InputError as error:
@@ -208,7 +208,7 @@ def json_of(where: Path | str, raw: bytes) -> Any:
 
 
 def toml_of(where: Path | str, raw: bytes) -> dict[str, Any]:
-    """Parse a TOML text; raises InputError in one line, which names `where`."""
+    """Parse a TOML text; raises a one-line InputError, which names `where`."""
     try:
         return toml_value(raw)
     except InputError as error:
@@ -216,7 +216,7 @@ def toml_of(where: Path | str, raw: bytes) -> dict[str, Any]:
 
 
 def read_model(model: type[Model], path: Path, max_bytes: int = LARGEST_TEXT_BYTES) -> Model:
-    """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise InputError in one line.
+    """Read a JSON or (by its suffix) TOML file into a pydantic model, or raise a one-line InputError.
 
     Types are strict: strings and booleans are not accepted as numbers. A file of more than `max_bytes` is refused; the
     default suits hand-written files.
@@ -263,7 +263,7 @@ def model_from(model: type[Model], where: Path | str, data: Any) -> Model:
 
 
 def validated(model: type[Model], data: Any) -> Model:
-    """Validate plain values as a pydantic model; raises InputError in one line if they are invalid."""
+    """Validate plain values as a pydantic model; raises a one-line InputError if they are invalid."""
     try:
         if any(len(table) > _MAX_FIELDS for table in _tables(data)):
             _check_keys(model, data)

@@ -36,7 +36,7 @@ Parts = Iterator[tuple[int, memoryview]]
 def read_mat5(path: Path, names: Collection[str], expected: str) -> dict[str, Any]:
     """Read variables by name: arrays, strings, and structs as dicts; None for other classes.
 
-    Raises InputError in one line for a file that is not `expected`, and for arrays above the memory limit. Checksums
+    Raises a one-line InputError for a file that is not `expected`, and for arrays above the memory limit. Checksums
     reveal damage to compressed variables.
     """
     stored, total_bytes = stored_bytes(path), 0

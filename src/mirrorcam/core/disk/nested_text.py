@@ -42,7 +42,7 @@ _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 
 def json_value(raw: bytes) -> Any:
-    """Parse a JSON text (UTF-8); raises InputError in one line, also for a duplicate key.
+    """Parse a JSON text (UTF-8); raises a one-line InputError, also for a duplicate key.
 
     NaN and Infinity are read as numbers: a later check for finite values can name the field.
     """
@@ -63,7 +63,7 @@ def json_value(raw: bytes) -> Any:
 
 
 def toml_value(raw: bytes) -> dict[str, Any]:
-    """Parse a TOML text; raises InputError in one line."""
+    """Parse a TOML text; raises a one-line InputError."""
     if len(raw) > LARGEST_TOML_BYTES:
         raise InputError(f"is larger than {LARGEST_TOML_BYTES / 1e6:g} MB, expected a smaller file of TOML")
     text, outline = _decoded(raw, "TOML"), _TOML_STRING.sub(b"s", raw)

@@ -51,7 +51,7 @@ class FolderManifest(Value):
 
     @classmethod
     def load(cls, folder: Path) -> Self:
-        """Read the manifest of a folder, or raise InputError in one line."""
+        """Read the manifest of a folder, or raise a one-line InputError."""
         return read_model(cls, folder / cls.FILE, LARGEST_FILE_BYTES)
 
     def intact(self, folder: Path, name: str) -> bool:

@@ -87,14 +87,14 @@ class ArrayMetadata(Value):
 
 
 def read_attributes(folder: Path) -> dict[str, Any]:
-    """Read the attributes of a group, or raise InputError in one line."""
+    """Read the attributes of a group, or raise a one-line InputError."""
     return read_model(GroupMetadata, inside(folder, METADATA), LARGEST_LAYOUT_BYTES).attributes
 
 
 class ZarrArray:
     """A named array of a group, read by chunk or completely.
 
-    Raises InputError in one line for unsupported metadata, and for links that lead out of the group.
+    Raises a one-line InputError for unsupported metadata, and for links that lead out of the group.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class ZarrArray:
         return (self._group / self.key(index)).exists()
 
     def chunk(self, index: tuple[int, ...]) -> NDArray[Any]:
-        """Read the chunk at an index; raises InputError in one line if it is damaged."""
+        """Read the chunk at an index; raises a one-line InputError if it is damaged."""
         path, size = inside(self._group, self.key(index)), self.chunk_bytes
         with as_input_error(path, "a chunk that can be read"):
             stored = stored_bytes(path)

@@ -26,7 +26,7 @@ def write_pfm(path: Path, values: NDArray[np.float32]) -> None:
 def read_pfm(path: Path) -> NDArray[np.float32]:
     """Read the map (v, u) of a one-channel .pfm file, row 0 at the top; NaN and infinities are kept.
 
-    Raises InputError in one line for a file of another format, or a truncated one.
+    Raises a one-line InputError for a file of another format, or a truncated one.
     """
     raw = read_bytes(path)
     header = _HEADER.match(raw, 0, _MAX_HEADER_BYTES)

@@ -60,7 +60,7 @@ def camera(
 ) -> LiveCamera:
     """Open a camera by number or address, and request a picture size; `on_note` and `buffered` as for `LiveCamera`.
 
-    Raises InputError in one line if it cannot be opened. Messages omit passwords in an address.
+    Raises a one-line InputError if it cannot be opened. Messages omit passwords in an address.
     """
     is_number = address.isascii() and address.isdigit()
     if not is_number and _local_file(address) is None and re.search(r"\s!\s", address):

@@ -213,7 +213,7 @@ def frame_remarks(name: str, frames: Sequence[Any], *, interlaced: bool = False)
     lines = []
     if interlaced or any(frame.interlaced_frame for frame in frames):
         lines.append(
-            f"{name} is interlaced: the odd and even rows of a frame were exposed at different times, so that motion "
+            f"{name} is interlaced: the odd and even rows of a frame were exposed at different times, so motion "
             "distorts measurements; deinterlace it (ffmpeg -noautorotate -i VIDEO -vf bwdif=0 -crf 12 OUT.mkv), or "
             "hold the board and the scene still"
         )

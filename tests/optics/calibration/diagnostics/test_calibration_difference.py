@@ -145,7 +145,7 @@ def test_a_lens_of_any_family_is_compared(lens: LensName, calibrated: Layout) ->
     found = calibration_difference(calibrated, calibrated.replaced(camera=camera, uncertainty=known), range_mm=RANGE_MM)
     assert max(lengths_px(found)) < 2.0
     alone = calibration_difference(calibrated.replaced(uncertainty=None), calibrated, range_mm=RANGE_MM)
-    assert found.metrics(found.views)["sigma_px"].value > alone.figures(alone.views)["sigma_px"].value
+    assert found.metrics(found.views)["sigma_px"].value > alone.metrics(alone.views)["sigma_px"].value
 
 
 def test_views_along_the_cameras_axis_are_compared_with_the_direct_view(small_pair: Layout) -> None:
@@ -165,7 +165,7 @@ def small_pair() -> Layout:
 
 def test_other_devices_are_refused(small_pair: Layout, parabola_layout: Layout) -> None:
     smaller = small_pair.replaced(camera=PINHOLE.replaced(width_px=640))
-    with pytest.raises(InputError, match="the second layout's pictures have 640x600 px, expected 800x600 px"):
+    with pytest.raises(InputError, match="the second layout's pictures are 640x600 px, expected 800x600 px"):
         calibration_difference(small_pair, smaller, range_mm=RANGE_MM)
     single = small_pair.replaced(cols=1, mirrors=small_pair.mirrors[:1])
     with pytest.raises(InputError, match="the second layout has 1 x 1 mirrors, expected 1 x 2"):
