@@ -68,7 +68,7 @@ def test_tables_of_corners_calibrate_as_their_pictures_did(corner_request: Calib
 
 
 def test_corners_without_mirrors_are_refused(corner_request: CalibrationRequest) -> None:
-    with pytest.raises(InputError, match=r"bare\.csv: all corners are in direct views, expected pictures through"):
+    with pytest.raises(InputError, match=r"bare\.csv: all corners are in direct views, expected pictures via"):
         calibrate_files((), corner_request.replaced(corners=corner_request.corners[1:]))
 
 
