@@ -68,7 +68,7 @@ def _working_depth_mm(spec: DesignSpec) -> float:
 def check_obvious_infeasibility(spec: DesignSpec) -> None:
     """Raise InfeasibleDesign for specs that are clearly infeasible, without a search.
 
-    These have a depth nearer than the centres of the seed's mirrors, gaps wider than the sensor, or mirrors so thick
+    These have a depth nearer than the seed's mirrors, sub-image gaps wider than the sensor, or mirrors so thick
     that they reach the pupil.
     """
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))

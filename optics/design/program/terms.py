@@ -19,7 +19,10 @@ Expression = Any
 Indices = NDArray[np.int64]
 
 ELASTIC = ("spacing", "seen gap", "occlusion", "body", "depth", "overlap", "size")
-"""Families of constraints that a search for feasibility may violate; it minimises one slack per family."""
+"""Families of constraints that a search for feasibility may violate; it minimises one slack per family.
+
+A "seen gap" is the gap between two sub-images, as the spec's `seen_gap_mm`.
+"""
 
 
 @dataclass(frozen=True, eq=False)
