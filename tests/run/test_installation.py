@@ -10,7 +10,7 @@ import pytest
 
 import mirrorcam
 from mirrorcam.core.extras import MODULES
-from mirrorcam.run.installation import PURPOSES, installation, tested_versions
+from mirrorcam.run.installation import PURPOSES, installation, constrained_versions
 from tests.test_architecture import ROOT
 
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
@@ -29,7 +29,7 @@ def test_versions_are_those_of_the_metadata_and_of_the_constraints() -> None:
     base = next(extra for extra in found.extras if extra.name == "base")
     packages = {package.name: package for package in base.packages}
     assert packages["numpy"].installed == metadata.version("numpy")
-    assert packages["numpy"].tested == tested_versions()["numpy"]
+    assert packages["numpy"].tested == constrained_versions()["numpy"]
     assert base.missing == ()
 
 
@@ -52,4 +52,4 @@ def test_what_is_missing_is_named_and_stops_nothing(monkeypatch: pytest.MonkeyPa
 def test_an_installed_wheel_reads_the_constraints_in_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "constraints.txt").write_text("# Comment\nSome_Thing==1.2.3\nother==4\n")
     monkeypatch.setattr(mirrorcam, "__file__", str(tmp_path / "__init__.py"))
-    assert tested_versions() == {"some-thing": "1.2.3", "other": "4"}
+    assert constrained_versions() == {"some-thing": "1.2.3", "other": "4"}

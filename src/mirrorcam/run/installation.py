@@ -76,7 +76,7 @@ class Installation(Value):
 
 def installation() -> Installation:
     """Inspect this installation without importing a library."""
-    tested = tested_versions()
+    tested = constrained_versions()
     return Installation(
         version=mirrorcam.__version__,
         folder=str(Path(mirrorcam.__file__).parent),
@@ -88,7 +88,7 @@ def installation() -> Installation:
     )
 
 
-def tested_versions() -> dict[str, str]:
+def constrained_versions() -> dict[str, str]:
     """Return the versions with which the tests passed, by normalised distribution name, from `constraints.txt`."""
     folder = Path(mirrorcam.__file__).parent
     files = (folder / CONSTRAINTS, folder.parents[1] / CONSTRAINTS)  # in a wheel, in a checkout

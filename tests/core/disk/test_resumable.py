@@ -126,7 +126,7 @@ def test_another_request_is_refused_and_names_what_differs(
 ) -> None:
     written(tmp_path)
     before = (tmp_path / "pictures.json").read_bytes()
-    with pytest.raises(InputError, match=f"holds a set with a different {differs}, expected the same request"):
+    with pytest.raises(InputError, match=f"holds a set that differs in {differs}, expected the same request"):
         begun(tmp_path, request="other", **changes)
     assert (tmp_path / "pictures.json").read_bytes() == before
 
