@@ -10,7 +10,7 @@ import pytest
 
 import mirrorcam
 from mirrorcam.core.extras import MODULES
-from mirrorcam.run.installation import PURPOSES, installation, constrained_versions
+from mirrorcam.run.installation import PURPOSES, constrained_versions, installation
 from tests.test_architecture import ROOT
 
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
