@@ -38,7 +38,7 @@ def run_quick(out: Path) -> subprocess.CompletedProcess[str]:
 
 def reused(result: subprocess.CompletedProcess[str]) -> set[str]:
     """The stages that a run found done."""
-    return {line.split()[0] for line in result.stdout.splitlines() if "re-used" in line}
+    return {line.split()[0] for line in result.stdout.splitlines() if "reused" in line}
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +129,7 @@ def test_an_interrupted_run_leaves_whole_stages_and_goes_on(
         said, complaint = running.communicate(timeout=60)
     assert running.returncode == 130
     assert complaint == "mirrorcam: interrupted; finished files are complete\n"
-    assert {line.split()[0] for line in said.splitlines() if "re-used" in line} == {"design", "cad"}
+    assert {line.split()[0] for line in said.splitlines() if "reused" in line} == {"design", "cad"}
     assert not (out / "set").exists()
     frames = {path.name: path.stat().st_mtime_ns for path in (unfinished / "frames").glob(f"*{SETTINGS.suffix}")}
     assert len(frames) >= 3

@@ -86,11 +86,11 @@ def test_times_are_those_of_the_file_or_of_the_rate(
 ) -> None:
     light_field = light_field_of(Relief(), even_views(3, 10.0, **SIZE), subsamples=1)[0]
 
-    def each(self: LightFieldInputs, progress: Progress = no_progress) -> Iterator[NamedLightField]:
+    def open_all(self: LightFieldInputs, progress: Progress = no_progress) -> Iterator[NamedLightField]:
         for number, time_s in enumerate(times_s):
             yield NamedLightField(f"clip_{number}", light_field, None, time_s)
 
-    monkeypatch.setattr(LightFieldInputs, "each", each)
+    monkeypatch.setattr(LightFieldInputs, "open_all", open_all)
     found = write_trajectory(LightFieldInputs((Path("clip.zarr"),)), tmp_path, TrackRequest(rate_hz=2.0))
     assert found.times_s == expected
     assert found.path_mm < 0.05

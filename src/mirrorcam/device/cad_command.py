@@ -48,7 +48,7 @@ def cad(
     """Generate and check every part of a device; render it; adjust its mirrors.
 
     Writes the files to print, cut, assemble and view: open index.html. Parts that have not changed since an earlier run
-    are re-used. Exit code 1: a check failed.
+    are reused. Exit code 1: a check failed.
 
     Examples:
         mirrorcam cad output/mine/layout.json --out output/mine/cad

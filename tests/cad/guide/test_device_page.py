@@ -180,7 +180,7 @@ def test_a_browser_without_a_network_shows_the_model(made: Made, tmp_path: Path)
     assert document.count('type="checkbox"') > len(made.components)
     without = browse(made.folder / "index.html", tmp_path, "--disable-3d-apis")
     assert 'class="flat"' in without
-    assert "shows no 3-D graphics" in without
+    assert "does not support 3-D graphics" in without
 
 
 def browse(page: Path, profile: Path, *flags: str) -> str:
