@@ -57,7 +57,7 @@ def test_parts_are_built_for_the_carrier_that_is_chosen(page: Watched, studio: t
     options = page.page.eval_on_selector_all("#adapter option", "found => found.map((each) => each.value)")
     assert options == list(BACKS)
     assert page.page.input_value("#adapter") == "none"
-    page.page.get_by_label("The device stands on, or is fastened to").select_option("vesa")
+    page.page.get_by_label("The device stands on or is fastened to").select_option("vesa")
     page.page.click("[data-make=parts]")
     page.page.wait_for_selector(".job.running")
     page.page.click(".job >> text=Cancel")
