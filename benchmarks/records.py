@@ -207,11 +207,13 @@ def write_record(
 
 def this_command(argv: Sequence[str]) -> str:
     """Return the command line of a benchmark in the root of the project, with only the last name of absolute paths."""
-    program, *arguments = (Path(argument).name if Path(argument).is_absolute() else argument for argument in argv)
+    program = Path(argv[0])
+    name = program.parent.name if program.stem == "__main__" else program.stem
+    arguments = [Path(argument).name if Path(argument).is_absolute() else argument for argument in argv[1:]]
     if "--json" in arguments:
         index = arguments.index("--json")
         del arguments[index : index + 2]
-    return " ".join([f"python -m benchmarks.{Path(program).stem}", *arguments])
+    return " ".join([f"python -m benchmarks.{name}", *arguments])
 
 
 UNITS = {
