@@ -163,7 +163,7 @@ def one_distance(calibration: Calibration) -> Calibration:
             ),
             (bad_on_others, r"residuals of held-out frames are \d\.\d+ times", "Take more pictures"),
             (split_halves, r"calibrations differ by 3\.0 times", "Do not rely on the stated uncertainty"),
-            (vague_depth, "the calibration's depth uncertainty", "Take more pictures with tilted boards"),
+            (vague_depth, "the depth uncertainty from calibration", "Take more pictures with tilted boards"),
             (half_a_view, r"corners fill \d+% of mirror 1-0", "Show the board at the .*right of mirror 1-0"),
             (few_frames, "mirror 1-1 shows the board in 3 frames", "Take 2 more pictures with the board in mirror 1-1"),
             (one_tilt, "no two boards differ by more than 0°", "Tilt the board more"),
