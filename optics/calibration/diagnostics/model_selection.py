@@ -233,8 +233,8 @@ def _selected(
     current, further, alarms, notes = forward_selection(
         current, observations, additions, extend=model.auto, on_step=on_step
     )
-    if "sheet" in current.name.split("+"):
-        alarms += _missing_plate(current)
+    if "sheet" in current.name.split("+") and not _has_plates(current):
+        alarms.append(OtherSurface(*plate_thickness(current), is_second_surface=False))
     return current, [*comparisons, *further], alarms, notes
 
 
@@ -305,17 +305,19 @@ def _fit_additions(
         addition = plate_addition if name == "sheet" and not plates else name
         on_step(f"trying {IN_WORDS[name]}")
         try:
-            fits.append(fit_with(addition, current, observations))
+            larger = fit_with(addition, current, observations)
         except UndeterminedError as error:
             notes.append(f"{current.name}+{addition} not tried: {error}")
+            continue
+        if addition != "glass" or _has_plates(larger):
+            fits.append(larger)
     return fits, notes
 
 
-def _missing_plate(fitted: Fitted) -> list[Alarm]:
+def _has_plates(fitted: Fitted) -> bool:
+    """Whether the fitted plates are thick enough to be plates."""
     thickness_mm, sigma_mm = plate_thickness(fitted)
-    if thickness_mm > max(3.0 * sigma_mm, MIN_PLATE_MM):
-        return []
-    return [OtherSurface(thickness_mm, sigma_mm, is_second_surface=False)]
+    return thickness_mm > max(3.0 * sigma_mm, MIN_PLATE_MM)
 
 
 def _alarm(best: Fitted, addition: str) -> Alarm:
