@@ -39,6 +39,7 @@ from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import UnknownMirrors
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.nested_models import first_fit
+from mirrorcam.optics.calibration.diagnostics.readout import readout
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
 from mirrorcam.optics.calibration.diagnostics.worst_views import with_worst_views
@@ -256,6 +257,10 @@ def _result(
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
     metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=mirrored_frames)
     metrics |= diagnostics.metrics | unknown.metrics | fitted.metrics
+    size_mm = float(np.ptp(selection.model.board.corners_in_board_mm, axis=0).max())
+    if (shutter := readout(solution.estimate, fitted.frames[:mirrored_frames], size_mm)) is not None:
+        metrics["shutter_readout"] = Metric(value=shutter.periods, unit="1")
+        metrics["shutter_readout_sigma"] = Metric(value=shutter.sigma, unit="1")
     return Calibration.of(
         solution,
         observations,
