@@ -67,6 +67,14 @@ def test_tables_of_corners_calibrate_as_their_pictures_did(corner_request: Calib
         assert mirror.virtual_centre_in_rig_mm == pytest.approx(same.virtual_centre_in_rig_mm, abs=0.01)
 
 
+def test_pictures_are_left_out_by_name(corner_request: CalibrationRequest) -> None:
+    first = sound_calibration()
+    found = calibrate_files((), corner_request.replaced(leave_out=("frame 2", "base frame 1")))
+    assert found.pictures == tuple(name for name in first.pictures if name not in {"frame 2", "base frame 1"})
+    with pytest.raises(InputError, match=r"--leave-out frame 99: no such picture, expected one of frame 0, frame 1, "):
+        calibrate_files((), corner_request.replaced(leave_out=("frame 99",)))
+
+
 def test_corners_without_mirrors_are_refused(corner_request: CalibrationRequest) -> None:
     with pytest.raises(InputError, match=r"bare\.csv: all corners are in direct views, expected pictures via"):
         calibrate_files((), corner_request.replaced(corners=corner_request.corners[1:]))
@@ -79,7 +87,7 @@ def test_mirrors_of_another_surface_are_fitted_from_the_thickness_found_first(
     fits: list[tuple[Layout, RequestedModel]] = []
 
     def fit(
-        seen: object, base: object, layout: Layout, corners: object, *, model: RequestedModel, names: object
+        seen: object, base: object, layout: Layout, corners: object, *, model: RequestedModel, **others: object
     ) -> Any:
         fits.append((layout, model))
         return sound_calibration()

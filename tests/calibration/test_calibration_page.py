@@ -15,9 +15,12 @@ from mirrorcam.calibration.calibration_page import report_html, write_report
 from mirrorcam.core.figures.figure_texts import sigma_text
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.causes import Cause
+from mirrorcam.optics.calibration.diagnostics.left_out import LeftOut
 from mirrorcam.optics.calibration.diagnostics.model_selection import OtherSurface
 from mirrorcam.optics.calibration.diagnostics.verdict import Verdict, check_solution
-from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
+from mirrorcam.optics.calibration.diagnostics.view_statistics import frame_figures, view_figures
+from mirrorcam.optics.calibration.diagnostics.worst_views import with_worst_views
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from tests.nightly import a_few
 from tests.optics.calibration.sound_calibration import (
@@ -221,6 +224,45 @@ def test_an_alarm_names_the_model_that_the_pictures_ask_for(calibration: Calibra
         )
         verdict = verdict_of(replace(calibration, diagnostics=alarmed))
         assert advice in verdict.advice[0]
+
+
+def test_the_first_cause_leads_and_its_advice_replaces_that_on_symptoms(calibration: Calibration) -> None:
+    assert calibration.diagnostics is not None
+    causes = (Cause("mirror bent", 1, None, "bend", 0.61, 90.0, 3.0),)
+    left_out = LeftOut((2,), (0.05, 0.04), 0.5)
+    symptoms = many_outliers(replace(calibration, diagnostics=replace(calibration.diagnostics, causes=causes)))
+    verdict = verdict_of(symptoms)
+    assert verdict.state == "look"
+    assert verdict.reasons[0] == "mirror 0-1 is not flat (61% of the misfit)"
+    assert verdict.advice == ("Calibrate again with --model joint+bend, or mount mirror 0-1 without stress.",)
+    picture = (Cause("picture", None, 2, "", 0.9, 90.0, 0.1),)
+    harmless = replace(calibration, diagnostics=replace(calibration.diagnostics, causes=picture, left_out=left_out))
+    assert verdict_of(harmless).state == "good"
+    harmful = replace(calibration.diagnostics, causes=picture, left_out=left_out, alarms=("halves differ",))
+    verdict = verdict_of(replace(calibration, diagnostics=harmful))
+    assert verdict.state == "stop"
+    assert verdict.reasons == ("picture frame 2 contradicts the other pictures (90% of the misfit)", "halves differ")
+    assert verdict.advice == (
+        "Calibrate again with --leave-out 'frame 2': residuals fall from 0.05 to 0.04 px, and the error bounds of the "
+        "mirrors to 50%.",
+    )
+    page = outline(report_html(replace(calibration, diagnostics=harmful), command="mirrorcam calibrate"))
+    assert page.text.index("Picture frame 2 contradicts") < page.text.index("What to do next")
+
+
+def test_every_picture_is_listed_and_the_worst_views_are_shown(calibration: Calibration) -> None:
+    residuals = calibration.residuals_px.copy()
+    residuals[calibration.observations.frame == 3] *= 2.0
+    grey = np.full((1080, 1920), 128, dtype=np.uint8)
+    shown = with_worst_views(replace(calibration, residuals_px=residuals), lambda frame: grey)
+    assert {view.frame for view in shown.worst_views} == {3}
+    assert len(shown.worst_views) == 4
+    frames = frame_figures(shown)
+    assert frames[0].name == "frame 3"
+    assert sorted(frame.frame for frame in frames) == list(range(len(calibration.pictures)))
+    page = report_html(shown, command="mirrorcam calibrate")
+    assert page.count("data:image/jpeg;base64,") == 4
+    assert page.index('<th scope="row">frame 3<') < page.index('<th scope="row">frame 1<')
 
 
 def test_without_evidence_it_says_so(calibration: Calibration) -> None:

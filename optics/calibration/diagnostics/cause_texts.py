@@ -33,7 +33,7 @@ _ADVICE: dict[CauseKind, str] = {
     "spline": "Calibrate again with {addition}.",
     "pupil": "Calibrate again with {addition}.",
     "shutter": "Calibrate again with {addition}, or take the pictures again with board and camera at rest.",
-    "plate": "Calibrate again with {addition}, or correct the thickness in the layout.",
+    "plate": "Measure the thickness of the mirrors, correct it in the layout, and calibrate again.",
     "warp": "Calibrate again with {addition}, or mount the board on a flat plate.",
     "bow": "Calibrate again with {addition}, or mount the board on a stiff plate.",
     "size": "Measure the print along both sides: printers may scale them differently.",

@@ -337,7 +337,8 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
         yield _Candidate("bend", d_global[:, curvature:sheet], addition="bend")
         for mirror in range(count):
             start = curvature + 3 * mirror
-            yield _Candidate("mirror bent", d_global[:, start : start + 3], mirror=mirror, alternatives=count)
+            columns = d_global[:, start : start + 3]
+            yield _Candidate("mirror bent", columns, mirror=mirror, addition="bend", alternatives=count)
     if not model.thickness:
         yield _Candidate("plate", _d_plate(estimate, rows, d_global[:, sheet], model.board)[:, None], addition="sheet")
     for kind, indices in modes.items():

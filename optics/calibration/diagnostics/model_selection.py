@@ -356,7 +356,13 @@ def finished_selection(
             "independent errors"
         )
         notes = [*notes, note]
-    causes = ranked_causes(current, observations)
+    names = (comparison.name for comparison in comparisons if not comparison.supported)
+    rejected = {name.replace("+glass", "+sheet") for name in names}
+    causes = [
+        cause
+        for cause in ranked_causes(current, observations)
+        if cause.gain > MIN_GAIN and f"{current.name}+{cause.addition}" not in rejected
+    ]
     selected = ModelSelection(
         current.name,
         current.model,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.causes import Cause, CauseKind, ranked_causes
-from mirrorcam.optics.calibration.diagnostics.nested_models import fit_as
+from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.camera import Camera
@@ -203,6 +203,12 @@ FAULTS: dict[CauseKind, Fault] = {
 
 def causes_of(kind: CauseKind | None, seed: int) -> tuple[list[Cause], int | None]:
     """Rank the causes of a fault of a kind, or of none; also return the index of the frame or mirror at fault."""
+    fitted, observations, index = fitted_with(kind, seed)
+    return ranked_causes(fitted, observations), index
+
+
+def fitted_with(kind: CauseKind | None, seed: int) -> tuple[Fitted, Observations, int | None]:
+    """Fit `joint` to corners with a fault of a kind; also return the index of the frame or mirror at fault."""
     setup = Setup.of(seed)
     frames, index = (setup.frames(), None) if kind is None else FAULTS[kind](setup)
     shown = [number for number, frame in enumerate(frames) if len(frame)]
@@ -210,7 +216,7 @@ def causes_of(kind: CauseKind | None, seed: int) -> tuple[list[Cause], int | Non
     poses = [*setup.mirrored, *setup.direct]
     start = Estimate.of(setup.truth.camera, setup.truth.mirrors, np.array([poses[number] for number in shown]))
     fitted = fit_as("joint", start, observations, JOINT)
-    return ranked_causes(fitted, observations), shown.index(index) if kind == "picture" else index
+    return fitted, observations, shown.index(index) if kind == "picture" and index is not None else index
 
 
 def noisy_corners(frames: Sequence[Observations], random: np.random.Generator) -> Observations:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import get_args
 
+import numpy as np
 import pytest
 
-from mirrorcam.optics.calibration.diagnostics.causes import CauseKind
+from mirrorcam.optics.calibration.diagnostics.causes import CauseKind, ranked_causes
+from mirrorcam.optics.calibration.diagnostics.nested_models import fit_with
 from tests.nightly import a_few
-from tests.optics.calibration.diagnostics.faults import FAULTS, causes_of
+from tests.optics.calibration.diagnostics.faults import FAULTS, NOISE_PX, causes_of, fitted_with
 
 
 @pytest.mark.parametrize("seed", a_few(1, range(5)))
@@ -26,3 +28,13 @@ def test_without_a_fault_none_is_named(seed: int) -> None:
 
 def test_every_kind_is_simulated() -> None:
     assert set(FAULTS) == set(get_args(CauseKind))
+
+
+@pytest.mark.parametrize("seed", a_few(1, range(5)))
+def test_a_model_of_motion_removes_the_effect_of_a_rolling_shutter(seed: int) -> None:
+    fitted, observations, _ = fitted_with("shutter", seed)
+    assert ranked_causes(fitted, observations)[0].addition == "motion"
+    moving = fit_with("motion", fitted, observations)
+    assert all(cause.kind != "shutter" for cause in ranked_causes(moving, observations))
+    assert np.max(moving.solution.rms_px) < 1.05 * NOISE_PX < np.max(fitted.solution.rms_px)
+    assert moving.solution.scale == pytest.approx(1.0, abs=0.05)
