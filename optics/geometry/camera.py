@@ -16,6 +16,7 @@ from mirrorcam.core.bounds import (
     LARGEST_PICTURE_PX,
     OFFSET_MM,
     PRINCIPAL_POINT_PX,
+    PUPIL_WALK_MM,
     Bounds,
 )
 from mirrorcam.core.names import Name
@@ -24,8 +25,10 @@ from mirrorcam.optics.geometry.lenses.families import LensName, lens_of
 from mirrorcam.optics.geometry.lenses.lens import Lens
 from mirrorcam.optics.geometry.lenses.spline import LensGrid
 from mirrorcam.optics.geometry.pupil import FOCUS_MM, Pupil
+from mirrorcam.optics.geometry.pupil_walk import seen_along
 
 PINHOLE_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px")
+WALK_NAME = "pupil_walk_mm"
 PLAIN_LENS: LensName = "brown_conrady"
 
 SENSOR_PX = Bounds(1, 65_535)
@@ -58,6 +61,9 @@ class Camera(Value):
         Diameter of the entrance pupil; 0 for a pinhole.
     focus_mm : float
         Distance in focus, along the axis from the pupil.
+    pupil_walk_mm : float, optional
+        Displacement of the pupil towards the scene for rays with x^2 + y^2 = 1, proportional to x^2 + y^2. The lens
+        model then holds at the distance in focus. None: the pupil is fixed, and this is not one of the intrinsics.
     body_mm : tuple, optional
         Bounding box of the body: minimum and maximum corner, (x, y, z) each, with the pupil at the origin.
     """
@@ -76,7 +82,9 @@ class Camera(Value):
     )
     aperture_mm: float = Field(default=0.0, ge=APERTURE_MM.min, le=APERTURE_MM.max, exclude_if=lambda mm: mm == 0.0)
     focus_mm: float = Field(default=FOCUS_MM, ge=DEPTH_MM.min, le=DEPTH_MM.max, exclude_if=lambda mm: mm == FOCUS_MM)
-
+    pupil_walk_mm: float | None = Field(
+        default=None, ge=PUPIL_WALK_MM.min, le=PUPIL_WALK_MM.max, exclude_if=lambda mm: mm is None
+    )
     body_mm: tuple[Corner, Corner] | None = Field(default=None, exclude_if=lambda box: box is None)
 
     @field_validator("distortion")
@@ -117,10 +125,10 @@ class Camera(Value):
     @property
     def pupil(self) -> Pupil:
         """Entrance pupil of the lens."""
-        return Pupil(self.aperture_mm, self.focus_mm)
+        return Pupil(self.aperture_mm, self.focus_mm, self.pupil_walk_mm or 0.0)
 
     def with_pupil(self, pupil: Pupil) -> Self:
-        """The same camera with the diameter and the focus of another pupil; pupil walk is not part of a camera."""
+        """The same camera with the diameter and the focus of another pupil; the walk stays."""
         return self.replaced(aperture_mm=pupil.aperture_mm, focus_mm=pupil.focus_mm)
 
     def binned(self, factor: float) -> Self:
@@ -151,17 +159,26 @@ class Camera(Value):
     @property
     def intrinsic_names(self) -> tuple[str, ...]:
         """Names (k,) of `intrinsics`."""
-        return (*PINHOLE_NAMES, *self.lens.names)
+        return (*PINHOLE_NAMES, *self.lens.names, *([] if self.pupil_walk_mm is None else [WALK_NAME]))
 
     @cached_property
     def intrinsics(self) -> FloatArray:
-        """The parameters (k,) named by `intrinsic_names`: focal lengths, principal point, distortion."""
-        return np.array([self.fx_px, self.fy_px, self.cx_px, self.cy_px, *self.distortion])
+        """The parameters (k,) named by `intrinsic_names`."""
+        walk = [] if self.pupil_walk_mm is None else [self.pupil_walk_mm]
+        return np.array([self.fx_px, self.fy_px, self.cx_px, self.cy_px, *self.distortion, *walk])
+
+    @property
+    def prior_sigmas(self) -> FloatArray:
+        """Standard deviations (k,) of priors around zero on `intrinsics`; infinite without a prior."""
+        walk = [] if self.pupil_walk_mm is None else [np.inf]
+        return np.array([*[np.inf] * len(PINHOLE_NAMES), *self.lens.prior_sigmas, *walk])
 
     def with_intrinsics(self, intrinsics: FloatArray) -> Self:
         """The same sensor and lens family with other parameters (k,), in the order of `intrinsic_names`."""
-        fx, fy, cx, cy, *distortion = (float(v) for v in intrinsics)
-        return self.replaced(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, distortion=distortion)
+        fx, fy, cx, cy, *rest = (float(v) for v in intrinsics)
+        count = len(self.distortion)
+        walk = {} if self.pupil_walk_mm is None else {WALK_NAME: rest[count]}
+        return self.replaced(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, distortion=rest[:count], **walk)
 
     @property
     def is_undistorted(self) -> bool:
@@ -182,24 +199,41 @@ class Camera(Value):
             pixels = np.where((x * x + y * y <= self.valid_radius**2)[..., None], pixels, np.nan)
         return pixels
 
+    def chief_rays(self, points_in_rig: FloatArray) -> FloatArray:
+        """Normalized coordinates (..., 2) at which points (..., 3) in mm are seen; NaN for points behind the camera."""
+        points = np.asarray(points_in_rig, dtype=np.float64)
+        if self.pupil_walk_mm is not None:
+            seen = seen_along(points.reshape(-1, 3).T, self.pupil_walk_mm, self.focus_mm)
+            return seen.normalized.T.reshape(*points.shape[:-1], 2)
+        depth = points[..., 2:]
+        return np.divide(points[..., :2], depth, out=np.full(points[..., :2].shape, np.nan), where=depth > 0)
+
     def project(self, points_in_rig: FloatArray) -> FloatArray:
         """Pixels (..., 2) of points (..., 3) in mm; NaN for points behind the camera or beyond the lens model."""
-        points = np.asarray(points_in_rig, dtype=np.float64)
-        depth = points[..., 2:]
-        normalized = np.divide(points[..., :2], depth, out=np.full(points[..., :2].shape, np.nan), where=depth > 0)
-        return self.pixels_from_normalized(normalized)
+        return self.pixels_from_normalized(self.chief_rays(points_in_rig))
 
     def project_with_jacobians(self, points_in_rig: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Pixels (n, 2), d pixels / d points (n, 2, 3) and d pixels / d intrinsics (n, 2, k) of points (n, 3) in mm."""
         x, y, z = np.asarray(points_in_rig, dtype=np.float64).T
-        x, y = x / z, y / z
+        walked = None
+        if self.pupil_walk_mm is None:
+            x, y = x / z, y / z
+        else:
+            walked = seen_along(np.stack([x, y, z]), self.pupil_walk_mm, self.focus_mm)
+            x, y = walked.normalized
         # Component-first storage: each assignment below then runs through memory once.
         d_intrinsics = np.zeros((2, len(self.intrinsics), x.size)).transpose(2, 0, 1)
-        lens = self.lens.linearized(x, y, (self.fx_px, self.fy_px), d_intrinsics[:, :, 4:])
+        lens_columns = slice(4, 4 + len(self.distortion))
+        lens = self.lens.linearized(x, y, (self.fx_px, self.fy_px), d_intrinsics[:, :, lens_columns])
         d_points = np.empty((2, 3, x.size)).transpose(2, 0, 1)
-        d_points[:, 0, 0], d_points[:, 0, 1] = self.fx_px * lens.xx / z, self.fx_px * lens.xy / z
-        d_points[:, 1, 0], d_points[:, 1, 1] = self.fy_px * lens.yx / z, self.fy_px * lens.yy / z
-        d_points[:, :, 2] = -(d_points[:, :, 0] * x[:, None] + d_points[:, :, 1] * y[:, None])
+        d_points[:, 0, 0], d_points[:, 0, 1] = self.fx_px * lens.xx, self.fx_px * lens.xy
+        d_points[:, 1, 0], d_points[:, 1, 1] = self.fy_px * lens.yx, self.fy_px * lens.yy
+        if walked is None:
+            d_points[:, :, :2] /= z[:, None, None]
+            d_points[:, :, 2] = -(d_points[:, :, 0] * x[:, None] + d_points[:, :, 1] * y[:, None])
+        else:
+            d_intrinsics[:, :, -1] = np.einsum("nij,jn->ni", d_points[:, :, :2], walked.by_walk)
+            d_points[:] = np.einsum("nij,jkn->nik", d_points[:, :, :2], walked.by_point)
         d_intrinsics[:, 0, 0], d_intrinsics[:, 1, 1] = lens.x, lens.y
         d_intrinsics[:, 0, 2] = d_intrinsics[:, 1, 3] = 1.0
         pixels = np.stack([self.fx_px * lens.x + self.cx_px, self.fy_px * lens.y + self.cy_px], axis=-1)
@@ -207,6 +241,8 @@ class Camera(Value):
 
     def normalized_from_pixels(self, pixels: FloatArray) -> FloatArray:
         """Undistort pixels (..., 2) to normalized coordinates by Newton's method; NaN where it does not converge."""
+        if self.pupil_walk_mm is not None:  # the lens model does not depend on it
+            return self.replaced(pupil_walk_mm=None).normalized_from_pixels(pixels)
         pixels = np.asarray(pixels, dtype=np.float64)
         shape = pixels.shape
         target = pixels.reshape(-1, 2)

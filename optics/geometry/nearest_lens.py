@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from mirrorcam.core.bounds import FOCAL_PX
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.families import FIXED_SIZE_FAMILIES, LensName
 from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 
@@ -70,6 +70,9 @@ def nearest_lens(
     InputError
         If the camera's own lens is not defined in the part, or the fit to the other model fails.
     """
+    if camera.pupil_walk_mm is not None:  # no lens model depends on it
+        resting, error_px = nearest_lens(camera.replaced(pupil_walk_mm=None), model, part, zero)
+        return resting.replaced(pupil_walk_mm=camera.pupil_walk_mm), error_px
     if part is None:
         part = np.zeros(2), np.array([camera.width_px - 1.0, camera.height_px - 1.0])
     pixels = np.stack(np.meshgrid(*np.linspace(*part, SAMPLES).T), axis=-1).reshape(-1, 2)
@@ -104,7 +107,7 @@ def _least_squares(start: Camera, free: Sequence[int], rays: FloatArray, pixels:
         return start.with_intrinsics(intrinsics)
 
     # Where pixels hardly determine coefficients, the prior selects the smallest.
-    sigmas = np.array([*[np.inf] * len(PINHOLE_NAMES), *start.lens.prior_sigmas])[free]
+    sigmas = start.prior_sigmas[free]
     prior = np.diag(PRIOR_PX / sigmas)[np.isfinite(sigmas)]
 
     def residuals(values: FloatArray) -> FloatArray:

@@ -359,7 +359,7 @@ def _pupil_sources(
     mirror, camera = layout.mirrors[mirror_index], layout.camera
     image = mirror.image_of(points)
     axial = np.where(image[:, 2:] > 0.0, image[:, 2:], np.nan)
-    normalized = image[:, :2] / axial
+    normalized = camera.chief_rays(image)
     pupil, fraction = camera.pupil, np.zeros(len(points))
     unvignetted = Polygon(unvignetted_outline(mirror, pupil)).buffer(-2.0 * margin_px / min(camera.fx_px, camera.fy_px))
     shapely.prepare(unvignetted)

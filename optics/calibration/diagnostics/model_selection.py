@@ -18,12 +18,13 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
 )
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     ADDITIONS,
+    CAMERA_ADDITIONS,
     LENS_ADDITIONS,
     PLATE_INDEX,
     Fitted,
     fit_as,
     fit_with,
-    further_lenses,
+    further_cameras,
     joint_model,
     paper_model,
     plate_thickness,
@@ -218,8 +219,10 @@ def forward_selection(
 def _remaining(current: Fitted, additions: Sequence[str]) -> list[str]:
     """The additions that a model does not have yet."""
     additions_made = current.name.split("+")
-    lenses = further_lenses(current.solution.estimate.camera, additions_made)
-    return [name for name in additions if name not in additions_made and (name not in LENS_ADDITIONS or name in lenses)]
+    cameras = further_cameras(current.solution.estimate.camera, additions_made)
+    return [
+        name for name in additions if name not in additions_made and (name not in CAMERA_ADDITIONS or name in cameras)
+    ]
 
 
 def _fit_additions(
@@ -227,11 +230,11 @@ def _fit_additions(
 ) -> tuple[list[Fitted], list[str]]:
     """Fit each further addition; also return a note on each addition that the corners do not determine.
 
-    A different lens is fitted only if one step towards it predicts an information gain close to the greatest.
+    An addition to the camera is fitted only if one step towards it predicts an information gain close to the greatest.
     """
     plates = (current.solution.estimate.thickness_mm > 0.0).any()
     fits, notes = [], []
-    gains = {name: predicted_gain(name, current, observations) for name in remaining if name in LENS_ADDITIONS}
+    gains = {name: predicted_gain(name, current, observations) for name in remaining if name in CAMERA_ADDITIONS}
     min_gain = max(MIN_RELATIVE_GAIN * max(gains.values(), default=0.0), MIN_GAIN)
     for name in (name for name in remaining if gains.get(name, min_gain) >= min_gain):
         addition = plate_addition if name == "sheet" and not plates else name

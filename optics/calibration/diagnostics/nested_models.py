@@ -4,7 +4,8 @@
 order: `sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of
 the board. `bow`: a bow of the board in each frame. `turn`: a rotation of the camera in each frame. `board`: free
 corners of the board. `turn` and `board` need frames that show the board both directly and in mirrors. `rational`,
-`prism`: further lens parameters; `spline`: a field over the view; `fisheye`: a different lens (`LENS_ADDITIONS`).
+`prism`: further lens parameters; `spline`: a field over the view; `fisheye`: a different lens (`LENS_ADDITIONS`). `walk`: the
+pupil walks along the axis (`Camera.pupil_walk_mm`).
 """
 
 from __future__ import annotations
@@ -48,7 +49,9 @@ LENS_ADDITIONS: Mapping[str, LensName] = MappingProxyType(
     {"rational": "rational", "prism": "thin_prism", "fisheye": "fisheye", "spline": "spline"}
 )
 """Lens model of each addition. A fisheye is not an extension but a different lens model."""
-ADDITIONS = ("sheet", "bend", "warp", "bow", *LENS_ADDITIONS)
+WALK = "walk"
+CAMERA_ADDITIONS = (WALK, *LENS_ADDITIONS)
+ADDITIONS = ("sheet", "bend", "warp", "bow", *CAMERA_ADDITIONS)
 _FURTHER: Mapping[LensName, tuple[str, ...]] = MappingProxyType(
     {
         "brown_conrady": ("rational", "prism", "fisheye", "spline"),
@@ -119,8 +122,8 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
         raise InputError("model sheet: the layout has no second-surface mirror, expected one whose thickness can vary")
     if addition in {"turn", "bow"}:
         return _fit_with_terms(name, smaller, observations, addition)
-    if addition in LENS_ADDITIONS:
-        start, model = _with_lens(addition, smaller)
+    if addition in CAMERA_ADDITIONS:
+        start, model = _with_camera(addition, smaller)
         return fit_as(name, start, observations, model)
     if addition == "glass":
         estimate = as_second_surface(estimate, PLATE_MM, PLATE_INDEX)
@@ -133,11 +136,12 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
     return fit_as(name, estimate, observations, model)
 
 
-def _with_lens(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
-    """Return estimate and model with a different lens; raises InputError if the camera's lens cannot become it."""
+def _with_camera(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
+    """Return estimate and model with an addition to the camera; raises InputError if the camera already has it."""
     estimate, additions = smaller.solution.estimate, smaller.name.split("+")
-    if addition not in further_lenses(estimate.camera, additions):
-        raise InputError(f"model {smaller.name}+{addition}: the camera already has a {estimate.camera.lens_model} lens")
+    if addition not in further_cameras(estimate.camera, additions):
+        part = "walking pupil" if addition == WALK else f"{estimate.camera.lens_model} lens"
+        raise InputError(f"model {smaller.name}+{addition}: the camera already has a {part}")
     camera = with_addition(estimate.camera, addition)
     return replace(estimate, camera=camera), replace(
         smaller.model, intrinsics=free_intrinsics(camera, [*additions, addition])
@@ -145,14 +149,14 @@ def _with_lens(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
 
 
 def predicted_gain(addition: str, smaller: Fitted, observations: Observations) -> float:
-    """Predict the decrease of the Bayesian information criterion from one step towards a different lens.
+    """Predict the decrease of the Bayesian information criterion from one step towards an extension of the camera.
 
     This is Rao's score test, which needs no fit of the larger model. For a field, with its many parameters, the gain is
     0 if the residuals have no pattern over the sensor.
     """
     if addition == "spline" and not _has_pattern(smaller.solution, observations):
         return 0.0
-    estimate, model = _with_lens(addition, smaller)
+    estimate, model = _with_camera(addition, smaller)
     inliers = observations.where(smaller.solution.inliers)
     grouped = Grouped.of(inliers, model)
     cost = float(np.sum(residuals_of(smaller.solution.estimate, grouped, smaller.model) ** 2))
@@ -236,15 +240,18 @@ def plate_thickness(fitted: Fitted) -> tuple[float, float]:
     return float(thickness[thickness > 0.0].min()), sigma
 
 
-def further_lenses(camera: Camera, additions: Collection[str]) -> tuple[str, ...]:
-    """Additions to a camera's lens that a model with some additions still allows."""
+def further_cameras(camera: Camera, additions: Collection[str]) -> tuple[str, ...]:
+    """Additions to a camera that a model with some additions still allows."""
+    walk = (WALK,) if camera.pupil_walk_mm is None else ()
     if camera.lens_model == "thin_prism" and "prism" in additions and "rational" not in additions:
-        return ("rational",)
-    return tuple(name for name in _FURTHER[camera.lens_model] if name not in additions)
+        return (*walk, "rational")
+    return (*walk, *(name for name in _FURTHER[camera.lens_model] if name not in additions))
 
 
 def with_addition(camera: Camera, addition: str) -> Camera:
-    """Convert a camera to the lens model of an addition: exactly, except for the nearest fisheye."""
+    """Extend a camera by an addition: exactly, except for the nearest fisheye."""
+    if addition == WALK:
+        return camera.replaced(pupil_walk_mm=0.0)
     model = LENS_ADDITIONS[addition]
     if model == "fisheye":
         return nearest_lens(camera, model)[0]

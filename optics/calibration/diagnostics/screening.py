@@ -15,7 +15,7 @@ from mirrorcam.optics.calibration.diagnostics import consistency
 from mirrorcam.optics.calibration.diagnostics.corner_noise import with_view_noise
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     free_intrinsics,
-    further_lenses,
+    further_cameras,
     joint_model,
     with_addition,
 )
@@ -161,7 +161,7 @@ def _min_disagreement(
         (estimate, replace(free, curvature=True)),
     ):
         ratio = min(ratio, _camera_disagreement(trial, mirrored, direct, layout, larger))
-    for addition in further_lenses(estimate.camera, ()):
+    for addition in further_cameras(estimate.camera, ()):
         if ratio <= consistency.WIDENED_SIGMAS:
             break
         camera = with_addition(estimate.camera, addition)

@@ -169,6 +169,8 @@ def calibrate_with_direct_view(
                 on_hint(names[-1], hint)
         start_poses = start.estimate.with_poses(start.estimate.rig_from_board)
         flat = fit_as("joint", start_poses, observations, rigid)
+        rigid = replace(rigid, intrinsics=flat.solution.estimate.camera.intrinsic_names)
+        flat = fit_as("joint", flat.solution.estimate, observations, rigid)
         flat, observations, rotations = _compensate_rotations(used_pictures, flat, observations)
         flat, observations = _with_base(flat, observations, base_corners)
         selection, flat_solution = select_direct_model(flat, observations, model=model)

@@ -18,7 +18,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import IntArray
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names
-from mirrorcam.optics.geometry.camera import PINHOLE_NAMES, Camera
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
@@ -119,9 +119,8 @@ class Model:
 
     def intrinsic_priors(self, camera: Camera) -> FloatArray:
         """Priors (i,) of the free intrinsics around zero, in the form of `FrameTerms`; 0 without a prior."""
-        sigmas = [*[np.inf] * len(PINHOLE_NAMES), *camera.lens.prior_sigmas]
         free = [name in self.intrinsics for name in camera.intrinsic_names]
-        return np.asarray(1.0 / np.array(sigmas)[free])
+        return np.asarray(1.0 / camera.prior_sigmas[free])
 
     def intrinsic_values(self, camera: Camera) -> FloatArray:
         """Weighted values (i,) of the free intrinsics; their squares add to the cost."""

@@ -226,7 +226,7 @@ class NearestPinhole:
 def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> NearestPinhole:
     """Fit a pinhole camera to a mirror within its sub-image with the outline (n, 2), over the layout's working range.
 
-    For a flat first-surface mirror it is the base camera itself. Otherwise Gauss-Newton steps from there fit pose,
+    For a flat first-surface mirror it is the base camera itself, unless its pupil walks. Otherwise Gauss-Newton steps from there fit pose,
     focal lengths and distortion to a grid of points; the result is valid only within this sub-image. Steps end when
     they leave the valid cameras. Raises InputError if the base camera itself cannot see these points.
     """
@@ -238,11 +238,11 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
     near, far = fitted_distances_mm(layout)
     images = np.concatenate([rays * np.maximum(mm, nearest) for mm in (near, 2.0 / (1.0 / near + 1.0 / far), far)])
     exact = layout.camera.project(mirror.image_of(apparent.reflect(images)))
-    camera, rotation, translation = layout.camera, np.eye(3), np.zeros(3)
+    camera, rotation, translation = layout.camera.replaced(pupil_walk_mm=None), np.eye(3), np.zeros(3)
     best = NearestPinhole(camera, rotation, translation, _max_error_px(camera, images, exact))
     if best.error_px < EXACT_PX:
         return best
-    free = [index for index, name in enumerate(layout.camera.intrinsic_names) if name in FREE_NAMES]
+    free = [index for index, name in enumerate(camera.intrinsic_names) if name in FREE_NAMES]
     for _ in range(STEPS):
         points = images @ rotation.T + translation
         projected, d_point, d_intrinsic = camera.project_with_jacobians(points)

@@ -120,3 +120,12 @@ def test_any_valid_pupil_is_decoded(parabola_layout: Layout, aperture_mm: float,
 def test_a_mirror_that_is_always_mostly_vignetted_shows_nothing(parabola_layout: Layout) -> None:
     camera = parabola_layout.camera.replaced(aperture_mm=60.0)
     assert not Decoder(parabola_layout.replaced(camera=camera), width_px=60).weights.any()
+
+
+def test_a_walking_pupil_moves_the_sources(lens_layout: Layout) -> None:
+    walking = lens_layout.replaced(camera=lens_layout.camera.replaced(pupil_walk_mm=0.5))
+    views = choose_views(walking, DEPTH_MM, "union")
+    points = views.plane_points_in_rig(DEPTH_MM, views.pixel_grid(), (0, 0)).reshape(-1, 3)
+    pixels, shares = pupil_sources(walking, 0, points, 2.0)
+    np.testing.assert_allclose(pixels[shares == 1], walking.project(points[shares == 1], 0), atol=1e-9)
+    assert np.abs(pixels - lens_layout.project(points, 0))[shares == 1].max() > 0.02

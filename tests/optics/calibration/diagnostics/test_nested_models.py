@@ -20,7 +20,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     fit_as,
     fit_with,
     free_intrinsics,
-    further_lenses,
+    further_cameras,
     joint_model,
     paper_model,
     plate_thickness,
@@ -109,18 +109,18 @@ def test_no_lens_is_predicted_from_corners_without_noise(scene: Scene, addition:
 
 def test_additions_lead_from_one_lens_to_the_next_without_moving_pixels() -> None:
     camera = Camera.c920().replaced(distortion=[0.05, -0.12, 4e-4, -6e-4, 0.01])
-    assert set(further_lenses(camera, ("joint",))) == {"rational", "prism", "fisheye", "spline"}
+    assert set(further_cameras(camera, ("joint",))) == {"walk", "rational", "prism", "fisheye", "spline"}
     for path in (("rational", "prism"), ("prism", "rational")):
         grown, made = camera, ["joint"]
         for addition in path:
-            assert addition in further_lenses(grown, made)
+            assert addition in further_cameras(grown, made)
             grown, made = with_addition(grown, addition), [*made, addition]
             np.testing.assert_array_equal(grown.project(points()), camera.project(points()))
         assert grown.lens_model == "thin_prism"
-        assert further_lenses(grown, made) == ()
+        assert further_cameras(grown, made) == ("walk",)
         assert free_intrinsics(grown, made) == grown.intrinsic_names
     fisheye = with_addition(camera, "fisheye")
-    assert further_lenses(fisheye, ("joint", "fisheye")) == ()
+    assert further_cameras(with_addition(fisheye, "walk"), ("joint", "fisheye", "walk")) == ()
     assert np.nanmax(np.abs(fisheye.project(points(half_width=0.5)) - camera.project(points(half_width=0.5)))) < 2.0
 
 
