@@ -101,14 +101,14 @@ def calibrate_corners(
         screened = screen(mirrored, base, start, corners_in_board_mm)
         if pictures is not None and any(mirror.is_second_surface for mirror in layout.mirrors):
             mirrored = _refine_with_ghosts(screened, start, corners_in_board_mm, extremes, pictures)
-            notes += (*screened.notes, *_missing_pictures(screened.mirrored, pictures))
+            notes += (*screened.dropped, *_missing_pictures(screened.mirrored, pictures))
             screened = screen(mirrored, screened.base, start, corners_in_board_mm)
         select = partial(select_model, model=model, prior=pair_prior(layout))
         fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
         if names is None:
             names = [f"frame {n}" for n in range(len(mirrored))] + [f"base frame {n}" for n in range(len(base))]
         pictures_used = tuple(names[number] for number in fitted.frames)
-        return _result(fitted, layout, extremes, (*notes, *screened.notes), unknown, pictures_used)
+        return _result(fitted, layout, extremes, (*notes, *screened.dropped, *screened.drift), unknown, pictures_used)
     except UndeterminedError as error:
         raise unknown.error_for(f"the frames do not determine camera and mirrors: {error}") from None
     except InvalidValue as error:

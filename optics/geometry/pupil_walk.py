@@ -1,8 +1,8 @@
 """Chief rays of a lens whose pupil walks along the axis with the field angle.
 
 The chief ray with the normalized coordinates n = (x, y) leaves the pupil at (0, 0, w q), q = x^2 + y^2, and passes
-through the point (f x, f y, f) in focus, f mm along the axis: the lens model holds there. A point P at depth z therefore
-has n = (P_x, P_y) / s, where s(q, z) = f (z - w q) / (f - w q) and q solves q s^2 = P_x^2 + P_y^2.
+through the point (f x, f y, f) in focus, f mm along the axis: the lens model holds there. A point P at depth z
+therefore has n = (P_x, P_y) / s, where s(q, z) = f (z - w q) / (f - w q) and q solves q s^2 = P_x^2 + P_y^2.
 """
 
 from __future__ import annotations

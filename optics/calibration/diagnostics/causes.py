@@ -2,19 +2,19 @@
 
 A cause adds parameters to a fitted model: a lens term, a bent mirror, a picture taken in motion. Rao's score test
 predicts from the derivatives at the fit how far they would lower the residuals, so no cause needs a fit of its own.
-Poses, and all that the model already has, are projected out first.
+Poses, and all parameters of the model, are projected out first.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.corner_noise import with_noise_of_views
+from mirrorcam.optics.calibration.diagnostics.corner_noise import with_view_noise
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     PLATE_INDEX,
     Fitted,
@@ -23,7 +23,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     with_addition,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.residuals import (
     Board,
     Estimate,
@@ -33,16 +33,39 @@ from mirrorcam.optics.calibration.solver.residuals import (
 )
 
 CauseKind = Literal[
-    "picture", "mirror moved", "mirror bent", "lens", "spline", "pupil", "shutter", "plate", "bend", "warp", "size", "focus"
+    "picture",
+    "mirror moved",
+    "mirror bent",
+    "bend",
+    "lens",
+    "spline",
+    "pupil",
+    "shutter",
+    "plate",
+    "warp",
+    "size",
+    "bow",
+    "focus",
 ]
+KIND_OF_ADDITION: dict[str, CauseKind] = {
+    "rational": "lens",
+    "prism": "lens",
+    "fisheye": "lens",
+    "spline": "spline",
+    "walk": "pupil",
+    "sheet": "plate",
+    "bend": "bend",
+    "warp": "warp",
+    "bow": "bow",
+}
+"""Kind of cause that each addition to a model removes."""
 MAX_CORNERS = 8000
-"""Corners of the test; of more, a regular part is taken."""
+"""Corners of the test; of more, every second, third, ... is taken."""
 MIN_CORNERS = 8
 """Corners of a view for a field of errors of its own."""
 TRIAL_PLATE_MM = 0.01
-RANK = 1e-10
-"""Smallest eigenvalue that counts, relative to the largest, of the normalised columns of a cause."""
-LENSES = {"rational": "lens", "prism": "lens", "spline": "spline", "walk": "pupil"}
+MIN_EIGENVALUE = 1e-9
+"""Smallest eigenvalue that counts, of the normal matrix of normalised columns of a cause."""
 
 
 @dataclass(frozen=True)
@@ -52,35 +75,28 @@ class Cause:
     Attributes
     ----------
     kind
-        What it is.
-    name
-        The picture or mirror, or the addition to the model; empty for others.
-    share
+        The kind of cause.
+    index
+        Number of the frame or mirror; None for all others.
+    addition
+        Addition to the model that removes the cause; empty if there is none.
+    fraction
         Fraction of the misfit that it explains: of the squared residuals beyond the noise of corners.
     gain
-        Decrease of the Bayesian information criterion, predicted.
+        Predicted decrease of the Bayesian information criterion.
     bias_sigmas
-        Shift of the mirrors without it, in stated standard deviations: rms of all parameters, along their correlations.
+        Shift of the mirrors due to it, in their stated standard deviations: rms of all parameters, decorrelated.
     """
 
     kind: CauseKind
-    name: str
-    share: float
+    index: int | None
+    addition: str
+    fraction: float
     gain: float
     bias_sigmas: float
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """Derivatives (rows, k) of standardised residuals by the parameters of a cause, and its number of alternatives."""
-
-    kind: CauseKind
-    name: str
-    columns: FloatArray
-    alternatives: int = 1
-
-
-def ranked_causes(fitted: Fitted, observations: Observations, names: Sequence[str], mirrors: Sequence[str]) -> list[Cause]:
+def ranked_causes(fitted: Fitted, observations: Observations) -> list[Cause]:
     """Rank all causes of which a fit shows a trace, the most probable first.
 
     Parameters
@@ -89,17 +105,17 @@ def ranked_causes(fitted: Fitted, observations: Observations, names: Sequence[st
         The fitted model.
     observations
         The corners that it was fitted to.
-    names
-        Names of the frames.
-    mirrors
-        Names of the mirrors.
     """
     used = _inliers_and_rejected_views(fitted, observations)
-    rows = with_noise_of_views(observations.where(used), fitted.solution.residuals[used])
+    rows = with_view_noise(observations.where(used), fitted.solution.residuals[used])
     rows = rows.where(np.arange(len(rows)) % -(-len(rows) // MAX_CORNERS) == 0)
     test = _ScoreTest.of(fitted, rows)
-    causes = [test.cause(candidate) for candidate in _candidates(fitted, rows, test, names, mirrors)]
-    causes.append(test.shutter(rows.pixels[:, 1] / fitted.solution.estimate.camera.height_px - 0.5))
+    causes = [test.cause(candidate) for candidate in _candidates(fitted, rows, test)]
+    causes += list(_causes_of_frames(fitted, rows, test))
+    estimate = fitted.solution.estimate
+    if "fisheye" in further_cameras(estimate.camera, fitted.name.split("+")):
+        fisheye = replace(estimate, camera=with_addition(estimate.camera, "fisheye"))
+        causes.append(test.cause_of_lens("fisheye", fisheye, rows, fitted.model.board))
     return sorted((cause for cause in causes if cause.gain > 0.0), key=lambda cause: -cause.gain)
 
 
@@ -114,217 +130,235 @@ def _inliers_and_rejected_views(fitted: Fitted, observations: Observations) -> B
 
 
 @dataclass(frozen=True)
+class _Candidate:
+    """Derivatives (2n, k) of standardised residuals with respect to the parameters of a cause.
+
+    `alternatives` is the number of such candidates, of which the best is chosen.
+    """
+
+    kind: CauseKind
+    columns: FloatArray
+    index: int | None = None
+    addition: str = ""
+    alternatives: int = 1
+
+
+@dataclass(frozen=True)
 class _ScoreTest:
     """The residuals at a fit, and the space of all changes that its model allows.
 
     Attributes
     ----------
-    r
-        Standardised residuals (n,), x and y of each corner, outside that space.
+    residuals
+        Standardised residuals (2n,), x and y of each corner.
+    rest
+        Their part (2n,) outside that space.
     frames
-        The rows of each frame.
+        Rows of each frame.
+    d_frame
+        Derivatives (2n, 12) with respect to the parameters of their frame.
     own
-        Derivatives of these rows by the frame's own parameters, as orthonormal columns.
-    by_frame
-        Derivatives (n, 6) by the poses.
+        Orthonormal basis (m, d) of the free ones, for each frame.
+    d_global
+        Derivatives (2n, g) with respect to the free globals.
     shared
-        Derivatives (n, g) by the globals without those of frames, as orthonormal columns.
+        Orthonormal basis (2n, g) of these outside the space of the frames.
     factor
-        (g, g): derivatives by the globals are `shared` times it.
-    information
-        Inverse covariance of the mirrors' parameters, and `mirrors`, their places among the globals.
-    raw
-        Standardised residuals (n,).
+        (g, g): derivatives outside that space are `shared` times it.
+    intrinsics
+        Number of free intrinsics, which are the first globals.
+    mirrors
+        Indices (m,) of the mirrors' parameters among the globals, and their `information` (m, m).
     """
 
-    r: FloatArray
-    raw: FloatArray
+    residuals: FloatArray
+    rest: FloatArray
     frames: list[slice]
+    d_frame: FloatArray
     own: list[FloatArray]
-    by_frame: FloatArray
-    globals_: FloatArray
+    d_global: FloatArray
     shared: FloatArray
     factor: FloatArray
-    mirrors: FloatArray
+    intrinsics: int
+    mirrors: IntArray
     information: FloatArray
 
     @classmethod
     def of(cls, fitted: Fitted, rows: Observations) -> _ScoreTest:
         solution, model = fitted.solution, fitted.model
-        r, by_global, by_frame = _standardised(solution.estimate, rows, model.board)
+        r, d_global, d_frame = _standardised(solution.estimate, rows, model.board)
         names = global_names(
             solution.estimate.camera.intrinsic_names,
             len(solution.estimate.virtual_centres_in_rig_mm),
             len(model.board.modes),
         )
-        by_global = by_global[:, [names.index(name) for name in solution.parameters]]
-        by_frame = by_frame[:, model.frame_terms.free]
+        d_global = d_global[:, [names.index(name) for name in solution.parameters]]
         starts = np.flatnonzero(np.diff(rows.frame, prepend=-1))
-        frames = [
-            slice(2 * first, 2 * last) for first, last in zip(starts, [*starts[1:], len(rows)], strict=True)
-        ]
-        own = [np.linalg.qr(by_frame[part])[0] for part in frames]
-        outside = _without(own, frames, by_global)
-        shared, factor = np.linalg.qr(outside)
-        rest = _without(own, frames, r[:, None])[:, 0]
+        frames = [slice(2 * first, 2 * last) for first, last in zip(starts, [*starts[1:], len(rows)], strict=True)]
+        own = [np.linalg.qr(d_frame[part][:, model.frame_terms.free])[0] for part in frames]
+        shared, factor = np.linalg.qr(_outside(own, frames, d_global))
+        rest = _outside(own, frames, r[:, None])[:, 0]
         rest = rest - shared @ (shared.T @ rest)
-        mirrors = np.array([i for i, name in enumerate(solution.parameters) if name.startswith("mirror ")], dtype=int)
-        covariance = solution.covariance[np.ix_(mirrors, mirrors)]
-        return cls(rest, r, frames, own, by_frame, by_global, shared, factor, mirrors, np.linalg.pinv(covariance))
+        mirrors = np.flatnonzero([name.startswith("mirror ") for name in solution.parameters])
+        information = np.linalg.pinv(solution.covariance[np.ix_(mirrors, mirrors)])
+        intrinsics = len(model.intrinsics)
+        return cls(r, rest, frames, d_frame, own, d_global, shared, factor, intrinsics, mirrors, information)
 
     @property
     def freedom(self) -> float:
         """Degrees of freedom of the residuals."""
-        return float(len(self.r) - self.shared.shape[1] - sum(each.shape[1] for each in self.own))
+        return float(len(self.rest) - self.shared.shape[1] - sum(basis.shape[1] for basis in self.own))
 
     def cause(self, candidate: _Candidate) -> Cause:
-        """Predict what a candidate explains."""
-        columns = _without(self.own, self.frames, candidate.columns)
-        scale = np.linalg.norm(columns, axis=0)
-        columns = columns[:, scale > 1e-12] / scale[scale > 1e-12]
+        """Predict the effect of a candidate whose parameters all frames share."""
+        columns = _outside(self.own, self.frames, candidate.columns)
+        norms = np.linalg.norm(columns, axis=0)
+        columns = columns[:, norms > 1e-12] / norms[norms > 1e-12]
         inside = self.shared.T @ columns
         values, vectors = np.linalg.eigh(columns.T @ columns - inside.T @ inside)
-        kept = values > max(RANK * values.max(initial=0.0), 1e-9)
-        white = vectors[:, kept] / np.sqrt(values[kept])
-        score = white.T @ (columns.T @ self.r)
+        determined = values > MIN_EIGENVALUE
+        white = vectors[:, determined] / np.sqrt(values[determined])
+        score = white.T @ (columns.T @ self.rest)
         shift = np.linalg.solve(self.factor, inside @ (white @ score)) if self.factor.size else np.zeros(0)
-        return self._cause(candidate, float(score @ score), int(kept.sum()), shift)
+        return self._cause(candidate, float(score @ score), int(determined.sum()), shift)
+
+    def cause_of_frames(self, candidate: _Candidate) -> Cause:
+        """Predict the effect of a candidate with parameters of its own for each frame."""
+        own = [
+            np.linalg.qr(np.concatenate([basis, candidate.columns[part]], axis=1))[0]
+            for basis, part in zip(self.own, self.frames, strict=True)
+        ]
+        parameters = sum(basis.shape[1] for basis in own) - sum(basis.shape[1] for basis in self.own)
+        d_global = _outside(own, self.frames, self.d_global)
+        rest = _outside(own, self.frames, self.residuals[:, None])[:, 0]
+        step = np.linalg.lstsq(d_global, rest, rcond=1e-12)[0]
+        rest = rest - d_global @ step
+        return self._cause(candidate, float(self.rest @ self.rest - rest @ rest), parameters, step)
+
+    def cause_of_lens(self, addition: str, lens: Estimate, rows: Observations, board: Board) -> Cause:
+        """Predict the effect of a different lens, with an estimate that has the nearest one."""
+        r, d_global, _ = _standardised(lens, rows, board)
+        count = lens.camera.intrinsics.size
+        columns = np.concatenate([d_global[:, :count], self.d_global[:, self.intrinsics :]], axis=1)
+        columns = _outside(self.own, self.frames, columns)
+        rest = _outside(self.own, self.frames, r[:, None])[:, 0]
+        rest = rest - columns @ np.linalg.lstsq(columns, rest, rcond=1e-12)[0]
+        candidate = _Candidate(KIND_OF_ADDITION[addition], columns, addition=addition)
+        explained = float(self.rest @ self.rest - rest @ rest)
+        return self._cause(candidate, explained, max(count - self.intrinsics, 1), np.zeros(len(self.factor)))
 
     def _cause(self, candidate: _Candidate, explained: float, parameters: int, shift: FloatArray) -> Cause:
-        squares = float(self.r @ self.r)
+        squares = float(self.rest @ self.rest)
         explained = min(explained, (1.0 - 1e-9) * squares)
         gain = self.freedom * np.log(squares / (squares - explained)) - parameters * np.log(self.freedom)
-        of_mirrors = shift[self.mirrors]
-        bias = float(of_mirrors @ self.information @ of_mirrors) / max(len(of_mirrors), 1)
+        shift = shift[self.mirrors]
         return Cause(
             candidate.kind,
-            candidate.name,
+            candidate.index,
+            candidate.addition,
             explained / max(squares - self.freedom, explained, 1e-12),
             float(gain - 2.0 * np.log(candidate.alternatives)),
-            float(np.sqrt(max(bias, 0.0))),
+            float(np.sqrt(max(shift @ self.information @ shift, 0.0) / max(len(shift), 1))),
         )
 
-    def shutter(self, time: FloatArray) -> Cause:
-        """Predict what a motion of the board in every frame explains, at times (c,) of corners in it."""
-        moving = self.by_frame[:, :6] * np.repeat(time, 2)[:, None]
-        own = [
-            np.linalg.qr(np.concatenate([self.by_frame[part], moving[part]], axis=1))[0] for part in self.frames
-        ]
-        outside = _without(own, self.frames, self.globals_)
-        rest = _without(own, self.frames, self.raw[:, None])[:, 0]
-        step = np.linalg.lstsq(outside, rest, rcond=1e-12)[0]
-        rest = rest - outside @ step
-        explained = float(self.r @ self.r - rest @ rest)
-        parameters = sum(each.shape[1] for each in own) - sum(each.shape[1] for each in self.own)
-        return self._cause(_Candidate("shutter", "", moving), explained, parameters, step)
 
-
-def _standardised(
-    estimate: Estimate, rows: Observations, board: Board
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Standardised residuals (2 n,) and their derivatives (2 n, g) and (2 n, 12), x and y of each corner."""
+def _standardised(estimate: Estimate, rows: Observations, board: Board) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Standardised residuals (2n,) and their derivatives (2n, g) and (2n, 12), x and y of each corner."""
     weights = np.repeat(1.0 / rows.sigma_px, 2)
-    r, by_global, by_frame = residuals_with_jacobians(estimate, rows, board)
+    r, d_global, d_frame = residuals_with_jacobians(estimate, rows, board)
     return (
         r.reshape(-1) * weights,
-        by_global.reshape(len(weights), -1) * weights[:, None],
-        by_frame.reshape(len(weights), -1) * weights[:, None],
+        d_global.reshape(len(weights), -1) * weights[:, None],
+        d_frame.reshape(len(weights), -1) * weights[:, None],
     )
 
 
-def _without(own: list[FloatArray], frames: list[slice], columns: FloatArray) -> FloatArray:
-    """Project columns (n, k) out of the space of each frame's own parameters."""
+def _outside(own: list[FloatArray], frames: list[slice], columns: FloatArray) -> FloatArray:
+    """Project columns (2n, k) out of the space of each frame's own parameters."""
     outside = columns.copy()
     for basis, part in zip(own, frames, strict=True):
         outside[part] -= basis @ (basis.T @ columns[part])
     return outside
 
 
-def _candidates(
-    fitted: Fitted, rows: Observations, test: _ScoreTest, names: Sequence[str], mirrors: Sequence[str]
-) -> Iterator[_Candidate]:
-    """All causes but the shutter."""
+def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterator[_Candidate]:
+    """Yield all causes whose parameters the frames share, and those of single frames."""
     solution, model = fitted.solution, fitted.model
     estimate, additions = solution.estimate, fitted.name.split("+")
     board, modes = _deformable(model.board)
-    shaped = replace(estimate, shape=np.concatenate([estimate.shape, np.zeros(len(board.modes) - len(estimate.shape))]))
-    _, by_global, _ = _standardised(shaped, rows, board)
+    shape = np.concatenate([estimate.shape, np.zeros(len(board.modes) - len(estimate.shape))])
+    _, d_global, _ = _standardised(replace(estimate, shape=shape), rows, board)
     intrinsics = estimate.camera.intrinsic_names
     count, lens = len(estimate.virtual_centres_in_rig_mm), len(intrinsics)
     curvature, sheet = lens + 3 * count, lens + 6 * count
-    fixed = [place for place, name in enumerate(intrinsics) if name not in model.intrinsics]
-    if fixed:
-        yield _Candidate("lens", "+".join(intrinsics[place] for place in fixed), by_global[:, fixed])
     for addition in further_cameras(estimate.camera, additions):
-        if addition in LENSES:
+        if addition != "fisheye":
             extended = replace(estimate, camera=with_addition(estimate.camera, addition))
             columns = _standardised(extended, rows, model.board)[1][:, : extended.camera.intrinsics.size]
-            yield _Candidate(LENSES[addition], addition, columns)
+            yield _Candidate(KIND_OF_ADDITION[addition], columns, addition=addition)
     direct = np.repeat(rows.view == DIRECT, 2)
     if direct.any() and not direct.all() and not rows.direct_and_mirrored:
-        yield _Candidate("focus", "", np.where(direct[:, None], by_global[:, :4], 0.0))
+        yield _Candidate("focus", np.where(direct[:, None], d_global[:, :4], 0.0))
     if not model.curvature:
-        yield _Candidate("bend", "", by_global[:, curvature:sheet])
+        yield _Candidate("bend", d_global[:, curvature:sheet], addition="bend")
         for mirror in range(count):
-            columns = by_global[:, curvature + 3 * mirror : curvature + 3 * mirror + 3]
-            yield _Candidate("mirror bent", mirrors[mirror], columns, count)
+            start = curvature + 3 * mirror
+            yield _Candidate("mirror bent", d_global[:, start : start + 3], mirror, alternatives=count)
     if not model.thickness:
-        yield _Candidate("plate", "", _by_plate(estimate, rows, by_global[:, sheet], model.board)[:, None])
-    for kind, places in modes.items():
-        yield _Candidate(kind, "", by_global[:, [sheet + 1 + place for place in places]])
-    yield from _moved_mirrors(rows, by_global, lens, mirrors)
-    for frame, part in zip(np.unique(rows.frame), test.frames, strict=True):
-        yield _Candidate("picture", names[frame], _fields_of(rows, part), len(test.frames))
+        yield _Candidate("plate", _d_plate(estimate, rows, d_global[:, sheet], model.board)[:, None], addition="sheet")
+    for kind, indices in modes.items():
+        yield _Candidate(kind, d_global[:, [sheet + 1 + mode for mode in indices]], addition="warp" * (kind == "warp"))
+    for mirror in range(count):
+        frames = np.unique(rows.frame[rows.view == mirror])
+        columns = d_global[:, lens + 3 * mirror : lens + 3 * mirror + 3]
+        for first in frames[1:]:
+            later = np.where(np.repeat(rows.frame >= first, 2)[:, None], columns, 0.0)
+            yield _Candidate("mirror moved", later, mirror, alternatives=count * (len(frames) - 1))
+    for frame, part in zip(np.unique(rows.frame).tolist(), test.frames, strict=True):
+        yield _Candidate("picture", _affine_fields(rows, part), frame, alternatives=len(test.frames))
 
 
 def _deformable(board: Board) -> tuple[Board, dict[CauseKind, list[int]]]:
-    """The board with modes for a warp and for a print that is scaled differently along x and y, unless it has modes."""
+    """The board with modes for a warp, and for a print that is sheared or stretched, unless it has modes already."""
     if len(board.modes):
         return board, {}
     size = np.zeros((2, *board.corners_in_board_mm.shape))
-    x, y = board.corners_from_centre.T
-    size[0, :, 0], size[1, :, 0] = x, y
+    size[0, :, 0], size[1, :, 0] = board.corners_from_centre.T
     modes = np.concatenate([Board.warped(board.corners_in_board_mm).modes, size])
     return Board(board.corners_in_board_mm, modes), {"warp": [0, 1], "size": [2, 3]}
 
 
-def _by_plate(estimate: Estimate, rows: Observations, by_sheet: FloatArray, board: Board) -> FloatArray:
-    """Derivatives (2 n,) by the thickness of all plates; for first-surface mirrors, by plates in front of them."""
+def _d_plate(estimate: Estimate, rows: Observations, d_sheet: FloatArray, board: Board) -> FloatArray:
+    """Derivatives (2n,) with respect to the thickness of all plates; of first-surface mirrors, of plates to come."""
     if (estimate.thickness_mm > 0.0).any():
-        return by_sheet
-    behind = as_second_surface(estimate, TRIAL_PLATE_MM, PLATE_INDEX)
-    change = residuals(behind, rows, board) - residuals(estimate, rows, board)
+        return d_sheet
+    behind_plate = as_second_surface(estimate, TRIAL_PLATE_MM, PLATE_INDEX)
+    change = residuals(behind_plate, rows, board) - residuals(estimate, rows, board)
     return np.asarray(rows.standardised(change).reshape(-1) / TRIAL_PLATE_MM)
 
 
-def _moved_mirrors(
-    rows: Observations, by_global: FloatArray, lens: int, mirrors: Sequence[str]
-) -> Iterator[_Candidate]:
-    """Each mirror elsewhere from some frame on."""
-    for mirror, name in enumerate(mirrors):
-        frames = np.unique(rows.frame[rows.view == mirror])
-        columns = by_global[:, lens + 3 * mirror : lens + 3 * mirror + 3]
-        for first in frames[1:]:
-            later = np.repeat(rows.frame >= first, 2)[:, None]
-            yield _Candidate("mirror moved", name, np.where(later, columns, 0.0), len(mirrors) * (len(frames) - 1))
-
-
-def _fields_of(rows: Observations, part: slice) -> FloatArray:
-    """A frame's errors: a shift that is linear in x and y, in each view."""
+def _affine_fields(rows: Observations, part: slice) -> FloatArray:
+    """Columns (2n, 6v) for errors of a frame that are affine in x and y in each of its views (v)."""
     frame = slice(part.start // 2, part.stop // 2)
-    view, pixels, sigma = rows.view[frame], rows.pixels[frame], rows.sigma_px[frame]
-    blocks = []
+    view, pixels, sigma_px = rows.view[frame], rows.pixels[frame], rows.sigma_px[frame]
+    columns = []
     for number in np.unique(view):
         of_view = view == number
         if of_view.sum() < MIN_CORNERS:
             continue
         centred = pixels - pixels[of_view].mean(axis=0)
         for field in (np.ones(len(view)), *(centred / max(np.abs(centred[of_view]).max(), 1.0)).T):
-            for axis in range(2):
-                block = np.zeros((len(view), 2))
-                block[:, axis] = np.where(of_view, field / sigma, 0.0)
-                blocks.append(block.reshape(-1))
-    columns = np.zeros((2 * len(rows), len(blocks)))
-    if blocks:
-        columns[part] = np.stack(blocks, axis=1)
-    return columns
+            standardised = np.where(of_view, field / sigma_px, 0.0)
+            columns += [np.outer(standardised, axis).reshape(-1) for axis in np.eye(2)]
+    fields = np.zeros((2 * len(rows), len(columns)))
+    if columns:
+        fields[part] = np.stack(columns, axis=1)
+    return fields
+
+
+def _causes_of_frames(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterator[Cause]:
+    """Yield the causes with parameters of their own for each frame."""
+    time = rows.pixels[:, 1] / fitted.solution.estimate.camera.height_px - 0.5
+    yield test.cause_of_frames(_Candidate("shutter", test.d_frame[:, :6] * np.repeat(time, 2)[:, None]))
+    if fitted.model.frame_terms.bow_per_mm is None:
+        yield test.cause_of_frames(_Candidate("bow", test.d_frame[:, 9:], addition="bow"))

@@ -23,10 +23,7 @@ MAX_SHIFT_CELLS = 0.5  # a corner farther from its prediction is closer to anoth
 MAX_SHIFTED_VIEWS = 0.2  # fraction of all views above which all pictures are refused
 MAX_SHIFTED_IN_MIRROR = 0.5  # the same for the views of one mirror
 MAX_OFF_PLANE = 0.1  # the same for corners
-MAX_CAMERA_SIGMAS = 5.0  # disagreement of frames with and without mirrors: rms over the intrinsics
-# Sigmas of disagreement above which error bounds are widened (by chance once in 1,000 sets), and a note is
-# added: errors of corners in one view are correlated, so good sets reach about 2.5.
-WIDENED_SIGMAS, NOTED_SIGMAS = 1.8, 3.0
+MAX_FOCAL_CHANGE = 0.003  # relative, between frames with and without mirrors
 PLAIN_INTRINSICS = 9  # of a Brown-Conrady lens
 MAX_OUTLIERS = 0.1  # fraction of all corners
 MAX_NORMAL_DEG, MAX_DISTANCE = 1.0, 0.05  # sigmas above which linear error bounds are invalid
@@ -245,18 +242,17 @@ def camera_disagreement(
 
 
 def drift_note(disagreement: float, focal_px: tuple[float, float]) -> tuple[str, ...]:
-    """Note a disagreement about the camera, beyond chance, between frames with and without mirrors.
+    """Note a disagreement about the camera between frames with and without mirrors, if it is more than 1 sigma.
 
-    `focal_px` are the focal lengths with and without mirrors. Raises InputError if one camera cannot have both.
+    `focal_px` are the focal lengths with and without mirrors. Raises InputError if they differ too much for one camera.
     """
-    if disagreement > MAX_CAMERA_SIGMAS:
-        raise InputError(
-            f"frames with mirrors show a focal length of {focal_px[0]:.1f} px, frames without {focal_px[1]:.1f} px: "
-            f"one camera does not explain both ({disagreement:.0f} sigmas); take both with one camera, focus and zoom "
-            "fixed"
-        )
-    if disagreement <= NOTED_SIGMAS:
+    if disagreement <= 1.0:
         return ()
+    if abs(focal_px[0] / focal_px[1] - 1.0) > MAX_FOCAL_CHANGE:
+        raise InputError(
+            f"frames with mirrors show a focal length of {focal_px[0]:.1f} px, frames without {focal_px[1]:.1f} px, "
+            f"expected within {MAX_FOCAL_CHANGE:.1%}; take both with one camera, focus and zoom fixed"
+        )
     return (
         f"frames with and without mirrors disagree about the camera by {disagreement:.1f} sigmas, as if its focus had "
         "changed between them: all error bounds are widened by this factor",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.diagnostics.causes import KIND_OF_ADDITION, Cause, ranked_causes
 from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
 from mirrorcam.optics.calibration.diagnostics.model_comparison import (
@@ -28,7 +29,6 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     joint_model,
     paper_model,
     plate_thickness,
-    predicted_gain,
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
@@ -39,7 +39,7 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 
 MIN_UNEXPLAINED = 0.1
 """Minimum unexplained residual that raises an alarm, as a fraction of the noise."""
-MIN_RELATIVE_GAIN, MIN_GAIN = 0.5, 1e-6
+MIN_RELATIVE_GAIN, MIN_GAIN = 0.5, 10.0
 """A lens is fitted if its predicted gain is at least this fraction of the greatest gain, and positive."""
 MIN_PLATE_MM = 0.1  # thinner than any plate of a mirror
 
@@ -95,6 +95,8 @@ class ModelSelection:
         Evidence that the mirrors reflect at a different surface from the one in the layout, if any.
     notes
         Undetermined quantities, one sentence each.
+    causes
+        What the model does not explain, the most probable cause first.
     inflation
         Factor on the standard deviations, relative to independent corner errors.
     """
@@ -107,6 +109,7 @@ class ModelSelection:
     alarms: tuple[str, ...]
     notes: tuple[str, ...]
     other_surface: OtherSurface | None = None
+    causes: tuple[Cause, ...] = ()
     inflation: float = 1.0
 
     def inflated_to(self, factor: float) -> ModelSelection:
@@ -230,13 +233,14 @@ def _fit_additions(
 ) -> tuple[list[Fitted], list[str]]:
     """Fit each further addition; also return a note on each addition that the corners do not determine.
 
-    An addition to the camera is fitted only if one step towards it predicts an information gain close to the greatest.
+    An addition with a score test is fitted only if that predicts an information gain close to the greatest.
     """
     plates = (current.solution.estimate.thickness_mm > 0.0).any()
     fits, notes = [], []
-    gains = {name: predicted_gain(name, current, observations) for name in remaining if name in CAMERA_ADDITIONS}
-    min_gain = max(MIN_RELATIVE_GAIN * max(gains.values(), default=0.0), MIN_GAIN)
-    for name in (name for name in remaining if gains.get(name, min_gain) >= min_gain):
+    gains = {cause.addition: cause.gain for cause in reversed(ranked_causes(current, observations))}
+    min_gain = max(MIN_RELATIVE_GAIN * max((gains.get(name, 0.0) for name in remaining), default=0.0), MIN_GAIN)
+    tested = [name for name in remaining if name in KIND_OF_ADDITION]
+    for name in (name for name in remaining if name not in tested or gains.get(name, 0.0) >= min_gain):
         addition = plate_addition if name == "sheet" and not plates else name
         try:
             fits.append(fit_with(addition, current, observations))
@@ -297,5 +301,6 @@ def finished_selection(
         tuple(alarm for alarm in alarms if isinstance(alarm, str)),
         tuple(notes),
         next((alarm for alarm in alarms if isinstance(alarm, OtherSurface)), None),
+        tuple(ranked_causes(current, observations)),
     )
     return selected.inflated_to(inflation)

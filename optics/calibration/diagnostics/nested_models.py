@@ -4,8 +4,8 @@
 order: `sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of
 the board. `bow`: a bow of the board in each frame. `turn`: a rotation of the camera in each frame. `board`: free
 corners of the board. `turn` and `board` need frames that show the board both directly and in mirrors. `rational`,
-`prism`: further lens parameters; `spline`: a field over the view; `fisheye`: a different lens (`LENS_ADDITIONS`). `walk`: the
-pupil walks along the axis (`Camera.pupil_walk_mm`).
+`prism`: further lens parameters; `spline`: a field over the view; `fisheye`: a different lens (`LENS_ADDITIONS`).
+`walk`: the pupil walks along the axis (`Camera.pupil_walk_mm`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from scipy.stats import chi2
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
-from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations, residuals_of
+from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal_equations
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, FrameTerms, Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
@@ -35,12 +34,6 @@ ROTATION_SIGMA_PX = 0.5
 """Standard deviation of the camera's rotation that remains after removing the background's rotation, px."""
 INITIAL_BOW, MIN_BOW = 0.02, 1e-4
 """Initial and minimum standard deviation of the bow of boards, relative to a board's longer side."""
-PATTERN_CELLS, MIN_CORNERS_PER_CELL, PATTERN_CHANCE = (12, 7), 5, 1e-3
-"""Columns and rows of cells on the sensor, corners required in each, and the probability of a pattern by noise."""
-STEP_DAMPING = 1e-9
-"""Relative damping against rounding errors if two parameters of a lens are nearly degenerate."""
-MIN_COST_FRACTION = 1e-3
-"""Minimum fraction of the cost after one step, because its prediction is only linear."""
 PLATE_MM, PLATE_INDEX = 1.0, 1.49
 """Initial thickness and refractive index (acrylic) of plates if the layout has first-surface mirrors."""
 PLATE_FRACTION, GLASS_INDEX = 0.01, 1.52
@@ -146,41 +139,6 @@ def _with_camera(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
     return replace(estimate, camera=camera), replace(
         smaller.model, intrinsics=free_intrinsics(camera, [*additions, addition])
     )
-
-
-def predicted_gain(addition: str, smaller: Fitted, observations: Observations) -> float:
-    """Predict the decrease of the Bayesian information criterion from one step towards an extension of the camera.
-
-    This is Rao's score test, which needs no fit of the larger model. For a field, with its many parameters, the gain is
-    0 if the residuals have no pattern over the sensor.
-    """
-    if addition == "spline" and not _has_pattern(smaller.solution, observations):
-        return 0.0
-    estimate, model = _with_camera(addition, smaller)
-    inliers = observations.where(smaller.solution.inliers)
-    grouped = Grouped.of(inliers, model)
-    cost = float(np.sum(residuals_of(smaller.solution.estimate, grouped, smaller.model) ** 2))
-    start_cost = float(np.sum(residuals_of(estimate, grouped, model) ** 2))
-    drop = normal_equations(estimate, grouped, model).step(STEP_DAMPING)[2]
-    extra_parameters = max(len(model.intrinsics) - len(smaller.model.intrinsics), 1)
-    if cost == 0.0:  # simulated corners without noise
-        return 0.0
-    cost_after_step = max(start_cost - drop, MIN_COST_FRACTION * cost)
-    return 2 * len(inliers) * float(np.log(cost / cost_after_step)) - extra_parameters * float(np.log(2 * len(inliers)))
-
-
-def _has_pattern(solution: Solution, observations: Observations) -> bool:
-    """Return whether the mean residuals in cells of the sensor are larger than by chance."""
-    camera, rows = solution.estimate.camera, solution.inliers
-    cell_coordinates = observations.pixels[rows] / [camera.width_px, camera.height_px] * PATTERN_CELLS
-    col, row = np.clip(cell_coordinates.astype(np.int64), 0, np.array(PATTERN_CELLS) - 1).T
-    cell = row * PATTERN_CELLS[0] + col
-    counts = np.bincount(cell)
-    sums = [np.bincount(cell, weights=component) for component in solution.standardised[rows].T]
-    filled = counts >= MIN_CORNERS_PER_CELL
-    squares = float(sum(np.sum(component[filled] ** 2 / counts[filled]) for component in sums))
-    # The excess is not compared with the noise, because simulated corners have none.
-    return squares > solution.scale**2 * float(chi2.isf(PATTERN_CHANCE, 2 * int(filled.sum())))
 
 
 def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:

@@ -12,12 +12,11 @@ import numpy as np
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics import consistency
+from mirrorcam.optics.calibration.diagnostics.causes import ranked_causes
 from mirrorcam.optics.calibration.diagnostics.corner_noise import with_view_noise
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
-    free_intrinsics,
-    further_cameras,
+    fit_as,
     joint_model,
-    with_addition,
 )
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
@@ -25,8 +24,6 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, Observation
 from mirrorcam.optics.calibration.solver.parameterisation import Model, pair_prior
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 from mirrorcam.optics.geometry.layout import Layout
-
-TRIAL_PLATE_MM, TRIAL_INDEX = 1.0, 1.49
 
 
 @dataclass(frozen=True)
@@ -37,15 +34,18 @@ class ScreenedFrames:
     ----------
     mirrored, base
         Corners by frame, with and without mirrors, with standard deviations from the noise of each view.
-    notes
+    dropped
         Dropped observations, one sentence each.
+    drift
+        A sentence on a change of the camera between frames with and without mirrors, if they show one.
     inflation
-        Factor on the error bounds of a common fit; 1 if frames with and without mirrors agree about the camera.
+        Factor on the error bounds of a common fit; 1 without such a change.
     """
 
     mirrored: list[Observations]
     base: list[Observations]
-    notes: tuple[str, ...]
+    dropped: tuple[str, ...]
+    drift: tuple[str, ...]
     inflation: float
 
 
@@ -89,13 +89,14 @@ def screen(
 
     is_mirrored = rows.frame < len(mirrored)
     consistency.check_mirror_counts(rows.where(is_mirrored), len(mirrored), layout.mirror_names)
-    consistent, direct, inflation, more_notes = _consistent_views(
+    consistent, direct, inflation, inconsistent, drift = _consistent_views(
         rows.where(is_mirrored), rows.where(~is_mirrored), names, layout, corners_in_board_mm
     )
     return ScreenedFrames(
         mirrored=[consistent.where(consistent.frame == n).with_frame_offset(-n) for n in range(len(mirrored))],
         base=[direct.where(direct.frame == n).with_frame_offset(-n) for n in range(len(mirrored), len(frames))],
-        notes=(*notes, *more_notes),
+        dropped=(*notes, *inconsistent),
+        drift=drift,
         inflation=inflation,
     )
 
@@ -106,8 +107,8 @@ def _consistent_views(
     names: Sequence[str],
     layout: Layout,
     corners_in_board_mm: FloatArray,
-) -> tuple[Observations, Observations, float, tuple[str, ...]]:
-    """Return consistent mirrored views, direct views, the inflation that their disagreement requires, and notes.
+) -> tuple[Observations, Observations, float, tuple[str, ...], tuple[str, ...]]:
+    """Return consistent mirrored views, direct views, and inflation, notes on dropped views, and drift of the camera.
 
     The standard deviations of both follow the noise of each view.
     """
@@ -122,13 +123,12 @@ def _consistent_views(
     kept, notes = consistency.consistent_views(renumbered, errors, [names[n] for n in numbers], layout.mirror_names)
     mirrored = with_view_noise(mirrored.where(kept), errors[kept])
     if not len(direct):
-        return mirrored, direct, 1.0, notes
+        return mirrored, direct, 1.0, notes, ()
     direct = with_view_noise(direct, _direct_residuals(_renumbered(direct), estimate, layout, free))
     remaining = np.isin(numbers, mirrored.frame)
     estimate = estimate.of_frames(remaining)
-    ratio = _min_disagreement(estimate, _renumbered(mirrored), _renumbered(direct), layout, free)
-    notes += consistency.drift_note(ratio, (estimate.camera.fx_px, camera.fx_px))
-    return mirrored, direct, ratio if ratio > consistency.WIDENED_SIGMAS else 1.0, notes
+    ratio, focal_px = _camera_disagreement(estimate, _renumbered(mirrored), _renumbered(direct), layout, free)
+    return mirrored, direct, ratio, notes, consistency.drift_note(ratio, focal_px)
 
 
 def _direct_residuals(direct: Observations, estimate: Estimate, layout: Layout, free: Model) -> FloatArray:
@@ -144,52 +144,32 @@ def _renumbered(observations: Observations) -> Observations:
     return replace(observations, frame=frame)
 
 
-def _min_disagreement(
-    estimate: Estimate, mirrored: Observations, direct: Observations, layout: Layout, free: Model
-) -> float:
-    """Camera disagreement; if large, the smallest one over models with plates, bent mirrors or other lenses.
-
-    A plate or a bend missing from the layout also biases the intrinsics, as does an unsuitable lens model.
-    """
-    ratio = _camera_disagreement(estimate, mirrored, direct, layout, free)
-    if ratio <= consistency.WIDENED_SIGMAS:
-        return ratio
-    plates = np.where(estimate.thickness_mm > 0.0, estimate.thickness_mm, TRIAL_PLATE_MM)
-    index = np.maximum(estimate.refractive_index, TRIAL_INDEX)
-    for trial, larger in (
-        (replace(estimate, thickness_mm=plates, refractive_index=index), replace(free, thickness=True)),
-        (estimate, replace(free, curvature=True)),
-    ):
-        ratio = min(ratio, _camera_disagreement(trial, mirrored, direct, layout, larger))
-    for addition in further_cameras(estimate.camera, ()):
-        if ratio <= consistency.WIDENED_SIGMAS:
-            break
-        camera = with_addition(estimate.camera, addition)
-        larger = replace(free, intrinsics=free_intrinsics(camera, (addition,)))
-        ratio = min(ratio, _camera_disagreement(replace(estimate, camera=camera), mirrored, direct, layout, larger))
-    return ratio
-
-
 def _camera_disagreement(
     mirrored_fit: Estimate, mirrored: Observations, direct: Observations, layout: Layout, model: Model
-) -> float:
-    """`consistency.camera_disagreement` of fits to frames with mirrors, without mirrors, and to both.
+) -> tuple[float, tuple[float, float]]:
+    """Disagreement of frames with and without mirrors on the camera, in sigmas, and the focal length of each, px.
 
-    The common fit uses all inliers of the separate fits, so that no contradiction is rejected as an outlier.
+    It is 1 if a common fit shows no change of the camera, or a more probable cause of its misfit.
     """
-    mirrored, mirrored_fit = _without_outliers(mirrored, mirrored_fit, model)
     start = initial_estimates.first_estimate(direct, mirrored_fit.camera, layout, model.board.corners_in_board_mm)
-    direct, direct_fit = _without_outliers(direct, start, model)
-    all_rows = Observations.join([mirrored, direct.with_frame_offset(len(mirrored_fit.rig_from_board))])
+    direct_inliers, direct_fit = _without_outliers(direct, start, model)
+    mirrored_inliers, mirrored_fit = _without_outliers(mirrored, mirrored_fit, model)
+    rows = Observations.join([mirrored_inliers, direct_inliers.with_frame_offset(len(mirrored_fit.rig_from_board))])
     poses = np.concatenate([mirrored_fit.rig_from_board, direct_fit.rig_from_board])
-    common, _ = minimise(mirrored_fit.with_poses(poses), all_rows, model)
-    intrinsics = common.camera.intrinsics.size
-    return consistency.camera_disagreement(
-        [_standardised(mirrored_fit, mirrored, model), _standardised(direct_fit, direct, model)],
-        _standardised(common, all_rows, model),
-        unknowns=len(model.parameters(common.camera, len(layout.mirrors))) + intrinsics + 6 * len(poses),
+    common = fit_as("joint", mirrored_fit.with_poses(poses), rows, model)
+    focal_px = mirrored_fit.camera.fx_px, direct_fit.camera.fx_px
+    causes = ranked_causes(common, rows)
+    if not causes or causes[0].kind != "focus":
+        return 1.0, focal_px
+    intrinsics = mirrored_fit.camera.intrinsics.size
+    common_fit, _ = minimise(common.solution.estimate, rows, model)  # without rejecting contradictions as outliers
+    ratio = consistency.camera_disagreement(
+        [_standardised(mirrored_fit, mirrored_inliers, model), _standardised(direct_fit, direct_inliers, model)],
+        _standardised(common_fit, rows, model),
+        unknowns=len(model.parameters(mirrored_fit.camera, len(layout.mirrors))) + intrinsics + 6 * len(poses),
         common=intrinsics,
     )
+    return max(ratio, 1.0), focal_px
 
 
 def _standardised(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:

@@ -226,9 +226,10 @@ class NearestPinhole:
 def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> NearestPinhole:
     """Fit a pinhole camera to a mirror within its sub-image with the outline (n, 2), over the layout's working range.
 
-    For a flat first-surface mirror it is the base camera itself, unless its pupil walks. Otherwise Gauss-Newton steps from there fit pose,
-    focal lengths and distortion to a grid of points; the result is valid only within this sub-image. Steps end when
-    they leave the valid cameras. Raises InputError if the base camera itself cannot see these points.
+    For a flat first-surface mirror it is the base camera itself, unless its pupil walks. Otherwise Gauss-Newton steps
+    from there fit pose, focal lengths and distortion to a grid of points; the result is valid only within this
+    sub-image. Steps end when they leave the valid cameras. Raises InputError if the base camera itself cannot see these
+    points.
     """
     mirror, apparent = layout.mirrors[number], layout.mirrors[number].apparent
     pixels = np.concatenate([outline_px, _grid(outline_px)])

@@ -1,9 +1,10 @@
-"""Simulated corners of a mirror camera with one fault each, of twelve kinds."""
+"""Simulated corners of mirror cameras with one fault each."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -11,153 +12,211 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.causes import Cause, CauseKind, ranked_causes
 from mirrorcam.optics.calibration.diagnostics.nested_models import fit_as
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.lens import WavyCamera
 from tests.optics.calibration.diagnostics.conftest import BOARD, JOINT, behind_glass, bent
 from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
 from tests.optics.layouts import faceted_parabola
 
 NOISE_PX = 0.02
-MIRRORED, DIRECT_FRAMES = 12, 6
-Corners = Callable[[Layout, list[FloatArray], list[FloatArray], np.random.Generator], list[Observations]]
+MIRRORED, DIRECT = 12, 6
+GRIDS = (2, 2), (2, 3), (3, 3), (1, 3)
+STEP = 1e-3
 
 
 @dataclass(frozen=True)
-class Faulty:
-    """A set of corners, the cause that should come first, and the causes found."""
+class Setup:
+    """A device as built, the poses of a board, and a random size of the fault, about 1."""
 
-    kind: CauseKind | None
-    name: str
-    causes: list[Cause]
+    truth: Layout
+    mirrored: list[FloatArray]
+    direct: list[FloatArray]
+    size: float
+    random: np.random.Generator
 
-    @property
-    def right(self) -> bool:
-        first = self.causes[0] if self.causes else None
-        if self.kind is None or first is None:
-            return first is None and self.kind is None
-        return first.kind == self.kind and self.name in ("", first.name)
+    @classmethod
+    def of(cls, seed: int) -> Setup:
+        random = np.random.default_rng([seed, 7])
+        camera = Camera.c920()
+        rows, cols = GRIDS[seed % len(GRIDS)]
+        nominal = faceted_parabola(camera, DesignSpec(camera=camera, rows=rows, cols=cols), fill=0.9)
+        return cls(
+            as_built(nominal, seed=seed),
+            mirrored_poses(BOARD, MIRRORED, tilt_deg=30, seed=seed + 100),
+            direct_poses(BOARD, DIRECT, tilt_deg=30, seed=seed + 200),
+            float(random.uniform(0.5, 1.5)),
+            random,
+        )
 
-
-def device(seed: int) -> Layout:
-    random = np.random.default_rng(seed)
-    rows, cols = ((2, 2), (2, 3), (3, 3), (1, 3))[seed % 4]
-    camera = Camera.c920()
-    spec = DesignSpec(camera=camera, rows=rows, cols=cols)
-    return as_built(faceted_parabola(camera, spec, fill=0.9), seed=int(random.integers(1000)))
-
-
-def plain(truth: Layout, mirrored: list[FloatArray], direct: list[FloatArray], *, board=BOARD) -> list[Observations]:
-    views = views_of(truth, board, mirrored, direct, noise_px=0.0)
-    return [frame.shifted(number) for number, frame in enumerate([*views.seen, *views.base])]
-
-
-def faulty(kind: CauseKind | None, seed: int) -> Faulty:
-    """Simulate a fault, fit the joint model and rank the causes of its misfit."""
-    random = np.random.default_rng([seed, 7])
-    truth = device(seed)
-    mirrored = mirrored_poses(BOARD, MIRRORED, tilt_deg=30, seed=seed + 100)
-    direct = direct_poses(BOARD, DIRECT_FRAMES, tilt_deg=30, seed=seed + 200)
-    name = ""
-    size = random.uniform(0.5, 1.5)
-    mirrors = len(truth.mirrors)
-    if kind is None:
-        frames = plain(truth, mirrored, direct)
-    elif kind == "picture":
-        frames = plain(truth, mirrored, direct)
-        number = int(random.integers(MIRRORED))
-        name = f"frame {number}"
-        frame = frames[number]
-        pixels = frame.pixels.copy()
-        for view in np.unique(frame.view):
-            of_view = frame.view == view
-            centred = (pixels[of_view] - pixels[of_view].mean(axis=0)) / 100.0
-            pixels[of_view] += 0.2 * size * random.standard_normal(2) + centred @ (0.1 * size * random.standard_normal((2, 2)))
-        frames[number] = replace(frame, pixels=pixels)
-    elif kind == "mirror moved":
-        number, first = int(random.integers(mirrors)), int(random.integers(3, MIRRORED - 3))
-        name = truth.mirror_names[number]
-        mirror = truth.mirrors[number]
-        rotation = Rotation.from_rotvec(np.radians(0.02 * size) * random.standard_normal(3)).as_matrix()
-        moved = mirror.moved(rotation, 0.01 * size * mirror.normal_in_rig)
-        after = truth.replaced(mirrors=tuple(moved if i == number else m for i, m in enumerate(truth.mirrors)))
-        frames = [a if n < first else b for n, (a, b) in enumerate(zip(plain(truth, mirrored, direct), plain(after, mirrored, direct)))]
-    elif kind == "mirror bent":
-        number = int(random.integers(mirrors))
-        name = truth.mirror_names[number]
-        all_bent = bent(truth, 0.001 * size, seed=seed)
-        truth = truth.replaced(mirrors=tuple(all_bent.mirrors[i] if i == number else m for i, m in enumerate(truth.mirrors)))
-        frames = plain(truth, mirrored, direct)
-    elif kind == "bend":
-        frames = plain(bent(truth, 0.001 * size, seed=seed), mirrored, direct)
-    elif kind == "lens":
-        camera = truth.camera.replaced(lens_model="rational", distortion=[*truth.camera.distortion, 0.2 * size, 0.1, 0.05 * size])
-        frames = plain(truth.replaced(camera=camera), mirrored, direct)
-    elif kind == "spline":
-        frames = plain(truth.replaced(camera=WavyCamera(**truth.camera.model_dump(), waves_px=0.05 * size)), mirrored, direct)
-    elif kind == "pupil":
-        frames = plain(truth.replaced(camera=truth.camera.replaced(pupil_walk_mm=0.2 * size)), mirrored, direct)
-    elif kind == "shutter":
-        frames = shuttered(truth, mirrored, direct, size, random)
-    elif kind == "plate":
-        frames = plain(behind_glass(truth, 2.0 * size), mirrored, direct)
-    elif kind in ("warp", "size"):
-        frames = shaped(truth, mirrored, direct, kind, size)
-    else:
-        camera = truth.camera
-        other = camera.replaced(fx_px=camera.fx_px * (1 + 0.001 * size), fy_px=camera.fy_px * (1 + 0.001 * size), cx_px=camera.cx_px + size)
-        frames = [a if n < MIRRORED else b for n, (a, b) in enumerate(zip(plain(truth, mirrored, direct), plain(truth.replaced(camera=other), mirrored, direct)))]
-    return ranked(truth, kind, name, frames, [*mirrored, *direct], random)
+    def frames(self, layout: Layout | None = None, board: Charuco = BOARD) -> list[Observations]:
+        """The corners of each frame without noise, for the truth or for a different layout or board."""
+        views = views_of(layout or self.truth, board, self.mirrored, self.direct, noise_px=0.0)
+        return [frame.with_frame_offset(number) for number, frame in enumerate([*views.mirrored, *views.base])]
 
 
-def shuttered(truth, mirrored, direct, size, random):
-    frames = plain(truth, mirrored, direct)
-    poses = [*mirrored, *direct]
-    step = 1e-3
-    result = []
-    for number, frame in enumerate(frames):
-        velocity = np.concatenate([0.05 * size * random.standard_normal(3) * 0.02, size * 0.3 * random.standard_normal(3)])
-        moved = []
-        for sign in (1.0, -1.0):
-            pose = poses[number].copy()
-            pose[:3, :3] = Rotation.from_rotvec(sign * step * velocity[:3]).as_matrix() @ pose[:3, :3]
-            pose[:3, 3] += sign * step * velocity[3:]
-            every = list(poses)
-            every[number] = pose
-            moved.append(plain(truth, every[: len(mirrored)], every[len(mirrored):])[number])
-        a, b = moved
-        keys = [{(v, c): p for v, c, p in zip(o.view.tolist(), o.corner.tolist(), o.pixels)} for o in (a, b)]
-        keep = np.array([(v, c) in keys[0] and (v, c) in keys[1] for v, c in zip(frame.view.tolist(), frame.corner.tolist())])
-        frame = frame.where(keep)
-        slope = np.array([(keys[0][v, c] - keys[1][v, c]) / (2 * step) for v, c in zip(frame.view.tolist(), frame.corner.tolist())])
-        time = frame.pixels[:, 1:] / truth.camera.height_px - 0.5
-        result.append(replace(frame, pixels=frame.pixels + slope * time))
-    return result
+class Misprinted(Charuco):
+    """A board that is `stretched` along x, and bowed along x with a sag of `sag_mm` at its edges."""
+
+    stretched: float = 0.0
+    sag_mm: float = 0.0
+
+    @cached_property
+    def corners_in_board_mm(self) -> FloatArray:
+        corners = super().corners_in_board_mm.copy()
+        x = corners[:, 0] - corners[:, 0].mean()
+        corners[:, 0] += self.stretched * x
+        corners[:, 2] += self.sag_mm * (x / np.abs(x).max()) ** 2
+        return corners
 
 
-def shaped(truth, mirrored, direct, kind, size):
-    class Board(type(BOARD)):
-        @property
-        def corners_in_board_mm(self):
-            drawn = BOARD.corners_in_board_mm.copy()
-            x = drawn[:, 0] - drawn[:, 0].mean()
-            if kind == "size":
-                drawn[:, 0] += 0.001 * size * x
-            else:
-                drawn[:, 2] += 0.2 * size * (x / np.abs(x).max()) ** 2
-            return drawn
-    return plain(truth, mirrored, direct, board=Board(**BOARD.model_dump()))
+Fault = Callable[[Setup], tuple[list[Observations], int | None]]
 
 
-def ranked(truth, kind, name, frames, poses, random) -> Faulty:
-    kept = [n for n, frame in enumerate(frames) if len(frame)]
-    clean = Observations.join([replace(frames[n], frame=np.full(len(frames[n]), place)) for place, n in enumerate(kept)])
-    observations = replace(clean, pixels=clean.pixels + NOISE_PX * random.standard_normal(clean.pixels.shape), sigma_px=np.full(len(clean), NOISE_PX))
-    start = Estimate.of(truth.camera if truth.camera.lens_model == "brown_conrady" else truth.camera, truth.mirrors, np.array([poses[n] for n in kept]))
-    start = replace(start, thickness_mm=np.zeros(len(truth.mirrors)), refractive_index=np.ones(len(truth.mirrors)), curvature_per_m=np.zeros((len(truth.mirrors), 3)))
+def picture(setup: Setup) -> tuple[list[Observations], int | None]:
+    """Corners of one picture are wrong, in each view by an affine field."""
+    frames, number = setup.frames(), int(setup.random.integers(MIRRORED))
+    pixels = frames[number].pixels.copy()
+    for view in np.unique(frames[number].view):
+        of_view = frames[number].view == view
+        centred = (pixels[of_view] - pixels[of_view].mean(axis=0)) / 100.0
+        pixels[of_view] += 0.2 * setup.size * setup.random.standard_normal(2)
+        pixels[of_view] += centred @ (0.1 * setup.size * setup.random.standard_normal((2, 2)))
+    frames[number] = replace(frames[number], pixels=pixels)
+    return frames, number
+
+
+def mirror_moved(setup: Setup) -> tuple[list[Observations], int | None]:
+    truth = setup.truth
+    number, first = int(setup.random.integers(len(truth.mirrors))), int(setup.random.integers(3, MIRRORED - 3))
+    rotation = Rotation.from_rotvec(np.radians(0.02 * setup.size) * setup.random.standard_normal(3)).as_matrix()
+    mirrors = list(truth.mirrors)
+    mirrors[number] = mirrors[number].moved(rotation, 0.01 * setup.size * mirrors[number].normal_in_rig)
+    after = setup.frames(truth.replaced(mirrors=tuple(mirrors)))
+    return [*setup.frames()[:first], *after[first:]], number
+
+
+def mirror_bent(setup: Setup) -> tuple[list[Observations], int | None]:
+    truth, number = setup.truth, int(setup.random.integers(len(setup.truth.mirrors)))
+    mirrors = list(truth.mirrors)
+    mirrors[number] = bent(truth, 0.001 * setup.size, seed=number).mirrors[number]
+    return setup.frames(truth.replaced(mirrors=tuple(mirrors))), number
+
+
+def bend(setup: Setup) -> tuple[list[Observations], int | None]:
+    return setup.frames(bent(setup.truth, 0.001 * setup.size)), None
+
+
+def lens(setup: Setup) -> tuple[list[Observations], int | None]:
+    camera = setup.truth.camera
+    divisor = [0.2 * setup.size, 0.1, 0.05 * setup.size]
+    rational = camera.replaced(lens_model="rational", distortion=[*camera.distortion, *divisor])
+    return setup.frames(setup.truth.replaced(camera=rational)), None
+
+
+def spline(setup: Setup) -> tuple[list[Observations], int | None]:
+    wavy = WavyCamera(**setup.truth.camera.model_dump(), waves_px=0.05 * setup.size)
+    return setup.frames(setup.truth.replaced(camera=wavy)), None
+
+
+def pupil(setup: Setup) -> tuple[list[Observations], int | None]:
+    walking = setup.truth.camera.replaced(pupil_walk_mm=0.2 * setup.size)
+    return setup.frames(setup.truth.replaced(camera=walking)), None
+
+
+def plate(setup: Setup) -> tuple[list[Observations], int | None]:
+    return setup.frames(behind_glass(setup.truth, 2.0 * setup.size)), None
+
+
+def warp(setup: Setup) -> tuple[list[Observations], int | None]:
+    return setup.frames(board=Misprinted(**BOARD.model_dump(), sag_mm=0.2 * setup.size)), None
+
+
+def bow(setup: Setup) -> tuple[list[Observations], int | None]:
+    """The board sags differently in each picture."""
+    sags = 0.2 * setup.size * setup.random.standard_normal(MIRRORED + DIRECT)
+    boards = [Misprinted(**BOARD.model_dump(), sag_mm=sag) for sag in sags]
+    return [setup.frames(board=board)[number] for number, board in enumerate(boards)], None
+
+
+def size(setup: Setup) -> tuple[list[Observations], int | None]:
+    return setup.frames(board=Misprinted(**BOARD.model_dump(), stretched=0.001 * setup.size)), None
+
+
+def focus(setup: Setup) -> tuple[list[Observations], int | None]:
+    camera, factor = setup.truth.camera, 1.0 + 0.001 * setup.size
+    other = camera.replaced(fx_px=factor * camera.fx_px, fy_px=factor * camera.fy_px, cx_px=camera.cx_px + setup.size)
+    return [*setup.frames()[:MIRRORED], *setup.frames(setup.truth.replaced(camera=other))[MIRRORED:]], None
+
+
+def shutter(setup: Setup) -> tuple[list[Observations], int | None]:
+    """The board moves by some tenths of a mm while a frame is read."""
+    frames = []
+    for number, frame in enumerate(setup.frames()):
+        rotation, shift = 1e-3 * setup.random.standard_normal(3), 0.3 * setup.random.standard_normal(3)
+        ahead, behind = (
+            _moved_board(setup, number, sign * STEP * setup.size * rotation, sign * STEP * setup.size * shift)
+            for sign in (1.0, -1.0)
+        )
+        corners = list(zip(frame.view.tolist(), frame.corner.tolist(), strict=True))
+        kept = np.array([corner in ahead and corner in behind for corner in corners], dtype=bool)
+        velocity = [(ahead[c] - behind[c]) / (2.0 * STEP) for c, keep in zip(corners, kept, strict=True) if keep]
+        frame = frame.where(kept)
+        time = frame.pixels[:, 1:] / setup.truth.camera.height_px - 0.5
+        frames.append(replace(frame, pixels=frame.pixels + np.array(velocity).reshape(-1, 2) * time))
+    return frames, None
+
+
+def _moved_board(
+    setup: Setup, number: int, rotation: FloatArray, shift: FloatArray
+) -> dict[tuple[int, int], FloatArray]:
+    """Pixels of a frame's corners, by view and corner, with the board moved."""
+    poses = [*setup.mirrored, *setup.direct]
+    pose = poses[number].copy()
+    pose[:3, :3] = Rotation.from_rotvec(rotation).as_matrix() @ pose[:3, :3]
+    pose[:3, 3] += shift
+    poses[number] = pose
+    frame = replace(setup, mirrored=poses[:MIRRORED], direct=poses[MIRRORED:]).frames()[number]
+    return dict(zip(zip(frame.view.tolist(), frame.corner.tolist(), strict=True), frame.pixels, strict=True))
+
+
+FAULTS: dict[CauseKind, Fault] = {
+    "picture": picture,
+    "mirror moved": mirror_moved,
+    "mirror bent": mirror_bent,
+    "bend": bend,
+    "lens": lens,
+    "spline": spline,
+    "pupil": pupil,
+    "shutter": shutter,
+    "plate": plate,
+    "warp": warp,
+    "bow": bow,
+    "size": size,
+    "focus": focus,
+}
+
+
+def causes_of(kind: CauseKind | None, seed: int) -> tuple[list[Cause], int | None]:
+    """Rank the causes of a fault of a kind, or of none; also return the index of the frame or mirror at fault."""
+    setup = Setup.of(seed)
+    frames, index = (setup.frames(), None) if kind is None else FAULTS[kind](setup)
+    shown = [number for number, frame in enumerate(frames) if len(frame)]
+    observations = noisy_corners([frames[number] for number in shown], setup.random)
+    poses = [*setup.mirrored, *setup.direct]
+    start = Estimate.of(setup.truth.camera, setup.truth.mirrors, np.array([poses[number] for number in shown]))
     fitted = fit_as("joint", start, observations, JOINT)
-    names = [f"frame {n}" for n in kept]
-    return Faulty(kind, name, ranked_causes(fitted, observations, names, truth.mirror_names))
+    return ranked_causes(fitted, observations), shown.index(index) if kind == "picture" else index
+
+
+def noisy_corners(frames: Sequence[Observations], random: np.random.Generator) -> Observations:
+    """Number the frames from 0, and add noise."""
+    clean = Observations.join(
+        [replace(frame, frame=np.full(len(frame), number)) for number, frame in enumerate(frames)]
+    )
+    pixels = clean.pixels + NOISE_PX * random.standard_normal(clean.pixels.shape)
+    return replace(clean, pixels=pixels, sigma_px=np.full(len(clean), NOISE_PX))
