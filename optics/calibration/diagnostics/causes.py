@@ -22,6 +22,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     further_cameras,
     with_addition,
 )
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.residuals import (
@@ -165,6 +166,8 @@ class _ScoreTest:
         Orthonormal basis (2n, g) of these outside the space of the frames.
     factor
         (g, g): derivatives outside that space are `shared` times it.
+    floor
+        Squared residuals that are negligible: without noise, rounding errors would become significant.
     intrinsics
         Number of free intrinsics, which are the first globals.
     mirrors
@@ -179,6 +182,7 @@ class _ScoreTest:
     d_global: FloatArray
     shared: FloatArray
     factor: FloatArray
+    floor: float
     intrinsics: int
     mirrors: IntArray
     information: FloatArray
@@ -201,8 +205,9 @@ class _ScoreTest:
         rest = rest - shared @ (shared.T @ rest)
         mirrors = np.flatnonzero([name.startswith("mirror ") for name in solution.parameters])
         information = np.linalg.pinv(solution.covariance[np.ix_(mirrors, mirrors)])
+        floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / rows.sigma_px) ** 2))
         intrinsics = len(model.intrinsics)
-        return cls(r, rest, frames, d_frame, own, d_global, shared, factor, intrinsics, mirrors, information)
+        return cls(r, rest, frames, d_frame, own, d_global, shared, factor, floor, intrinsics, mirrors, information)
 
     @property
     def freedom(self) -> float:
@@ -248,8 +253,7 @@ class _ScoreTest:
         return self._cause(candidate, explained, max(count - self.intrinsics, 1), np.zeros(len(self.factor)))
 
     def _cause(self, candidate: _Candidate, explained: float, parameters: int, shift: FloatArray) -> Cause:
-        squares = float(self.rest @ self.rest)
-        explained = min(explained, (1.0 - 1e-9) * squares)
+        squares = float(self.rest @ self.rest) + self.floor
         gain = self.freedom * np.log(squares / (squares - explained)) - parameters * np.log(self.freedom)
         shift = shift[self.mirrors]
         return Cause(

@@ -126,11 +126,11 @@ def test_the_disagreement_of_fits_of_one_truth_is_one(device: Layout) -> None:
 
 
 def test_drift_is_noted_then_refused() -> None:
-    assert consistency.drift_note(consistency.NOTED_SIGMAS, (1400.0, 1401.0)) == ()
-    (note,) = consistency.drift_note(4.0, (1400.0, 1405.0))
+    assert consistency.drift_note(1.0, (1400.0, 1401.0)) == ()
+    (note,) = consistency.drift_note(4.0, (1400.0, 1404.0))
     assert "disagree about the camera by 4.0 sigmas" in note
     with pytest.raises(InputError, match=r"focal length of 1400\.0 px, frames without 1500\.0 px"):
-        consistency.drift_note(30.0, (1400.0, 1500.0))
+        consistency.drift_note(4.0, (1400.0, 1500.0))
 
 
 def test_one_pose_and_parallel_poses_are_noted() -> None:

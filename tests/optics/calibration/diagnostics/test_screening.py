@@ -57,7 +57,7 @@ def solved(
     solution = fit(start, observations, model)
     solution = replace(solution, covariance=screened.inflation**2 * solution.covariance)
     used = sum(bool(len(o)) for o in screened.mirrored)
-    return solution, (*screened.notes, *consistency.check_plausible(solution, layout, mirrored_frames=used))
+    return solution, (*screened.dropped, *screened.drift, *consistency.check_plausible(solution, layout, mirrored_frames=used))
 
 
 def nees(solution: Solution, truth: Layout) -> tuple[float, int]:
@@ -97,7 +97,7 @@ def with_focal(truth: Layout, factor: float) -> Layout:
 
 def test_good_input_passes_untouched(good: Views, fold_90_layout: Layout) -> None:
     screened = screen(good.mirrored, good.base, fold_90_layout, CORNERS)
-    assert screened.notes == ()
+    assert (screened.dropped, screened.drift) == ((), ())
     assert screened.inflation == 1.0
     assert [len(o) for o in screened.mirrored] == [len(o) for o in good.mirrored]
     assert [len(o) for o in screened.base] == [len(o) for o in good.base]
@@ -172,9 +172,9 @@ def test_base_frames_of_another_camera_are_refused(good: Views, truth: Layout, f
 def test_a_small_change_of_focus_widens_the_bounds_until_they_are_true(
     good: Views, truth: Layout, fold_90_layout: Layout
 ) -> None:
-    drifted = views_of(with_focal(truth, 1.003), BOARD, [], BASE, seed=5)
+    drifted = views_of(with_focal(truth, 1.002), BOARD, [], BASE, seed=5)
     screened = screen(good.mirrored, drifted.base, fold_90_layout, CORNERS)
-    assert screened.inflation > consistency.NOTED_SIGMAS
+    assert screened.inflation > 3.0
     solution, notes = solved(good.mirrored, drifted.base, fold_90_layout)
     assert any("disagree about the camera" in note for note in notes)
     squared, count = nees(solution, truth)
@@ -191,7 +191,7 @@ def test_mirrors_unlike_the_layout_are_not_taken_for_another_camera(fold_90_layo
     for mirrors in (bent, second_surface):
         views = views_of(truth.replaced(mirrors=mirrors), BOARD, MIRRORED, BASE, seed=1)
         screened = screen(views.mirrored, views.base, fold_90_layout, CORNERS)
-        assert screened.notes == ()
+        assert (screened.dropped, screened.drift) == ((), ())
         assert screened.inflation == 1.0
 
 
