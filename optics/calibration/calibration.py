@@ -17,6 +17,7 @@ from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import check_size, read_image, set_common_bit_depth
+from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -58,6 +59,7 @@ def calibrate(
     names: tuple[Sequence[str], Sequence[str]] | None = None,
     on_frame: Callable[[int], None] = lambda done: None,
     on_observations: Callable[[Sequence[Observations]], None] = lambda observations: None,
+    on_step: Step = no_step,
 ) -> Calibration:
     """Calibrate a mirror camera from pictures of a board.
 
@@ -89,6 +91,8 @@ def calibrate(
         Called with the number of pictures searched so far.
     on_observations
         Called after each picture via the mirrors with all observations so far.
+    on_step
+        Called with each step of the solution in words.
 
     Returns
     -------
@@ -141,11 +145,16 @@ def calibrate(
             target.corners_in_board_mm,
             model=model,
             extremes=reader.extremes,
-            pictures=BoardPictures([reader.mirrored[number] for number in chosen[0]], target, workers),
+            pictures=BoardPictures(
+                [group[n] for group, used in zip((reader.mirrored, reader.base), chosen, strict=True) for n in used],
+                target,
+                workers,
+            ),
             unknown=unknown_mirrors(layout, mirrored_detected),
             names=None
             if names is None
             else [group[n] for group, used in zip(names, chosen, strict=True) for n in used],
+            on_step=on_step,
         )
     except InputError:
         # The stated board was found but does not fit: parts of a larger checkerboard can look like it.
@@ -200,15 +209,16 @@ class PictureReader:
         Errors for the damaged files so far.
     extremes
         Pixel-wise extremes of the pictures via the mirrors so far.
-    mirrored
-        The pictures via the mirrors so far; None for a damaged file, and for further arrays from an iterator when
-        `MAX_KEPT` arrays are kept.
+    mirrored, base
+        The pictures via the mirrors and without them so far; None for a damaged file, and for further arrays from an
+        iterator when `MAX_KEPT` arrays are kept.
     """
 
     def __init__(self, camera: Camera) -> None:
         self.damaged: list[DamagedPicture] = []
         self.extremes = Extremes()
         self.mirrored: list[Grey | Path | None] = []
+        self.base: list[Grey | Path | None] = []
         self._arrays = 0
         self._camera = camera
         self._first: dict[bool, list[Grey]] = {True: [], False: []}
@@ -225,10 +235,9 @@ class PictureReader:
             grey = self._grey(picture)
             yield grey
             # The caller asks for the next picture only after it accepted this one's size.
-            if mirrored:
-                keep = in_memory or isinstance(picture, Path) or self._arrays < MAX_KEPT
-                self._arrays += not isinstance(picture, Path)
-                self.mirrored.append(picture if grey is not None and keep else None)
+            keep = in_memory or isinstance(picture, Path) or self._arrays < MAX_KEPT
+            self._arrays += not isinstance(picture, Path)
+            (self.mirrored if mirrored else self.base).append(picture if grey is not None and keep else None)
             if grey is None:
                 continue
             if mirrored:

@@ -21,6 +21,7 @@ from typing import Literal
 import numpy as np
 
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray, InvalidValue, Metric
 from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghosts
 from mirrorcam.optics.calibration.detection.segmentation import Extremes, detected_edges, with_detected_outlines
@@ -40,6 +41,7 @@ from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelect
 from mirrorcam.optics.calibration.diagnostics.nested_models import first_fit
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
+from mirrorcam.optics.calibration.diagnostics.worst_views import with_worst_views
 from mirrorcam.optics.calibration.pupil_estimate import BoardPictures, estimated_pupil, unvignetted
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
@@ -64,6 +66,7 @@ def calibrate_corners(
     pictures: BoardPictures | None = None,
     unknown: UnknownMirrors = NO_UNKNOWN_MIRRORS,
     names: Sequence[str] | None = None,
+    on_step: Step = no_step,
 ) -> Calibration:
     """Calibrate a mirror camera from detected corners.
 
@@ -81,11 +84,13 @@ def calibrate_corners(
         Pixel-wise extremes of the frames with mirrors; if given, the mirrors' outlines are moved to the edges that they
         show.
     pictures
-        The frames with mirrors; if given, the pupil of the lens is estimated from them.
+        The frames, those with mirrors first; if given, the pupil of the lens is estimated from them.
     unknown
         Boards that belong to no mirror of the layout.
     names
         Names of all frames, `mirrored` first. Default: their numbers.
+    on_step
+        Called with each step in words.
 
     Raises
     ------
@@ -98,17 +103,25 @@ def calibrate_corners(
     notes = (*_notes(mirrored, base, layout), *unobserved_rows([*mirrored, *base], corners_in_board_mm), *unknown.notes)
     try:
         start = layout if model.lens is None else _with_lens(layout, model.lens)
+        on_step("comparing the pictures with each other")
         screened = screen(mirrored, base, start, corners_in_board_mm)
         if pictures is not None and any(mirror.is_second_surface for mirror in layout.mirrors):
+            on_step("refining the corners with their ghost images")
             mirrored = _refine_with_ghosts(screened, start, corners_in_board_mm, extremes, pictures)
             notes += (*screened.dropped, *_missing_pictures(screened.mirrored, pictures))
             screened = screen(mirrored, screened.base, start, corners_in_board_mm)
-        select = partial(select_model, model=model, prior=pair_prior(layout))
+        select = partial(select_model, model=model, prior=pair_prior(layout), on_step=on_step)
         fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
         if names is None:
             names = [f"frame {n}" for n in range(len(mirrored))] + [f"base frame {n}" for n in range(len(base))]
         pictures_used = tuple(names[number] for number in fitted.frames)
-        return _result(fitted, layout, extremes, (*notes, *screened.dropped, *screened.drift), unknown, pictures_used)
+        notes = (*notes, *screened.dropped, *screened.drift)
+        on_step("comparing halves of the pictures")
+        calibration = _result(fitted, layout, extremes, notes, unknown, pictures_used)
+        if pictures is None:
+            return calibration
+        frames = pictures.frames
+        return with_worst_views(calibration, lambda frame: frames[fitted.frames[frame]])
     except UndeterminedError as error:
         raise unknown.error_for(f"the frames do not determine camera and mirrors: {error}") from None
     except InvalidValue as error:
@@ -196,14 +209,19 @@ def _refine_with_ghosts(
     first, layout = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
     poses = dict(zip(numbers, first.rig_from_board, strict=True))
     return refine_with_ghosts(
-        screened.mirrored, pictures.frames, poses, layout, pictures.target, workers=pictures.workers
+        screened.mirrored,
+        pictures.frames[: len(screened.mirrored)],
+        poses,
+        layout,
+        pictures.target,
+        workers=pictures.workers,
     )
 
 
 def _missing_pictures(mirrored: list[Observations], pictures: BoardPictures) -> list[str]:
     return [
         f"frame {number}: not kept in memory, so its corners in second-surface mirrors are not used"
-        for number, (rows, picture) in enumerate(zip(mirrored, pictures.frames, strict=True))
+        for number, (rows, picture) in enumerate(zip(mirrored, pictures.frames, strict=False))
         if len(rows) and picture is None
     ]
 

@@ -60,7 +60,7 @@ OUTLIER_SIGMAS = 4.0
 
 @dataclass(frozen=True)
 class BoardPictures:
-    """Pictures of a board in the mirrors, in the order of their frames; None where a picture is not available.
+    """Pictures of a board, those in the mirrors first, in the order of their frames; None where one is not available.
 
     `workers` is the number of threads that process them.
     """

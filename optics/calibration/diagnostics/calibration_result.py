@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import PurePath
 from typing import Self
 
 import numpy as np
@@ -11,17 +13,28 @@ import numpy as np
 from mirrorcam.core.bounds import LENGTH_MM
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.values import FloatArray, Metric
+from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
 from mirrorcam.optics.calibration.diagnostics.model_comparison import predict_held_out
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, points_at_camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import Mirror
 
 HOLD_OUT_EVERY = 5
+
+
+@dataclass(frozen=True, eq=False)
+class ViewPicture:
+    """The part of a picture (h, w) that shows a view's board, and the pixel (2,) of its top left corner."""
+
+    frame: int
+    view: int
+    grey: Grey
+    left_top_px: IntArray
 
 
 @dataclass(frozen=True)
@@ -48,6 +61,8 @@ class Calibration:
         Uncertainty of the result, and tests of its model.
     pictures
         Name of each frame's picture (f).
+    worst_views
+        Pictures of the views with the largest residuals, the worst first; empty if there are no pictures.
     residual_scale
         Standard deviation of residuals relative to the stated ones; None if it must be estimated from the residuals.
     """
@@ -61,7 +76,16 @@ class Calibration:
     notes: tuple[str, ...]
     diagnostics: Diagnostics | None = None
     pictures: tuple[str, ...] = ()
+    worst_views: tuple[ViewPicture, ...] = ()
     residual_scale: float | None = None
+
+    @property
+    def picture_names(self) -> tuple[str, ...]:
+        """The name (f) of each frame's picture, as short as it is unique: its path's last parts."""
+        parts = [PurePath(name).parts for name in self.pictures]
+        endings = Counter(name[-count:] for name in parts for count in range(1, len(name) + 1))
+        shortest = (next((n[-c:] for c in range(1, len(n) + 1) if endings[n[-c:]] == 1), n) for n in parts)
+        return tuple(PurePath(*name).as_posix() for name in shortest)
 
     @property
     def corner_sigma_px(self) -> FloatArray:

@@ -77,8 +77,10 @@ class Cause:
     ----------
     kind
         The kind of cause.
-    index
-        Number of the frame or mirror; None for all others.
+    mirror
+        Index of the mirror; None if the cause concerns no single mirror.
+    frame
+        Number of the frame, or of the first frame after a motion; None if the cause concerns all frames.
     addition
         Addition to the model that removes the cause; empty if there is none.
     fraction
@@ -90,7 +92,8 @@ class Cause:
     """
 
     kind: CauseKind
-    index: int | None
+    mirror: int | None
+    frame: int | None
     addition: str
     fraction: float
     gain: float
@@ -139,7 +142,8 @@ class _Candidate:
 
     kind: CauseKind
     columns: FloatArray
-    index: int | None = None
+    mirror: int | None = None
+    frame: int | None = None
     addition: str = ""
     alternatives: int = 1
 
@@ -258,7 +262,8 @@ class _ScoreTest:
         shift = shift[self.mirrors]
         return Cause(
             candidate.kind,
-            candidate.index,
+            candidate.mirror,
+            candidate.frame,
             candidate.addition,
             explained / max(squares - self.freedom, explained, 1e-12),
             float(gain - 2.0 * np.log(candidate.alternatives)),
@@ -307,7 +312,7 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
         yield _Candidate("bend", d_global[:, curvature:sheet], addition="bend")
         for mirror in range(count):
             start = curvature + 3 * mirror
-            yield _Candidate("mirror bent", d_global[:, start : start + 3], mirror, alternatives=count)
+            yield _Candidate("mirror bent", d_global[:, start : start + 3], mirror=mirror, alternatives=count)
     if not model.thickness:
         yield _Candidate("plate", _d_plate(estimate, rows, d_global[:, sheet], model.board)[:, None], addition="sheet")
     for kind, indices in modes.items():
@@ -317,9 +322,10 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
         columns = d_global[:, lens + 3 * mirror : lens + 3 * mirror + 3]
         for first in frames[1:]:
             later = np.where(np.repeat(rows.frame >= first, 2)[:, None], columns, 0.0)
-            yield _Candidate("mirror moved", later, mirror, alternatives=count * (len(frames) - 1))
+            alternatives = count * (len(frames) - 1)
+            yield _Candidate("mirror moved", later, mirror=mirror, frame=int(first), alternatives=alternatives)
     for frame, part in zip(np.unique(rows.frame).tolist(), test.frames, strict=True):
-        yield _Candidate("picture", _affine_fields(rows, part), frame, alternatives=len(test.frames))
+        yield _Candidate("picture", _affine_fields(rows, part), frame=frame, alternatives=len(test.frames))
 
 
 def _deformable(board: Board) -> tuple[Board, dict[CauseKind, list[int]]]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mirrorcam.core.values import FloatArray, Metric
+from mirrorcam.optics.calibration.diagnostics.causes import Cause
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews
+from mirrorcam.optics.calibration.diagnostics.left_out import LeftOut
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import (
     MirrorUncertainty,
     WeakDirection,
@@ -70,6 +72,10 @@ class Diagnostics:
         Evidence that the mirrors reflect at a different surface from the one in the layout, if any.
     mismatches
         The alarms about pictures that do not match the given board or layout.
+    causes
+        What the model does not explain, the most probable cause first.
+    left_out
+        What is gained by leaving out pictures, if they are the first cause.
     """
 
     model_name: str
@@ -87,6 +93,8 @@ class Diagnostics:
     notes: tuple[str, ...]
     other_surface: OtherSurface | None = None
     mismatches: tuple[str, ...] = ()
+    causes: tuple[Cause, ...] = ()
+    left_out: LeftOut | None = None
 
     @property
     def metrics(self) -> dict[str, Metric]:
@@ -179,4 +187,6 @@ def diagnose(
         other_surface=selection.other_surface,
         notes=(*selection.notes, *notes),
         mismatches=mismatches,
+        causes=tuple(replace(cause, bias_sigmas=cause.bias_sigmas / inflation) for cause in selection.causes),
+        left_out=selection.left_out,
     )

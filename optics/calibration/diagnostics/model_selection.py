@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.causes import KIND_OF_ADDITION, Cause, ranked_causes
 from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
+from mirrorcam.optics.calibration.diagnostics.left_out import LeftOut, left_out
 from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     SUPPORTED_CHANCE,
     ModelComparison,
@@ -20,6 +22,7 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     ADDITIONS,
     CAMERA_ADDITIONS,
+    IN_WORDS,
     LENS_ADDITIONS,
     PLATE_INDEX,
     Fitted,
@@ -97,6 +100,8 @@ class ModelSelection:
         Undetermined quantities, one sentence each.
     causes
         What the model does not explain, the most probable cause first.
+    left_out
+        What is gained by leaving out pictures, if they are the first cause.
     inflation
         Factor on the standard deviations, relative to independent corner errors.
     """
@@ -110,6 +115,7 @@ class ModelSelection:
     notes: tuple[str, ...]
     other_surface: OtherSurface | None = None
     causes: tuple[Cause, ...] = ()
+    left_out: LeftOut | None = None
     inflation: float = 1.0
 
     def inflated_to(self, factor: float) -> ModelSelection:
@@ -126,6 +132,7 @@ def select_model(
     *,
     model: RequestedModel = AUTO,
     prior: CentresPrior | None = None,
+    on_step: Step = no_step,
 ) -> ModelSelection:
     """Fit the requested model and, if it is automatic, extend it by forward selection.
 
@@ -147,6 +154,8 @@ def select_model(
         others raise an alarm.
     prior
         Prior on the virtual centres, in every model.
+    on_step
+        Called with each step in words.
 
     Raises
     ------
@@ -155,6 +164,7 @@ def select_model(
     InputError
         If plates are requested that the layout does not have.
     """
+    on_step("solving for mirrors and camera")
     paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm, prior))
     comparisons = [smallest_model(paper)]
     try:
@@ -172,10 +182,13 @@ def select_model(
         return finished_selection(paper, comparisons, observations, alarms, [note])
     additions = [name for name in ADDITIONS if not (model.lens is not None and name in LENS_ADDITIONS)]
     for name in model.additions:
+        on_step(f"fitting {IN_WORDS[name]}")
         larger = fit_with(name, current, observations)
         comparisons.append(compare(larger, current, observations))
         current = larger
-    current, further, alarms, notes = forward_selection(current, observations, additions, extend=model.auto)
+    current, further, alarms, notes = forward_selection(
+        current, observations, additions, extend=model.auto, on_step=on_step
+    )
     if "sheet" in current.name.split("+"):
         alarms += _missing_plate(current)
     return finished_selection(current, [*comparisons, *further], observations, alarms, notes)
@@ -188,6 +201,7 @@ def forward_selection(
     *,
     extend: bool,
     plate_addition: str = "glass",
+    on_step: Step = no_step,
 ) -> tuple[Fitted, list[ModelComparison], list[Alarm], list[str]]:
     """Return the largest supported model, the comparisons made, alarms and notes.
 
@@ -198,7 +212,7 @@ def forward_selection(
     alarms: list[Alarm] = []
     notes: list[str] = []
     while remaining := _remaining(current, additions):
-        candidates, undetermined = _fit_additions(current, remaining, observations, plate_addition)
+        candidates, undetermined = _fit_additions(current, remaining, observations, plate_addition, on_step)
         notes += undetermined
         best = None
         likelihoods = [(fitted, compare_likelihood(fitted, current, observations)) for fitted in candidates]
@@ -229,7 +243,7 @@ def _remaining(current: Fitted, additions: Sequence[str]) -> list[str]:
 
 
 def _fit_additions(
-    current: Fitted, remaining: Sequence[str], observations: Observations, plate_addition: str
+    current: Fitted, remaining: Sequence[str], observations: Observations, plate_addition: str, on_step: Step
 ) -> tuple[list[Fitted], list[str]]:
     """Fit each further addition; also return a note on each addition that the corners do not determine.
 
@@ -242,6 +256,7 @@ def _fit_additions(
     tested = [name for name in remaining if name in KIND_OF_ADDITION]
     for name in (name for name in remaining if name not in tested or gains.get(name, 0.0) >= min_gain):
         addition = plate_addition if name == "sheet" and not plates else name
+        on_step(f"trying {IN_WORDS[name]}")
         try:
             fits.append(fit_with(addition, current, observations))
         except UndeterminedError as error:
@@ -292,6 +307,7 @@ def finished_selection(
             "independent errors"
         )
         notes = [*notes, note]
+    causes = ranked_causes(current, observations)
     selected = ModelSelection(
         current.name,
         current.model,
@@ -301,6 +317,7 @@ def finished_selection(
         tuple(alarm for alarm in alarms if isinstance(alarm, str)),
         tuple(notes),
         next((alarm for alarm in alarms if isinstance(alarm, OtherSurface)), None),
-        tuple(ranked_causes(current, observations)),
+        tuple(causes),
+        left_out(current, causes, observations),
     )
     return selected.inflated_to(inflation)

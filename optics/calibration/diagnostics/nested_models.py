@@ -45,6 +45,22 @@ LENS_ADDITIONS: Mapping[str, LensName] = MappingProxyType(
 WALK = "walk"
 CAMERA_ADDITIONS = (WALK, *LENS_ADDITIONS)
 ADDITIONS = ("sheet", "bend", "warp", "bow", *CAMERA_ADDITIONS)
+IN_WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        "sheet": "the thickness of the mirrors' plates",
+        "bend": "bent mirrors",
+        "warp": "a warped board",
+        "bow": "a board bowed differently in each picture",
+        "turn": "a camera that turns",
+        "board": "a board with free corners",
+        WALK: "a pupil that moves with the angle",
+        "rational": "more radial distortion",
+        "prism": "thin-prism distortion",
+        "fisheye": "a fisheye lens",
+        "spline": "an irregular lens",
+    }
+)
+"""What each addition adds, for a sentence."""
 _FURTHER: Mapping[LensName, tuple[str, ...]] = MappingProxyType(
     {
         "brown_conrady": ("rational", "prism", "fisheye", "spline"),

@@ -114,7 +114,7 @@ def _consistent_views(
     """
     free = joint_model(layout.camera, corners_in_board_mm, pair_prior(layout))
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
-    renumbered = _renumbered(mirrored)
+    renumbered = mirrored.renumbered()
     start = initial_estimates.first_estimate(renumbered, camera, layout, corners_in_board_mm)
     paper, _ = start_robustly(start, renumbered, replace(free, intrinsics=()))
     estimate, _ = start_robustly(paper, renumbered, free)
@@ -124,10 +124,10 @@ def _consistent_views(
     mirrored = with_view_noise(mirrored.where(kept), errors[kept])
     if not len(direct):
         return mirrored, direct, 1.0, notes, ()
-    direct = with_view_noise(direct, _direct_residuals(_renumbered(direct), estimate, layout, free))
+    direct = with_view_noise(direct, _direct_residuals(direct.renumbered(), estimate, layout, free))
     remaining = np.isin(numbers, mirrored.frame)
     estimate = estimate.of_frames(remaining)
-    ratio, focal_px = _camera_disagreement(estimate, _renumbered(mirrored), _renumbered(direct), layout, free)
+    ratio, focal_px = _camera_disagreement(estimate, mirrored.renumbered(), direct.renumbered(), layout, free)
     return mirrored, direct, ratio, notes, consistency.drift_note(ratio, focal_px)
 
 
@@ -136,12 +136,6 @@ def _direct_residuals(direct: Observations, estimate: Estimate, layout: Layout, 
     start = initial_estimates.first_estimate(direct, estimate.camera, layout, free.board.corners_in_board_mm)
     direct_fit, _ = start_robustly(start, direct, replace(free, mirrors=False))
     return residuals(direct_fit, direct, free.board)
-
-
-def _renumbered(observations: Observations) -> Observations:
-    """Renumber the frames from 0 without gaps."""
-    _, frame = np.unique(observations.frame, return_inverse=True)
-    return replace(observations, frame=frame)
 
 
 def _camera_disagreement(

@@ -13,6 +13,7 @@ from scipy.stats import binom
 from mirrorcam.core.figures.figure_texts import SIGMA
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.cause_texts import cause_advice, cause_sentence
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.split_half import ALARM_RATIO
 from mirrorcam.optics.calibration.diagnostics.view_statistics import (
@@ -32,6 +33,7 @@ MIN_FRAMES = 5
 MIN_ROTATION_DEG = 30.0  # between the most different boards
 MIN_DISTANCE_RATIO = 1.25  # of the farthest to the nearest board
 MAX_HELD_OUT_RATIO = 1.25
+MAX_BIAS_SIGMAS = 1.0
 CHANCE = 1e-3
 State = Literal["good", "look", "stop"]
 STATES: dict[State, str] = {"good": "Good to use", "look": "Look at this before you use it", "stop": "Do not use it"}
@@ -62,23 +64,48 @@ class Verdict:
 
 
 def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Verdict:
-    """Return the verdict: alarms of the diagnostics forbid use, figures beyond their limits call for inspection."""
-    checks = (
+    """Return the verdict: alarms of the diagnostics forbid use, figures beyond their limits call for inspection.
+
+    The first cause of a misfit explains alarms and figures, so its advice replaces theirs.
+    """
+    symptoms = (
         *_noise_checks(calibration, views),
         *_uniformity_checks(views),
         *_diagnostic_checks(calibration),
-        *_picture_checks(calibration, views),
     )
-    failed = [check for check in checks if not check.metric.passed]
+    pictures = _picture_checks(calibration, views)
     diagnostics = calibration.diagnostics
+    cause = _cause_check(calibration)
     alarms = diagnostics.alarms if diagnostics else ()
-    reasons = [*alarms, *(check.reason for check in failed)]
+    failed = [check for check in (*cause, *symptoms, *pictures) if not check.metric.passed]
+    reasons = [*alarms, *(check.reason for check in failed if check not in cause)]
     advice = [*_advice_on_alarms(diagnostics), *(check.advice for check in failed)]
+    if cause and (reasons or cause[0] in failed):
+        stated = diagnostics is not None and (diagnostics.mismatches or diagnostics.other_surface is not None)
+        remaining = [check.advice for check in failed if check in pictures]
+        reasons = [*reasons, cause[0].reason] if stated else [cause[0].reason, *reasons]
+        advice = [*(_advice_on_alarms(diagnostics) if stated else [cause[0].advice]), *remaining]
     if diagnostics is None:
         reasons.append("the model was not checked")
         advice.append("Calibrate with a nominal layout, so that models can be compared.")
     state: State = "stop" if alarms else "look" if reasons else "good"
-    return Verdict(state, tuple(dict.fromkeys(reasons)), tuple(dict.fromkeys(advice)), checks)
+    return Verdict(state, tuple(dict.fromkeys(reasons)), tuple(dict.fromkeys(advice)), (*cause, *symptoms, *pictures))
+
+
+def _cause_check(calibration: Calibration) -> tuple[Check, ...]:
+    """Check how far the first cause of a misfit moves the mirrors; empty if no cause was found."""
+    diagnostics = calibration.diagnostics
+    if diagnostics is None or not diagnostics.causes:
+        return ()
+    cause = diagnostics.causes[0]
+    return (
+        Check(
+            "Shift of the mirrors due to the first cause of the misfit, relative to its bound",
+            Metric(value=cause.bias_sigmas, unit="1", limit=MAX_BIAS_SIGMAS),
+            cause_sentence(cause, calibration),
+            cause_advice(cause, calibration),
+        ),
+    )
 
 
 def _advice_on_alarms(diagnostics: Diagnostics | None) -> list[str]:

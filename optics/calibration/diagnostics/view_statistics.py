@@ -1,4 +1,4 @@
-"""Statistics of a calibration's pictures by view: counts, coverage, distances, tilts and residuals."""
+"""Statistics of a calibration's pictures, by view and by frame: counts, coverage, distances, tilts and residuals."""
 
 from __future__ import annotations
 
@@ -110,6 +110,43 @@ def _figures(calibration: Calibration, view: int) -> ViewFigures:
         distances_mm=np.array([distance for distance, _ in boards]),
         tilts_deg=np.array([tilt for _, tilt in boards]),
     )
+
+
+@dataclass(frozen=True)
+class FrameFigures:
+    """Statistics of one frame.
+
+    `corners` and `outliers` are counts, `views` the number of views with corners. `rms_px` and `rms_sigmas` are the
+    rms residual of all corners, outliers included, per axis: in pixels, and in standard deviations of the corners.
+    """
+
+    frame: int
+    name: str
+    views: int
+    corners: int
+    outliers: int
+    rms_px: float
+    rms_sigmas: float
+
+
+def frame_figures(calibration: Calibration) -> tuple[FrameFigures, ...]:
+    """Return the statistics of every frame, that with the largest standardised residuals first."""
+    observations = calibration.observations
+    figures = []
+    for frame in np.unique(observations.frame).tolist():
+        rows = observations.frame == frame
+        figures.append(
+            FrameFigures(
+                frame=frame,
+                name=calibration.picture_names[frame] if calibration.pictures else f"frame {frame}",
+                views=len(np.unique(observations.view[rows])),
+                corners=int((rows & calibration.inliers).sum()),
+                outliers=int((rows & ~calibration.inliers).sum()),
+                rms_px=float(np.sqrt(np.mean(calibration.residuals_px[rows] ** 2))),
+                rms_sigmas=float(np.sqrt(np.mean(calibration.standardised[rows] ** 2))),
+            )
+        )
+    return tuple(sorted(figures, key=lambda figure: -figure.rms_sigmas))
 
 
 def _rms(residuals: FloatArray) -> FloatArray:

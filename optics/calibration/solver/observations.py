@@ -152,6 +152,11 @@ class Observations:
         """Add `frames` to each frame number."""
         return replace(self, frame=self.frame + frames)
 
+    def renumbered(self) -> Self:
+        """Renumber the frames from 0 without gaps."""
+        _, frame = np.unique(self.frame, return_inverse=True)
+        return replace(self, frame=frame)
+
     @property
     def has_sigmas(self) -> bool:
         """Whether any standard deviation differs from the default."""

@@ -50,6 +50,8 @@ def calibrate(
     """
     from mirrorcam.calibration.calibration_files import FILES, calibrate_files, write_calibration
     from mirrorcam.core.disk.output_folder import output_folder, results_folder
+    from mirrorcam.optics.calibration.diagnostics.verdict import STATES, check_solution
+    from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
 
     def on_hint(picture: str, hint: NextPose) -> None:
         say("calibrate", f"{picture}: {hint.sentence}")
@@ -64,6 +66,7 @@ def calibrate(
                 progress=advance,
                 on_hint=on_hint if live_hint else None,
                 on_note=lambda sentence: say("calibrate", sentence),
+                on_step=lambda step: say("calibrate", f"{step} ..."),
             )
         with output.staged(result="layout.json") as folder:
             write_calibration(calibration, folder, command="mirrorcam calibrate")
@@ -73,7 +76,10 @@ def calibrate(
     notes, alarms = (diagnostics.notes, diagnostics.alarms) if diagnostics else ((), ())
     for note in (*calibration.notes, *notes):
         say("calibrate", note)
-    for alarm in alarms:
-        say("calibrate", f"alarm: {alarm}")
-    say("calibrate", f"{out / 'layout.json'} and {out / 'report.html'} written")
+    verdict = check_solution(calibration, view_figures(calibration))
+    for reason in verdict.reasons:
+        say("calibrate", f"alarm: {reason}" if alarms else reason)
+    for advice in verdict.advice:
+        say("calibrate", f"next: {advice}")
+    say("calibrate", f"{STATES[verdict.state]}: {out / 'layout.json'} and {out / 'report.html'} written")
     return 1 if alarms else 0

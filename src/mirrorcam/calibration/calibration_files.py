@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Protocol
 
 import cv2
@@ -20,7 +20,7 @@ from mirrorcam.core.disk.files import atomic, write_metrics
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import check_size, is_picture, pictures_in, read_image
 from mirrorcam.core.processes.worker_pool import cores
-from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.core.progress import Progress, Step, no_progress, no_step
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.video import MISSING, Video
 from mirrorcam.optics.calibration.calibration import calibrate
@@ -56,6 +56,7 @@ def calibrate_files(
     progress: Progress = no_progress,
     on_hint: Callable[[str, NextPose], None] | None = None,
     on_note: Callable[[str], None] = lambda sentence: None,
+    on_step: Step = no_step,
 ) -> Calibration:
     """Calibrate from files. Pictures are read one at a time; of a video, some frames are used.
 
@@ -74,6 +75,8 @@ def calibrate_files(
         recommended for the next.
     on_note
         Called with a sentence about the frames of each video, and about ignored files.
+    on_step
+        Called with each step of the solution in words.
 
     Raises
     ------
@@ -91,11 +94,8 @@ def calibrate_files(
         raise InputError("expected a layout, or the number of mirrors")
     layout = Layout.load(request.layout)
     if request.corners:
-        return _with_surface(layout, request.model, _fit_to_corners(request, layout, target))
-    mirrored, base = (
-        calibration_pictures(paths, max_pictures, camera=layout.camera, on_note=on_note)
-        for paths, max_pictures in ((pictures, MAX_FRAMES), (request.base, MAX_BASE_FRAMES))
-    )
+        return _with_surface(layout, request.model, _fit_to_corners(request, layout, target, on_step))
+    mirrored, base = _all_pictures(pictures, request, layout.camera, on_note)
     planner = None if on_hint is None else NextPosePlanner.for_layout(layout, target)
 
     def hint(detected: Sequence[Observations]) -> None:
@@ -118,6 +118,7 @@ def calibrate_files(
             names=(mirrored.labels, base.labels),
             on_frame=lambda done: progress(done, len(mirrored.pictures) + len(base.pictures)),
             on_observations=hint if last else lambda detected: None,
+            on_step=on_step,
         )
 
     return _with_surface(layout, request.model, fit)
@@ -144,12 +145,16 @@ def _with_surface(layout: Layout, requested: RequestedModel, fit: _Fit) -> Calib
     return fit(layout, model, last=True)
 
 
-def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target) -> _Fit:
+def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target, on_step: Step) -> _Fit:
     """Return a function that fits a model to the corners of a request's tables."""
     corners_mm = target.corners_in_board_mm
     tables = [load_corners(path, layout, len(corners_mm)) for path in request.corners]
-    mirrored = [picture for table in tables for picture in table.mirrored.items()]
-    base = [picture for table in tables for picture in table.base.items()]
+    names = [name for table in tables for name in (*table.mirrored, *table.base)]
+    left_out = _left_out(request.leave_out, names)
+    mirrored, base = (
+        [(name, corners) for pictures in groups for name, corners in pictures.items() if name not in left_out]
+        for groups in ([table.mirrored for table in tables], [table.base for table in tables])
+    )
     if not mirrored:
         raise InputError(f"{request.corners[0]}: all corners are in direct views, expected pictures via the mirrors")
 
@@ -161,6 +166,7 @@ def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target)
             corners_mm,
             model=model,
             names=[name for name, _ in (*mirrored, *base)],
+            on_step=on_step,
         )
         return replace(detected, notes=(*(note for table in tables for note in table.notes), *detected.notes))
 
@@ -176,8 +182,7 @@ def _calibrate_directly(
     on_hint: Callable[[str, NextPose], None] | None,
     on_note: Callable[[str], None],
 ) -> Calibration:
-    mirrored = calibration_pictures(pictures, MAX_FRAMES, on_note=on_note)
-    base = calibration_pictures(request.base, MAX_BASE_FRAMES, on_note=on_note)
+    mirrored, base = _all_pictures(pictures, request, None, on_note)
     return calibrate_with_direct_view(
         mirrored.read(),
         target,
@@ -191,6 +196,34 @@ def _calibrate_directly(
         progress=progress,
         on_hint=on_hint,
     )
+
+
+def _all_pictures(
+    pictures: Sequence[Path], request: CalibrationRequest, camera: Camera | None, on_note: Callable[[str], None]
+) -> tuple[CalibrationPictures, CalibrationPictures]:
+    """Collect the pictures via the mirrors and without them, without those to leave out."""
+    mirrored, base = (
+        calibration_pictures(paths, max_pictures, camera=camera, on_note=on_note)
+        for paths, max_pictures in ((pictures, MAX_FRAMES), (request.base, MAX_BASE_FRAMES))
+    )
+    left_out = _left_out(request.leave_out, [*mirrored.labels, *base.labels])
+    return mirrored.without(left_out), base.without(left_out)
+
+
+def _left_out(leave_out: Sequence[str], labels: Sequence[str]) -> set[str]:
+    """Labels of the pictures to leave out, each named by the last parts of its label.
+
+    Raises InputError for a name of none, or of several.
+    """
+    left_out = set()
+    for name in leave_out:
+        parts = PurePath(name).parts
+        named = [label for label in labels if PurePath(label).parts[-len(parts) :] == parts]
+        if len(named) != 1:
+            found = "no such picture" if not named else f"{len(named)} pictures have this name"
+            raise InputError(f"--leave-out {name}: {found}, expected one of {', '.join(named or labels)}")
+        left_out.add(named[0])
+    return left_out
 
 
 def write_calibration(calibration: Calibration, folder: Path, *, command: str) -> None:
@@ -225,6 +258,12 @@ class CalibrationPictures:
             picture.as_posix() if source is None and isinstance(picture, Path) else name
             for picture, name, source in zip(self.pictures, self.names, self.sources, strict=True)
         ]
+
+    def without(self, labels: Collection[str]) -> CalibrationPictures:
+        """Return all pictures but those with some labels."""
+        kept = [number for number, label in enumerate(self.labels) if label not in labels]
+        pictures, names, sources = ([items[n] for n in kept] for items in (self.pictures, self.names, self.sources))
+        return CalibrationPictures(pictures, names, self.max_pictures, sources)
 
     def read(self) -> list[Grey]:
         """Read all pictures in grey; raises InputError for a file that cannot be read."""

@@ -18,6 +18,7 @@ from mirrorcam.calibration.drawings import (
     projection_sigmas,
     residual_histogram,
     residual_needles,
+    view_with_residuals,
 )
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.figures.figure_labels import LABELS
@@ -32,10 +33,17 @@ from mirrorcam.core.figures.figure_texts import (
 )
 from mirrorcam.core.html.templates import FigureTable, Table, Tile, full_stop, render
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
+from mirrorcam.optics.calibration.diagnostics.cause_texts import cause_sentence
+from mirrorcam.optics.calibration.diagnostics.causes import Cause
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.model_comparison import SUPPORTED_CHANCE, ModelComparison
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, Verdict, check_solution
-from mirrorcam.optics.calibration.diagnostics.view_statistics import ViewFigures, board_normals, view_figures
+from mirrorcam.optics.calibration.diagnostics.view_statistics import (
+    ViewFigures,
+    board_normals,
+    frame_figures,
+    view_figures,
+)
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.drift.drift import can_test_drift
 
@@ -43,6 +51,8 @@ TEMPLATES = Path(__file__).parent
 STATE_CLASSES = {"good": "pass", "look": "care", "stop": "fail"}
 UNITS = {"fx_px": "px", "fy_px": "px", "cx_px": "px", "cy_px": "px"}
 FIGURES = "plain figures"
+WORST_FRAMES = 6
+SHOWN_CAUSES = 5
 
 
 @dataclass(frozen=True)
@@ -79,6 +89,9 @@ def report_html(calibration: Calibration, *, command: str) -> str:
         camera=f"{camera.name}, {camera.width_px} {TIMES} {camera.height_px} px",
         checks=_checks(calibration, verdict),
         views=view_table(views),
+        frames=frame_tables(calibration),
+        worst=_worst_views(calibration, views),
+        causes=None if diagnostics is None else cause_table(calibration, diagnostics.causes),
         mirror_table=mirror_table(calibration),
         camera_table=camera_table(calibration),
         cards=_cards(calibration, views),
@@ -211,6 +224,50 @@ def view_table(views: Sequence[ViewFigures]) -> Table:
         for view in views
     ]
     return Table(("View", "Frames", "Corners", "Outliers", "RMS x px", "RMS y px"), rows, FIGURES)
+
+
+def frame_tables(calibration: Calibration) -> list[Table]:
+    """Corners and residuals of every frame, the worst first: a table of the worst, and one of the others."""
+    heads = ("Picture", "Views", "Corners", "Outliers", "RMS px", f"RMS {SIGMA}")
+    rows = [
+        (
+            frame.name,
+            str(frame.views),
+            f"{frame.corners:,}",
+            str(frame.outliers),
+            f"{frame.rms_px:.4f}",
+            f"{frame.rms_sigmas:.2f}",
+        )
+        for frame in frame_figures(calibration)
+    ]
+    return [Table(heads, part, FIGURES) for part in (rows[:WORST_FRAMES], rows[WORST_FRAMES:]) if part]
+
+
+def cause_table(calibration: Calibration, causes: Sequence[Cause]) -> Table | None:
+    """The causes of a misfit, the most probable first."""
+    if not causes:
+        return None
+    rows = [
+        (
+            full_stop(cause_sentence(cause, calibration)),
+            f"{cause.gain:.0f}",
+            figure_text(cause.bias_sigmas, 2) if cause.bias_sigmas else "unknown",
+        )
+        for cause in causes[:SHOWN_CAUSES]
+    ]
+    return Table(("Cause", "Gain", f"Shift of the mirrors, {SIGMA}"), rows, "plain words")
+
+
+def _worst_views(calibration: Calibration, views: Sequence[ViewFigures]) -> list[Card]:
+    """The views with the largest residuals, drawn into their pictures."""
+    names = {view.view: view.name for view in views}
+    return [
+        Card(
+            view_with_residuals(calibration, view, f"worst-{number}"),
+            f"{calibration.picture_names[view.frame]}, {names[view.view]}",
+        )
+        for number, view in enumerate(calibration.worst_views)
+    ]
 
 
 def mirror_table(calibration: Calibration) -> Table:

@@ -36,6 +36,7 @@ class CalibrationRequest(Value):
         default=(),
         description="tables of corners like corners.csv, of pictures with and without mirrors, instead of pictures",
     )
+    leave_out: tuple[str, ...] = Field(default=(), description="pictures not to use, named as in the report")
     model: Annotated[
         RequestedModel, BeforeValidator(_parsed), Parameter(metavar="MODEL", accepts_keys=False, show_default=False)
     ] = Field(

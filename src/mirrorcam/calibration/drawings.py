@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.stats import norm
 
 from mirrorcam.core.figures.figure_texts import SIGMA, count_text
 from mirrorcam.core.html.inline_svg import Scale, axes, coordinate, drawing, line, points, text
+from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, ViewPicture
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import DepthUncertainty, ProjectionMap
 from mirrorcam.optics.calibration.diagnostics.view_statistics import (
     ARROWS_ACROSS,
@@ -27,6 +30,9 @@ HALF = 505.0
 MARGIN = 0.03  # of the sensor's width, around the part shown
 NEEDLE_CELLS = 0.9
 """Length of a needle of RMS size, in cells of the sensor."""
+NEEDLE_FRACTION = 0.06
+"""The same in a single view, as a fraction of the drawing's width."""
+JPEG_QUALITY = 80
 
 
 @dataclass(frozen=True)
@@ -93,6 +99,34 @@ def residual_needles(calibration: Calibration, views: Sequence[ViewFigures]) -> 
         text(10 + step * gain, y, f"{step:g} px, scale {gain / window.scale:.0f}:1", anchor="start", style="tick")
     )
     return drawing(width, window.height + 30, "".join(parts), "Mean residuals over the sensor")
+
+
+def view_with_residuals(calibration: Calibration, view: ViewPicture, name: str) -> str:
+    """Draw the residuals of a view's corners into its picture, red for outliers; `name` is unique in the page."""
+    height, width = view.grey.shape
+    scale = HALF / width
+    shown = cv2.resize(view.grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else view.grey
+    jpeg = base64.b64encode(encoded_image(shown, ".jpg", JPEG_QUALITY)).decode()
+    observations = calibration.observations
+    rows = (observations.frame == view.frame) & (observations.view == view.view)
+    residuals, inliers = calibration.residuals_px[rows], calibration.inliers[rows]
+    start = (observations.pixels[rows] - view.left_top_px + 0.5) * scale
+    rms = float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
+    gain = NEEDLE_FRACTION * HALF / max(rms, 1e-12)
+    size = f'width="{coordinate(HALF)}" height="{coordinate(height * scale)}"'
+    parts = [f'<image href="data:image/jpeg;base64,{jpeg}" {size} preserveAspectRatio="none"/>']
+    parts.append(f'<clipPath id="{name}"><rect {size}/></clipPath><g clip-path="url(#{name})">')
+    for point, residual, inlier in zip(start, residuals, inliers, strict=True):
+        vector = residual * gain
+        normal = np.array([-vector[1], vector[0]]) / max(float(np.linalg.norm(vector)), 1e-9) * 1.6
+        needle = points([point - normal, point + normal, point + vector])
+        parts.append(f'<polygon points="{needle}" class="{"needle" if inlier else "needle bad"}"/>')
+    parts.append("</g>")
+    step = float(f"{40.0 / gain:.0e}")
+    y = height * scale + 20
+    parts.append(line(2, y - 4, 2 + step * gain, y - 4, "ruler"))
+    parts.append(text(10 + step * gain, y, f"{step:g} px", anchor="start", style="tick"))
+    return drawing(HALF, height * scale + 28, "".join(parts), "Residuals of one view in its picture")
 
 
 def residual_histogram(calibration: Calibration) -> str:

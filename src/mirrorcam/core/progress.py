@@ -10,3 +10,11 @@ Progress = Callable[[int, int], None]
 
 def no_progress(done: int, total: int) -> None:
     """Ignore progress."""
+
+
+Step = Callable[[str], None]
+"""Called with each step of long work in words: "trying bent mirrors"."""
+
+
+def no_step(step: str) -> None:
+    """Ignore steps."""
