@@ -124,7 +124,7 @@ def spline(setup: Setup) -> tuple[list[Observations], int | None]:
 
 
 def pupil(setup: Setup) -> tuple[list[Observations], int | None]:
-    walking = setup.truth.camera.replaced(pupil_walk_mm=0.2 * setup.size)
+    walking = setup.truth.camera.replaced(pupil_walk_mm=0.4 * setup.size)
     return setup.frames(setup.truth.replaced(camera=walking)), None
 
 

@@ -173,22 +173,13 @@ def test_two_frames_cannot_be_held_out_and_support_no_further_level(warped: Scen
 
 def test_the_figures_of_each_comparison_follow_from_its_residuals(of_warped: ModelSelection) -> None:
     comparisons = {comparison.name: comparison for comparison in of_warped.comparisons}
-    taken, left = comparisons["joint+warp"], comparisons["joint+warp+bend"]
-    assert taken.against == "joint"
-    assert taken.parameters == comparisons["joint"].parameters + 2
-    assert taken.supported
-    assert taken.chance < 1e-6
-    assert taken.information_gain > 100
-    assert taken.held_out_gain > 2
-    assert taken.held_out_rms_px < 1.1 * NOISE_PX
-    corners = of_warped.solution.inliers.sum()
-    squares = [2 * corners * comparison.rms_px**2 for comparison in (taken, left)]
-    assert left.drop == pytest.approx((squares[0] - squares[1]) / left.sigma_px**2, rel=1e-4)
-    assert left.chance == pytest.approx(chi2.sf(left.drop, 12), rel=0.05)
-    assert left.information_gain == pytest.approx(
-        2 * corners * np.log(squares[0] / squares[1]) - 12 * np.log(2 * corners), rel=1e-4
-    )
-    assert not left.supported
+    joint, warp = comparisons["joint"], comparisons["joint+warp"]
+    assert warp.against == "joint"
+    assert warp.parameters == joint.parameters + 2
+    assert warp.supported
+    assert warp.held_out_gain > 2
+    assert warp.held_out_rms_px < 1.1 * NOISE_PX
+    assert warp.chance == pytest.approx(chi2.sf(warp.drop, 2), abs=1e-12)
 
 
 def test_first_surface_mirrors_have_no_plate_thickness(scene: Scene, device: Layout) -> None:
