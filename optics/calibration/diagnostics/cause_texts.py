@@ -32,7 +32,7 @@ _ADVICE: dict[CauseKind, str] = {
     "lens": "Calibrate again with {addition}.",
     "spline": "Calibrate again with {addition}.",
     "pupil": "Calibrate again with {addition}.",
-    "shutter": "Take the pictures again with board and camera at rest.",
+    "shutter": "Calibrate again with {addition}, or take the pictures again with board and camera at rest.",
     "plate": "Calibrate again with {addition}, or correct the thickness in the layout.",
     "warp": "Calibrate again with {addition}, or mount the board on a flat plate.",
     "bow": "Calibrate again with {addition}, or mount the board on a stiff plate.",

@@ -58,6 +58,7 @@ KIND_OF_ADDITION: dict[str, CauseKind] = {
     "bend": "bend",
     "warp": "warp",
     "bow": "bow",
+    "motion": "shutter",
 }
 """Kind of cause that each addition to a model removes."""
 MAX_CORNERS = 8000
@@ -115,7 +116,7 @@ def ranked_causes(fitted: Fitted, observations: Observations) -> list[Cause]:
     rows = rows.where(np.arange(len(rows)) % -(-len(rows) // MAX_CORNERS) == 0)
     test = _ScoreTest.of(fitted, rows)
     causes = [test.cause(candidate) for candidate in _candidates(fitted, rows, test)]
-    causes += list(_causes_of_frames(fitted, rows, test))
+    causes += list(_causes_of_frames(fitted, test))
     estimate = fitted.solution.estimate
     if "fisheye" in further_cameras(estimate.camera, fitted.name.split("+")):
         fisheye = replace(estimate, camera=with_addition(estimate.camera, "fisheye"))
@@ -161,7 +162,7 @@ class _ScoreTest:
     frames
         Rows of each frame.
     d_frame
-        Derivatives (2n, 12) with respect to the parameters of their frame.
+        Derivatives (2n, 18) with respect to the parameters of their frame.
     own
         Orthonormal basis (m, d) of the free ones, for each frame.
     d_global
@@ -272,7 +273,7 @@ class _ScoreTest:
 
 
 def _standardised(estimate: Estimate, rows: Observations, board: Board) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Standardised residuals (2n,) and their derivatives (2n, g) and (2n, 12), x and y of each corner."""
+    """Standardised residuals (2n,) and their derivatives (2n, g) and (2n, 18), x and y of each corner."""
     weights = np.repeat(1.0 / rows.sigma_px, 2)
     r, d_global, d_frame = residuals_with_jacobians(estimate, rows, board)
     return (
@@ -366,9 +367,10 @@ def _affine_fields(rows: Observations, part: slice) -> FloatArray:
     return fields
 
 
-def _causes_of_frames(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterator[Cause]:
+def _causes_of_frames(fitted: Fitted, test: _ScoreTest) -> Iterator[Cause]:
     """Yield the causes with parameters of their own for each frame."""
-    time = rows.pixels[:, 1] / fitted.solution.estimate.camera.height_px - 0.5
-    yield test.cause_of_frames(_Candidate("shutter", test.d_frame[:, :6] * np.repeat(time, 2)[:, None]))
-    if fitted.model.frame_terms.bow_per_mm is None:
-        yield test.cause_of_frames(_Candidate("bow", test.d_frame[:, 9:], addition="bow"))
+    terms = fitted.model.frame_terms
+    if not terms.has_motion:
+        yield test.cause_of_frames(_Candidate("shutter", test.d_frame[:, 12:], addition="motion"))
+    if terms.bow_per_mm is None:
+        yield test.cause_of_frames(_Candidate("bow", test.d_frame[:, 9:12], addition="bow"))

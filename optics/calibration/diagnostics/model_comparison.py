@@ -232,6 +232,7 @@ def _frame_problem(fitted: Estimate, model: Model, held_out: Estimate) -> tuple[
         rig_from_board=held_out.rig_from_board,
         camera_rotation=held_out.camera_rotation,
         bow_mm=held_out.bow_mm,
+        motion=held_out.motion,
         shape=np.zeros(0),
     )
     frames_model = Model(

@@ -43,7 +43,7 @@ from mirrorcam.optics.calibration.solver.residuals import Estimate
 MIN_UNEXPLAINED = 0.1
 """Minimum unexplained residual that raises an alarm, as a fraction of the noise."""
 MIN_RELATIVE_GAIN, MIN_GAIN = 0.5, 10.0
-"""A lens is fitted if its predicted gain is at least this fraction of the greatest gain, and positive."""
+"""An addition is fitted if its predicted gain is at least this fraction of the largest gain of any cause, and this."""
 MIN_PLATE_MM = 0.1  # thinner than any plate of a mirror
 
 
@@ -251,8 +251,11 @@ def _fit_additions(
     """
     plates = (current.solution.estimate.thickness_mm > 0.0).any()
     fits, notes = [], []
-    gains = {cause.addition: cause.gain for cause in reversed(ranked_causes(current, observations))}
-    min_gain = max(MIN_RELATIVE_GAIN * max((gains.get(name, 0.0) for name in remaining), default=0.0), MIN_GAIN)
+    causes = ranked_causes(current, observations)
+    gains = {cause.addition: cause.gain for cause in reversed(causes)}
+    # One picture may be left out later, but a cause that concerns many makes the test of others invalid.
+    largest = max((cause.gain for cause in causes if cause.kind != "picture"), default=0.0)
+    min_gain = max(MIN_RELATIVE_GAIN * largest, MIN_GAIN)
     tested = [name for name in remaining if name in KIND_OF_ADDITION]
     for name in (name for name in remaining if name not in tested or gains.get(name, 0.0) >= min_gain):
         addition = plate_addition if name == "sheet" and not plates else name

@@ -2,9 +2,10 @@
 
 `paper`: virtual centres and board poses, with the camera fixed. `joint`: intrinsics as well. Further additions, in any
 order: `sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of
-the board. `bow`: a bow of the board in each frame. `turn`: a rotation of the camera in each frame. `board`: free
-corners of the board. `turn` and `board` need frames that show the board both directly and in mirrors. `rational`,
-`prism`: further lens parameters; `spline`: a field over the view; `fisheye`: a different lens (`LENS_ADDITIONS`).
+the board. `bow`: a bow of the board in each frame. `motion`: a motion of the board in each frame, while a rolling
+shutter reads it. `turn`: a rotation of the camera in each frame. `board`: free corners of the board. `turn` and `board`
+need frames that show the board both directly and in mirrors. `rational`, `prism`: further lens parameters; `spline`: a
+field over the view; `fisheye`: a different lens (`LENS_ADDITIONS`).
 `walk`: the pupil walks along the axis (`Camera.pupil_walk_mm`).
 """
 
@@ -34,6 +35,8 @@ ROTATION_SIGMA_PX = 0.5
 """Standard deviation of the camera's rotation that remains after removing the background's rotation, px."""
 INITIAL_BOW, MIN_BOW = 0.02, 1e-4
 """Initial and minimum standard deviation of the bow of boards, relative to a board's longer side."""
+INITIAL_MOTION, MIN_MOTION = 0.01, 1e-5
+"""The same of the motion of boards during a readout: of the translation, and of the rotation in rad."""
 PLATE_MM, PLATE_INDEX = 1.0, 1.49
 """Initial thickness and refractive index (acrylic) of plates if the layout has first-surface mirrors."""
 PLATE_FRACTION, GLASS_INDEX = 0.01, 1.52
@@ -44,13 +47,15 @@ LENS_ADDITIONS: Mapping[str, LensName] = MappingProxyType(
 """Lens model of each addition. A fisheye is not an extension but a different lens model."""
 WALK = "walk"
 CAMERA_ADDITIONS = (WALK, *LENS_ADDITIONS)
-ADDITIONS = ("sheet", "bend", "warp", "bow", *CAMERA_ADDITIONS)
+MOTION = "motion"
+ADDITIONS = ("sheet", "bend", "warp", "bow", MOTION, *CAMERA_ADDITIONS)
 IN_WORDS: Mapping[str, str] = MappingProxyType(
     {
         "sheet": "the thickness of the mirrors' plates",
         "bend": "bent mirrors",
         "warp": "a warped board",
         "bow": "a board bowed differently in each picture",
+        MOTION: "boards in motion before a rolling shutter",
         "turn": "a camera that turns",
         "board": "a board with free corners",
         WALK: "a pupil that moves with the angle",
@@ -129,7 +134,7 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
     name = f"{smaller.name}+{'sheet' if addition == 'plates' else addition}"
     if addition == "sheet" and not (estimate.thickness_mm > 0.0).any():
         raise InputError("model sheet: the layout has no second-surface mirror, expected one whose thickness can vary")
-    if addition in {"turn", "bow"}:
+    if addition in {"turn", "bow", MOTION}:
         return _fit_with_terms(name, smaller, observations, addition)
     if addition in CAMERA_ADDITIONS:
         start, model = _with_camera(addition, smaller)
@@ -158,32 +163,42 @@ def _with_camera(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
 
 
 def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addition: str) -> Fitted:
-    """Fit with one more kind of per-frame parameters, under priors that adapt to the noise and the fitted bows."""
+    """Fit with one more kind of per-frame parameters, under priors that adapt to the noise and the fitted values."""
     scale, terms = smaller.solution.scale, smaller.model.frame_terms
+    estimate = smaller.solution.estimate
+    size = float(np.ptp(smaller.model.board.corners_in_board_mm, axis=0).max())
+    initial: dict[str, tuple[float, float]] = {}
+    if addition == "bow" or terms.bow_per_mm is not None:
+        initial["bow_per_mm"] = INITIAL_BOW * size, MIN_BOW * size
+    if addition == MOTION or terms.has_motion:
+        initial["motion_per_rad"] = INITIAL_MOTION, MIN_MOTION
+        initial["motion_per_mm"] = INITIAL_MOTION * size, MIN_MOTION * size
     has_rotations = addition == "turn" or terms.rotation_per_rad is not None
-    has_bows = addition == "bow" or terms.bow_per_mm is not None
-    board, estimate = smaller.model.board, smaller.solution.estimate
-    size = float(np.ptp(board.corners_in_board_mm, axis=0).max())
-    bow_mm = INITIAL_BOW * size
+    sigmas = {prior: sigma for prior, (sigma, _) in initial.items()}
     for _ in range(PRIOR_ROUNDS):
         priors = FrameTerms(
             rotation_per_rad=scale * estimate.camera.fx_px / ROTATION_SIGMA_PX if has_rotations else None,
-            bow_per_mm=scale / bow_mm if has_bows else None,
+            **{prior: scale / sigma for prior, sigma in sigmas.items()},
         )
         fitted = fit_as(name, estimate, observations, replace(smaller.model, frame_terms=priors))
         scale, estimate = fitted.solution.scale, fitted.solution.estimate
-        if has_bows:
-            bow_mm = max(_bow_sigma_mm(fitted, observations), MIN_BOW * size)
+        fitted_sigmas = _frame_sigmas(fitted, observations)
+        sigmas = {prior: max(fitted_sigmas[prior], smallest) for prior, (_, smallest) in initial.items()}
     return fitted
 
 
-def _bow_sigma_mm(fitted: Fitted, observations: Observations) -> float:
-    """Standard deviation of the bows of all frames, from their estimates and variances (a step of EM)."""
+def _frame_sigmas(fitted: Fitted, observations: Observations) -> dict[str, float]:
+    """Standard deviation of each kind of per-frame parameters, from estimates and variances (a step of EM)."""
     solution, model = fitted.solution, fitted.model
     rows = observations.where(solution.inliers)
     frame_information = normal_equations(solution.estimate, Grouped.of(rows, model), model).v
-    variance = solution.scale**2 * np.einsum("fii->fi", np.linalg.inv(frame_information))[:, -3:]
-    return float(np.sqrt(np.mean(solution.estimate.bow_mm**2 + variance)))
+    variance = solution.scale**2 * np.einsum("fii->fi", np.linalg.inv(frame_information))
+    weights = model.frame_terms.weights
+    values = np.divide(
+        model.frame_terms.values(solution.estimate), weights, where=weights > 0.0, out=np.zeros_like(variance)
+    )
+    squares = np.mean(values**2 + variance, axis=0)[6:].reshape(-1, 3).mean(axis=1)
+    return dict(zip(model.frame_terms.names, np.sqrt(squares).tolist(), strict=True))
 
 
 def as_second_surface(estimate: Estimate, thickness_mm: float, index: float) -> Estimate:

@@ -2,7 +2,8 @@
 
 `joint` (the default) solves the camera jointly with the mirrors; `paper` fixes it as estimated from the pictures
 without mirrors. A lens name fixes the lens model; without one, it is the layout's. `sheet`, `bend`, `warp`, `bow`,
-`prism` and `walk` free further parameters (`nested_models`); with a direct view, `sheet`, `bow`, `turn` and `board`.
+`motion`, `prism` and `walk` free further parameters (`nested_models`); with a direct view, `sheet`, `bow`, `turn` and
+`board`.
 `auto` adds any others that the pictures support. `first_surface` and `second_surface` correct the layout's mirrors.
 Model names in results, such as joint+bend, have the same form.
 """
@@ -15,7 +16,7 @@ from typing import Literal, get_args
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.lenses.families import LensName
 
-LAYOUT_ADDITIONS = ("sheet", "bend", "warp", "bow", "prism", "walk")
+LAYOUT_ADDITIONS = ("sheet", "bend", "warp", "bow", "motion", "prism", "walk")
 """Additions to `joint`, besides lenses, available with a layout."""
 DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
 """Additions that are tried if frames show their board both directly and in mirrors."""

@@ -22,6 +22,7 @@ from mirrorcam.optics.calibration.solver.residuals import (
     LinearizedResiduals,
     linearized,
     mirrors_of_views,
+    row_times,
 )
 from mirrorcam.optics.geometry.mirror_imaging import images
 
@@ -236,13 +237,17 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
         in_rig,
         mirrors,
         bent=model.curvature,
+        row_time=row_times(estimate.camera, chunk.pixels[1]),
         camera_from_rig=_camera_from_rig(estimate, chunk),
+        board_turning=_board_turning(estimate, chunk),
     )
     parts = [linear.board_rotation, linear.corner]
     if model.frame_terms.rotation_per_rad is not None:
         parts.append(linear.camera_rotation)
     if model.frame_terms.bow_per_mm is not None:
         parts.append(_d_board(linear, estimate, chunk)[:, None, 2] * model.board.bows[:, chunk.corner])
+    if model.frame_terms.has_motion:
+        parts.append(linear.motion)
     parts.append((linear.pixels - chunk.pixels)[:, None])
     parts.append(linear.intrinsics[:, [name in model.intrinsics for name in estimate.camera.intrinsic_names]])
     if mirrors is not None:
@@ -274,6 +279,12 @@ def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray, board: Board)
         pose = estimate.rig_from_board[frame]
         np.matmul(pose[:3, :3], in_board[:, first:last], out=about_origin[:, first:last])
         np.add(about_origin[:, first:last], pose[:3, 3:], out=in_rig[:, first:last])
+    if estimate.motion.any():
+        time = row_times(estimate.camera, chunk.pixels[1])
+        for frame, first, last in chunk.runs:
+            rotation, shift = estimate.motion[frame, :3, None], estimate.motion[frame, 3:, None]
+            moved = np.cross(rotation, about_origin[:, first:last], axis=0) + shift
+            in_rig[:, first:last] += time[first:last] * moved
     return about_origin, in_rig
 
 
@@ -286,6 +297,14 @@ def _camera_from_rig(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
     return np.repeat(rotations[[frame for frame, _, _ in chunk.runs]], counts, axis=0).transpose(1, 2, 0)
 
 
+def _board_turning(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
+    """Rotation vectors (3, n) by which the board turns during a readout; None if it rests in all frames."""
+    if not estimate.motion[:, :3].any():
+        return None
+    counts = [last - first for _, first, last in chunk.runs]
+    return np.repeat(estimate.motion[[frame for frame, _, _ in chunk.runs], :3], counts, axis=0).T
+
+
 def _d_modes(linear: LinearizedResiduals, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
     """Derivatives (2, k, n) with respect to the modes, given the modes (k, n, 3) at the corners."""
     d_board = _d_board(linear, estimate, chunk)
@@ -294,9 +313,9 @@ def _d_modes(linear: LinearizedResiduals, estimate: Estimate, chunk: Chunk, mode
 
 def _d_board(linear: LinearizedResiduals, estimate: Estimate, chunk: Chunk) -> FloatArray:
     """Derivatives (2, 3, n) with respect to the corners in the board frame."""
-    d_board = np.empty_like(linear.corner)
+    d_board = np.empty_like(linear.corner_on_board)
     for frame, first, last in chunk.runs:
-        d_board[:, :, first:last] = estimate.rig_from_board[frame, :3, :3].T @ linear.corner[:, :, first:last]
+        d_board[:, :, first:last] = estimate.rig_from_board[frame, :3, :3].T @ linear.corner_on_board[:, :, first:last]
     return d_board
 
 

@@ -8,7 +8,7 @@ not depend on it, but every measured position rotates with it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,28 +40,45 @@ class FrameTerms:
         Prior of the camera's rotation vector; None if the camera is not rotated.
     bow_per_mm
         Prior of the bow of the board; None if the board is the same in all frames.
+    motion_per_rad, motion_per_mm
+        Priors of the rotation and the translation of the board during a readout; None if the board rests.
     """
 
     rotation_per_rad: float | None = None
     bow_per_mm: float | None = None
+    motion_per_rad: float | None = None
+    motion_per_mm: float | None = None
+
+    @property
+    def has_motion(self) -> bool:
+        """Whether the board moves during a readout."""
+        return self.motion_per_mm is not None
+
+    @property
+    def _priors(self) -> tuple[float | None, ...]:
+        """The prior of each group of three parameters, after the pose."""
+        return tuple(getattr(self, prior.name) for prior in fields(self))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the priors of the free parameters, of three each."""
+        return tuple(prior.name for prior in fields(self) if getattr(self, prior.name) is not None)
 
     @property
     def free(self) -> IntArray:
-        """Indices of the free parameters among the 12 of a frame, in the order of `Estimate.moved`."""
-        has_rotation, has_bow = (prior is not None for prior in (self.rotation_per_rad, self.bow_per_mm))
-        return np.array([*range(6), *range(6, 6 + 3 * has_rotation), *range(9, 9 + 3 * has_bow)], dtype=np.int64)
+        """Indices of the free parameters among the 18 of a frame, in the order of `Estimate.moved`."""
+        groups = [range(6 + 3 * n, 9 + 3 * n) for n, prior in enumerate(self._priors) if prior is not None]
+        return np.array([*range(6), *(index for group in groups for index in group)], dtype=np.int64)
 
     @property
     def weights(self) -> FloatArray:
         """Priors (d,) of a frame's free parameters; 0 for the pose."""
-        priors = [weight for weight in (self.rotation_per_rad, self.bow_per_mm) if weight is not None]
-        return np.concatenate([np.zeros(6), np.repeat(priors, 3)])
+        return np.concatenate([np.zeros(6), np.repeat([prior for prior in self._priors if prior is not None], 3)])
 
     def values(self, estimate: Estimate) -> FloatArray:
         """Weighted values (f, d) of the free parameters of all frames; their squares add to the cost."""
-        values = np.concatenate(
-            [np.zeros((len(estimate.rig_from_board), 6)), estimate.camera_rotation, estimate.bow_mm], 1
-        )
+        pose = np.zeros((len(estimate.rig_from_board), 6))
+        values = np.concatenate([pose, estimate.camera_rotation, estimate.bow_mm, estimate.motion], axis=1)
         return np.asarray(values[:, self.free] * self.weights)
 
 

@@ -1,8 +1,13 @@
 """Reprojection residuals of corners observed directly or through one mirror, and their exact derivatives.
 
-In frame f, a corner X_b of the board is at X = R_f (X_b + sum_k a_k B_k + sum_k b_fk C_k) + t_f in the rig frame, where
-a deforms the board in all frames and b_f bows it in this frame. Observed directly, it projects from X; through a
-mirror, from its image (`geometry.mirror_imaging`). The camera's rotation exp(w_f) in frame f, if any, applies to both.
+In frame f, a corner X_b of the board is at X = P + t_f in the rig frame, with P = R_f (X_b + sum_k a_k B_k + sum_k b_fk
+C_k), where a deforms the board in all frames and b_f bows it in this frame. Observed directly, it projects from X;
+through a mirror, from its image (`geometry.mirror_imaging`). The camera's rotation exp(w_f) in frame f, if any, applies
+to both.
+
+A rolling shutter reads the rows of a picture one after the other. If the board moves meanwhile, a corner is at
+X + s (u_f x P + v_f), where s is the time at which its row is read, from -1/2 at the top to 1/2 at the bottom, and u_f
+and v_f are the motion during one readout.
 """
 
 from __future__ import annotations
@@ -118,6 +123,9 @@ class Estimate:
         Rotation vectors (f, 3), rad, of the camera in each frame, from rig to camera axes. Default: none.
     bow_mm
         Coefficients (f, 3) of `Board.bows` in each frame. Default: none.
+    motion
+        Motion (f, 6) of the board in each frame, from the readout of the first row to that of the last: a rotation
+        vector about the board's origin in rig axes, rad, and a translation, mm. Default: none.
     """
 
     camera: Camera
@@ -130,12 +138,14 @@ class Estimate:
     centroids_in_rig_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     camera_rotation: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     bow_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    motion: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
 
     def __post_init__(self) -> None:
         mirrors = len(self.virtual_centres_in_rig_mm)
         defaults = {
             "camera_rotation": np.zeros((len(self.rig_from_board), 3)),
             "bow_mm": np.zeros((len(self.rig_from_board), 3)),
+            "motion": np.zeros((len(self.rig_from_board), 6)),
             "thickness_mm": np.zeros(mirrors),
             "refractive_index": np.ones(mirrors),
             "curvature_per_m": np.zeros((mirrors, 3)),
@@ -163,7 +173,8 @@ class Estimate:
     def with_poses(self, rig_from_board: FloatArray) -> Self:
         """Return camera and mirrors with new board poses (f, 4, 4), without other per-frame parameters."""
         empty = np.zeros((0, 3))
-        return replace(self, rig_from_board=rig_from_board, camera_rotation=empty, bow_mm=empty)
+        motion = np.zeros((0, 6))
+        return replace(self, rig_from_board=rig_from_board, camera_rotation=empty, bow_mm=empty, motion=motion)
 
     def of_frames(self, frames: NDArray[np.bool_] | IntArray) -> Self:
         """Select some frames."""
@@ -172,16 +183,17 @@ class Estimate:
             rig_from_board=self.rig_from_board[frames],
             camera_rotation=self.camera_rotation[frames],
             bow_mm=self.bow_mm[frames],
+            motion=self.motion[frames],
         )
 
     def moved(self, step_global: FloatArray, step_frames: FloatArray) -> Estimate:
         """Apply a step of all global parameters, in the order of `global_names`, and of each frame's parameters.
 
-        `step_frames` is (f, 6), a twist of rotation and translation, or (f, 12), followed by the camera's rotation and
-        the bow. A rotation vector w rotates the board about its origin, R <- exp(w) R; the translation is added. The
-        thickness correction applies to every plate.
+        `step_frames` is (f, 6), a twist of rotation and translation, or (f, 18), followed by the camera's rotation, the
+        bow and the motion. A rotation vector w rotates the board about its origin, R <- exp(w) R; the translation is
+        added. The thickness correction applies to every plate.
         """
-        step_poses, step_rotation, step_bow = np.split(step_frames, [6, 9], axis=1)
+        step_poses, step_rotation, step_bow, step_motion = np.split(step_frames, [6, 9, 12], axis=1)
         poses = self.rig_from_board.copy()
         poses[:, :3, :3] = Rotation.from_rotvec(step_poses[:, :3]).as_matrix() @ poses[:, :3, :3]
         poses[:, :3, 3] += step_poses[:, 3:]
@@ -199,6 +211,7 @@ class Estimate:
             curvature_per_m=self.curvature_per_m + curvatures.reshape(-1, 3),
             camera_rotation=_rotated_by(self.camera_rotation, step_rotation),
             bow_mm=self.bow_mm + step_bow if step_bow.size else self.bow_mm,
+            motion=self.motion + step_motion if step_motion.size else self.motion,
         )
 
 
@@ -229,6 +242,10 @@ def points_at_camera(
     in_board[:, 2] += np.einsum("nk,kn->n", estimate.bow_mm[observations.frame], board.bows[:, observations.corner])
     about_origin = np.einsum("nij,nj->ni", poses[:, :3, :3], in_board)
     in_rig = about_origin + poses[:, :3, 3]
+    if estimate.motion.any():
+        rotation, shift = np.split(estimate.motion[observations.frame], 2, axis=1)
+        time = row_times(estimate.camera, observations.pixels[:, 1])
+        in_rig = in_rig + time[:, None] * (np.cross(rotation, about_origin) + shift)
     image = in_rig.copy()
     mirrored = observations.view != DIRECT
     mirrors = mirrors_of_views(estimate, observations.view[mirrored])
@@ -237,6 +254,11 @@ def points_at_camera(
         camera_rotations = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
         image = np.einsum("nij,nj->ni", camera_rotations[observations.frame], image)
     return about_origin, in_rig, image
+
+
+def row_times(camera: Camera, row_px: FloatArray) -> FloatArray:
+    """Times (n,) at which a rolling shutter reads rows (n,), from -1/2 at the top to 1/2 at the bottom."""
+    return np.asarray((row_px + 0.5) / camera.height_px - 0.5)
 
 
 def mirrors_of_views(estimate: Estimate, view: IntArray) -> MirrorArrays:
@@ -261,8 +283,9 @@ class LinearizedResiduals:
     """Predicted pixels (2, n) and their derivatives, component first.
 
     The derivatives are with respect to the intrinsics (2, k, n), the mirror's virtual centre (2, 3, n), thickness
-    (2, n) and curvature (2, 3 or 0, n), the corner in rig axes (2, 3, n), the rotation of the board about its origin
-    (2, 3, n), and the rotation of the camera (2, 3, n).
+    (2, n) and curvature (2, 3 or 0, n), the corner in the rig frame (2, 3, n), the corner on the board in rig axes
+    (2, 3, n), which differs if the board rotates, the rotation of the board about its origin (2, 3, n), the rotation of
+    the camera (2, 3, n), and the motion of the board during a readout (2, 6, n).
     """
 
     pixels: FloatArray
@@ -271,8 +294,10 @@ class LinearizedResiduals:
     thickness: FloatArray
     curvature: FloatArray
     corner: FloatArray
+    corner_on_board: FloatArray
     board_rotation: FloatArray
     camera_rotation: FloatArray
+    motion: FloatArray
 
 
 def linearized(
@@ -282,7 +307,9 @@ def linearized(
     mirrors: MirrorArrays | None,
     *,
     bent: bool,
+    row_time: FloatArray,
     camera_from_rig: FloatArray | None = None,
+    board_turning: FloatArray | None = None,
 ) -> LinearizedResiduals:
     """Linearise the projection of corners through mirrors, or directly.
 
@@ -296,8 +323,12 @@ def linearized(
         The mirror of each corner; None for direct views.
     bent
         Whether derivatives with respect to curvature are needed.
+    row_time
+        Times (n,) at which the corners' rows are read.
     camera_from_rig
         Rotations (3, 3, n) of the camera at each corner; None if it is not rotated.
+    board_turning
+        Rotation vectors (3, n) by which the board turns during a readout; None if it rests.
     """
     mirrored = None if mirrors is None else images(in_rig, mirrors, bent=bent)
     image = in_rig if mirrored is None else mirrored.image_mm
@@ -309,6 +340,9 @@ def linearized(
     if camera_from_rig is not None:
         rows = np.einsum("pin,ijn->pjn", rows, camera_from_rig)
     change = ImageDerivatives(rows, empty, empty, empty) if mirrored is None else mirrored.vjp(rows)
+    on_board = change.point
+    if board_turning is not None:
+        on_board = on_board + row_time * np.cross(on_board, board_turning[None], axis=1)  # J (w x p) = (J x w) p
     return LinearizedResiduals(
         pixels.T,
         d_intrinsics.transpose(1, 2, 0),
@@ -316,8 +350,10 @@ def linearized(
         change.thickness,
         change.curvature,
         change.point,
-        _d_rotation(about_origin, change.point),
+        on_board,
+        _d_rotation(about_origin, on_board),
         camera_rotation,
+        row_time * np.concatenate([_d_rotation(about_origin, change.point), change.point], axis=1),
     )
 
 
@@ -332,7 +368,7 @@ def _d_rotation(points: FloatArray, d_point: FloatArray) -> FloatArray:
 def residuals_with_jacobians(
     estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2) and their derivatives (n, 2, g) and (n, 2, 12): global parameters and the frame's parameters.
+    """Residuals (n, 2) and their derivatives (n, 2, g) and (n, 2, 18): global parameters and the frame's parameters.
 
     Global parameters are ordered as in `global_names`, the frame's as in `Estimate.moved`. The result is dense and
     mostly zeros; the solver sums the same blocks by groups (`normal_equations`).
@@ -343,7 +379,7 @@ def residuals_with_jacobians(
     thickness = lens + 6 * count
     r = np.empty((len(observations), 2))
     d_global = np.zeros((len(observations), 2, thickness + 1 + estimate.shape.size))
-    d_frame = np.empty((len(observations), 2, 12))
+    d_frame = np.empty((len(observations), 2, 18))
     camera_rotations = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
     for is_direct in (True, False):
         rows = np.flatnonzero((observations.view == DIRECT) == is_direct)
@@ -352,16 +388,24 @@ def residuals_with_jacobians(
         frame, corner = observations.frame[rows], observations.corner[rows]
         rotations = camera_rotations[frame].transpose(1, 2, 0)
         linear = linearized(
-            estimate.camera, about_origin[rows].T, in_rig[rows].T, mirrors, bent=True, camera_from_rig=rotations
+            estimate.camera,
+            about_origin[rows].T,
+            in_rig[rows].T,
+            mirrors,
+            bent=True,
+            row_time=row_times(estimate.camera, observations.pixels[rows, 1]),
+            camera_from_rig=rotations,
+            board_turning=estimate.motion[frame, :3].T,
         )
         r[rows] = linear.pixels.T - observations.pixels[rows]
         d_global[rows, :, :lens] = linear.intrinsics.transpose(2, 0, 1)
-        d_corner = np.einsum("ijn,njk->nik", linear.corner, estimate.rig_from_board[frame, :3, :3])
+        d_corner = np.einsum("ijn,njk->nik", linear.corner_on_board, estimate.rig_from_board[frame, :3, :3])
         d_global[rows, :, thickness + 1 :] = np.einsum("nij,knj->nik", d_corner, board.modes[:, corner])
         d_frame[rows, :, :9] = np.concatenate(
             [linear.board_rotation, linear.corner, linear.camera_rotation], axis=1
         ).transpose(2, 0, 1)
-        d_frame[rows, :, 9:] = np.einsum("ni,kn->nik", d_corner[:, :, 2], board.bows[:, corner])
+        d_frame[rows, :, 12:] = linear.motion.transpose(2, 0, 1)
+        d_frame[rows, :, 9:12] = np.einsum("ni,kn->nik", d_corner[:, :, 2], board.bows[:, corner])
         if mirrors is not None:
             for k in range(3):
                 d_global[rows, :, lens + 3 * view + k] = linear.centre[:, k].T

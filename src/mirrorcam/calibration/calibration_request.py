@@ -42,8 +42,8 @@ class CalibrationRequest(Value):
     ] = Field(
         default=AUTO,
         description="model to fit, words joined by +: auto (what the pictures support), joint (with the layout's "
-        "lens) or a lens (brown_conrady, rational, thin_prism, fisheye, spline) with any of sheet, bend, warp, bow "
-        "and prism (with --direct-view sheet, bow, turn and board), paper, first_surface, second_surface: "
+        "lens) or a lens (brown_conrady, rational, thin_prism, fisheye, spline) with any of sheet, bend, warp, bow, "
+        "motion, prism and walk (with --direct-view sheet, bow, turn and board), paper, first_surface, second_surface: "
         "docs/calibration.md. [default: auto]",
     )
 

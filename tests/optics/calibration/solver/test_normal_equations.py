@@ -58,7 +58,9 @@ def assembled(normal: NormalEquations) -> tuple[FloatArray, FloatArray]:
     return matrix, np.concatenate([normal.gradient_global, normal.gradient_poses.ravel()])
 
 
-@pytest.fixture(scope="module", params=["joint", "plates and a free board", "terms of frames", "a bow", "a prior"])
+@pytest.fixture(
+    scope="module", params=["joint", "plates and a free board", "terms of frames", "a bow", "a motion", "a prior"]
+)
 def problem(request: pytest.FixtureRequest) -> tuple[FourMirrors, Model]:
     plain = "plates" not in request.param
     scene = four_mirrors(0 if plain else 3)
@@ -72,6 +74,10 @@ def problem(request: pytest.FixtureRequest) -> tuple[FourMirrors, Model]:
         terms = FrameTerms(rotation_per_rad=300.0, bow_per_mm=0.2)
     if request.param == "a bow":
         terms = FrameTerms(bow_per_mm=0.2)
+    if request.param == "a motion":
+        terms = FrameTerms(bow_per_mm=0.2, motion_per_rad=300.0, motion_per_mm=3.0)
+        motion = np.random.default_rng(3).normal(size=(len(scene.truth.rig_from_board), 6))
+        scene = replace(scene, truth=replace(scene.truth, motion=motion * [*[0.01] * 3, *[1.0] * 3]))
     if len(terms.free) > 6:
         turn, bow = np.random.default_rng(2).normal(size=(2, len(scene.truth.rig_from_board), 3))
         scene = replace(scene, truth=replace(scene.truth, camera_rotation=0.01 * turn, bow_mm=0.5 * bow))

@@ -50,8 +50,11 @@ def test_frame_terms_name_and_weight_their_numbers() -> None:
     frames = len(truth.rig_from_board)
     own = replace(truth, camera_rotation=np.full((frames, 3), 0.02), bow_mm=np.full((frames, 3), 0.5))
     none, bow, both = FrameTerms(), FrameTerms(bow_per_mm=4.0), FrameTerms(100.0, 4.0)
-    assert [len(terms.free) for terms in (none, bow, both)] == [6, 9, 12]
+    motion = FrameTerms(motion_per_rad=100.0, motion_per_mm=2.0)
+    assert [len(terms.free) for terms in (none, bow, both, motion)] == [6, 9, 12, 12]
     assert bow.free[6:].tolist() == [9, 10, 11]
+    assert motion.free[6:].tolist() == [12, 13, 14, 15, 16, 17]
+    assert motion.names == ("motion_per_rad", "motion_per_mm")
     np.testing.assert_allclose(none.values(own), 0.0)
     np.testing.assert_allclose(both.values(own)[0], [*[0.0] * 6, *[2.0] * 3, *[2.0] * 3])
 
