@@ -7,8 +7,9 @@ Poses, and all parameters of the model, are projected out first.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -66,6 +67,9 @@ MAX_CORNERS = 8000
 MIN_CORNERS = 8
 """Corners of a view for a field of errors of its own."""
 TRIAL_PLATE_MM = 0.01
+NO_COLUMNS: FloatArray = np.zeros((0, 0))
+MIN_NORM = 1e-12
+"""Smallest norm of a column that counts."""
 MIN_EIGENVALUE = 1e-9
 """Smallest eigenvalue that counts, of the normal matrix of normalised columns of a cause."""
 
@@ -116,7 +120,7 @@ def ranked_causes(fitted: Fitted, observations: Observations) -> list[Cause]:
     rows = rows.where(np.arange(len(rows)) % -(-len(rows) // MAX_CORNERS) == 0)
     test = _ScoreTest.of(fitted, rows)
     causes = [test.cause(candidate) for candidate in _candidates(fitted, rows, test)]
-    causes += list(_causes_of_frames(fitted, test))
+    causes += [*_causes_of_moved_mirrors(fitted, rows, test), *_causes_of_frames(fitted, test)]
     estimate = fitted.solution.estimate
     if "fisheye" in further_cameras(estimate.camera, fitted.name.split("+")):
         fisheye = replace(estimate, camera=with_addition(estimate.camera, "fisheye"))
@@ -214,7 +218,12 @@ class _ScoreTest:
         intrinsics = len(model.intrinsics)
         return cls(r, rest, frames, d_frame, own, d_global, shared, factor, floor, intrinsics, mirrors, information)
 
-    @property
+    @cached_property
+    def squares(self) -> float:
+        """Squared residuals outside that space, with the negligible ones."""
+        return float(self.rest @ self.rest) + self.floor
+
+    @cached_property
     def freedom(self) -> float:
         """Degrees of freedom of the residuals."""
         return float(len(self.rest) - self.shared.shape[1] - sum(basis.shape[1] for basis in self.own))
@@ -222,15 +231,30 @@ class _ScoreTest:
     def cause(self, candidate: _Candidate) -> Cause:
         """Predict the effect of a candidate whose parameters all frames share."""
         columns = _outside(self.own, self.frames, candidate.columns)
-        norms = np.linalg.norm(columns, axis=0)
-        columns = columns[:, norms > 1e-12] / norms[norms > 1e-12]
-        inside = self.shared.T @ columns
-        values, vectors = np.linalg.eigh(columns.T @ columns - inside.T @ inside)
+        return self._from_sums(candidate, columns.T @ columns, self.shared.T @ columns, columns.T @ self.rest)
+
+    def causes_of_changes(
+        self, columns: FloatArray, firsts: Sequence[int], candidates: Sequence[_Candidate]
+    ) -> Iterator[Cause]:
+        """Predict the effect of changes of shared parameters, with derivatives (2n, k), each from a first frame on."""
+        columns = _outside(self.own, self.frames, columns)
+        others = (columns, self.shared, self.rest)
+        sums = ([other[part].T @ columns[part] for part in self.frames] for other in others)
+        gram, inside, score = (np.cumsum(parts[::-1], axis=0)[::-1] for parts in sums)
+        for first, candidate in zip(firsts, candidates, strict=True):
+            yield self._from_sums(candidate, gram[first], inside[first], score[first])
+
+    def _from_sums(self, candidate: _Candidate, gram: FloatArray, inside: FloatArray, score: FloatArray) -> Cause:
+        """Predict the effect of columns (2n, k) from their products with themselves, `shared` and `rest`."""
+        norms = np.sqrt(np.diag(gram))
+        used = norms > MIN_NORM
+        norms, inside = norms[used], inside[:, used] / norms[used]
+        values, vectors = np.linalg.eigh(gram[np.ix_(used, used)] / np.outer(norms, norms) - inside.T @ inside)
         determined = values > MIN_EIGENVALUE
         white = vectors[:, determined] / np.sqrt(values[determined])
-        score = white.T @ (columns.T @ self.rest)
-        shift = np.linalg.solve(self.factor, inside @ (white @ score)) if self.factor.size else np.zeros(0)
-        return self._cause(candidate, float(score @ score), int(determined.sum()), shift)
+        explained = white.T @ (score[used] / norms)
+        shift = np.linalg.solve(self.factor, inside @ (white @ explained)) if self.factor.size else np.zeros(0)
+        return self._cause(candidate, float(explained @ explained), int(determined.sum()), shift)
 
     def cause_of_frames(self, candidate: _Candidate) -> Cause:
         """Predict the effect of a candidate with parameters of its own for each frame."""
@@ -258,7 +282,7 @@ class _ScoreTest:
         return self._cause(candidate, explained, max(count - self.intrinsics, 1), np.zeros(len(self.factor)))
 
     def _cause(self, candidate: _Candidate, explained: float, parameters: int, shift: FloatArray) -> Cause:
-        squares = float(self.rest @ self.rest) + self.floor
+        squares = self.squares
         gain = self.freedom * np.log(squares / (squares - explained)) - parameters * np.log(self.freedom)
         shift = shift[self.mirrors]
         return Cause(
@@ -318,15 +342,25 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
         yield _Candidate("plate", _d_plate(estimate, rows, d_global[:, sheet], model.board)[:, None], addition="sheet")
     for kind, indices in modes.items():
         yield _Candidate(kind, d_global[:, [sheet + 1 + mode for mode in indices]], addition="warp" * (kind == "warp"))
-    for mirror in range(count):
-        frames = np.unique(rows.frame[rows.view == mirror])
-        columns = d_global[:, lens + 3 * mirror : lens + 3 * mirror + 3]
-        for first in frames[1:]:
-            later = np.where(np.repeat(rows.frame >= first, 2)[:, None], columns, 0.0)
-            alternatives = count * (len(frames) - 1)
-            yield _Candidate("mirror moved", later, mirror=mirror, frame=int(first), alternatives=alternatives)
     for frame, part in zip(np.unique(rows.frame).tolist(), test.frames, strict=True):
         yield _Candidate("picture", _affine_fields(rows, part), frame=frame, alternatives=len(test.frames))
+
+
+def _causes_of_moved_mirrors(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterator[Cause]:
+    """Yield the causes that a mirror moved before a frame was taken."""
+    numbers, mirrors = np.unique(rows.frame), len(fitted.solution.estimate.virtual_centres_in_rig_mm)
+    for mirror in range(mirrors):
+        later = np.unique(rows.frame[rows.view == mirror])[1:].tolist()
+        start = fitted.solution.parameters.index(f"mirror {mirror} x_mm")
+        changes = test.causes_of_changes(
+            test.d_global[:, start : start + 3],
+            [int(np.searchsorted(numbers, frame)) for frame in later],
+            [
+                _Candidate("mirror moved", NO_COLUMNS, mirror, frame, alternatives=mirrors * len(later))
+                for frame in later
+            ],
+        )
+        yield from changes
 
 
 def _deformable(board: Board) -> tuple[Board, dict[CauseKind, list[int]]]:

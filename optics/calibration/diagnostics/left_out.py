@@ -9,6 +9,7 @@ import numpy as np
 
 from mirrorcam.optics.calibration.diagnostics.causes import Cause, ranked_causes
 from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
+from mirrorcam.optics.calibration.diagnostics.model_comparison import frames_of
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -53,9 +54,9 @@ def left_out(fitted: Fitted, causes: Sequence[Cause], observations: Observations
     current, rows = fitted, observations
     while causes and causes[0].frame is not None and causes[0].kind == "picture" and len(left) < MAX_PICTURES:
         kept = np.arange(len(numbers)) != causes[0].frame
-        further = rows.where(kept[rows.frame]).renumbered()
+        further, start = frames_of(rows, current.solution.estimate, kept)
         try:
-            current = fit_as(fitted.name, current.solution.estimate.of_frames(kept), further, fitted.model)
+            current = fit_as(fitted.name, start, further, fitted.model)
         except UndeterminedError:
             break
         left.append(int(numbers[causes[0].frame]))

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.causes import KIND_OF_ADDITION, Cause, ranked_causes
@@ -17,6 +19,7 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
     compare,
     compare_likelihood,
     cross_validated,
+    frames_of,
     smallest_model,
 )
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
@@ -35,8 +38,8 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
-from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError
-from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution, UndeterminedError
+from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 
@@ -44,6 +47,8 @@ MIN_UNEXPLAINED = 0.1
 """Minimum unexplained residual that raises an alarm, as a fraction of the noise."""
 MIN_RELATIVE_GAIN, MIN_GAIN = 0.5, 10.0
 """An addition is fitted if its predicted gain is at least this fraction of the largest gain of any cause, and this."""
+MAX_MIRRORED_FRAMES, MAX_DIRECT_FRAMES = 20, 10
+"""Maximum number of frames with and without mirrors by which models are compared."""
 MIN_PLATE_MM = 0.1  # thinner than any plate of a mirror
 
 
@@ -164,6 +169,42 @@ def select_model(
     InputError
         If plates are requested that the layout does not have.
     """
+    some = _some_frames(observations)
+    first = frames_of(observations, start, some)[::-1]
+    current, comparisons, alarms, notes = _selected(*first, corners_in_board_mm, model, prior, on_step)
+    if not some.all():
+        on_step(f"fitting all {len(some)} pictures")
+        estimate = current.solution.estimate.with_poses(start.rig_from_board)
+        current = fit_as(current.name, estimate, observations, current.model)
+        notes.append(
+            f"the models were compared by {some.sum()} of the {len(some)} pictures, and the selected one fitted to all"
+        )
+    return finished_selection(current, comparisons, observations, alarms, notes)
+
+
+def _some_frames(observations: Observations) -> BoolArray:
+    """Mask (f,) of the frames by which models are compared: evenly spaced ones of those with and without mirrors."""
+    count = int(observations.frame.max()) + 1
+    mirrored = np.isin(np.arange(count), observations.frame[observations.view != DIRECT])
+    chosen = np.zeros(count, dtype=bool)
+    for numbers, most in (
+        (np.flatnonzero(mirrored), MAX_MIRRORED_FRAMES),
+        (np.flatnonzero(~mirrored), MAX_DIRECT_FRAMES),
+    ):
+        step = max(len(numbers) / most, 1.0)
+        chosen[numbers[np.arange(0.0, len(numbers), step).astype(int)]] = True
+    return chosen
+
+
+def _selected(
+    start: Estimate,
+    observations: Observations,
+    corners_in_board_mm: FloatArray,
+    model: RequestedModel,
+    prior: CentresPrior | None,
+    on_step: Step,
+) -> tuple[Fitted, list[ModelComparison], list[Alarm], list[str]]:
+    """Return the selected model fitted to some frames, the comparisons made, alarms and notes."""
     on_step("solving for mirrors and camera")
     paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm, prior))
     comparisons = [smallest_model(paper)]
@@ -173,13 +214,16 @@ def select_model(
     except UndeterminedError:
         if not model.paper and (not model.auto or model.additions):
             raise
-        note = "the corners do not determine the intrinsics: they are fixed at their initial values"
-        return finished_selection(paper, comparisons, observations, notes=[note])
+        return (
+            paper,
+            comparisons,
+            [],
+            ["the corners do not determine the intrinsics: they are fixed at their initial values"],
+        )
     comparisons.append(compare(current, paper, observations))
     if model.paper:
-        note = "the intrinsics are fixed: no uncertainty includes their errors"
         alarms = [_alarm(current, "joint")] if comparisons[-1].supported else []
-        return finished_selection(paper, comparisons, observations, alarms, [note])
+        return paper, comparisons, alarms, ["the intrinsics are fixed: no uncertainty includes their errors"]
     additions = [name for name in ADDITIONS if not (model.lens is not None and name in LENS_ADDITIONS)]
     for name in model.additions:
         on_step(f"fitting {IN_WORDS[name]}")
@@ -191,7 +235,7 @@ def select_model(
     )
     if "sheet" in current.name.split("+"):
         alarms += _missing_plate(current)
-    return finished_selection(current, [*comparisons, *further], observations, alarms, notes)
+    return current, [*comparisons, *further], alarms, notes
 
 
 def forward_selection(
