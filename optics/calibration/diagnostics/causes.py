@@ -46,6 +46,8 @@ CauseKind = Literal[
     "warp",
     "size",
     "bow",
+    "turn",
+    "board",
     "focus",
 ]
 KIND_OF_ADDITION: dict[str, CauseKind] = {
@@ -58,6 +60,8 @@ KIND_OF_ADDITION: dict[str, CauseKind] = {
     "bend": "bend",
     "warp": "warp",
     "bow": "bow",
+    "turn": "turn",
+    "board": "board",
 }
 """Kind of cause that each addition to a model removes."""
 MAX_CORNERS = 8000
@@ -289,7 +293,7 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
     """Yield all causes whose parameters the frames share, and those of single frames."""
     solution, model = fitted.solution, fitted.model
     estimate, additions = solution.estimate, fitted.name.split("+")
-    board, modes = _deformable(model.board)
+    board, modes = _deformable(model.board, free=rows.direct_and_mirrored)
     shape = np.concatenate([estimate.shape, np.zeros(len(board.modes) - len(estimate.shape))])
     _, d_global, _ = _standardised(replace(estimate, shape=shape), rows, board)
     intrinsics = estimate.camera.intrinsic_names
@@ -300,9 +304,9 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
             extended = replace(estimate, camera=with_addition(estimate.camera, addition))
             columns = _standardised(extended, rows, model.board)[1][:, : extended.camera.intrinsics.size]
             yield _Candidate(KIND_OF_ADDITION[addition], columns, addition=addition)
-    direct = np.repeat(rows.view == DIRECT, 2)
-    if direct.any() and not direct.all() and not rows.direct_and_mirrored:
-        yield _Candidate("focus", np.where(direct[:, None], d_global[:, :4], 0.0))
+    bare = np.repeat(~np.isin(rows.frame, rows.frame[rows.view != DIRECT]), 2)
+    if bare.any() and not bare.all():
+        yield _Candidate("focus", np.where(bare[:, None], d_global[:, :4], 0.0))
     if not model.curvature:
         yield _Candidate("bend", d_global[:, curvature:sheet], addition="bend")
         for mirror in range(count):
@@ -310,8 +314,9 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
             yield _Candidate("mirror bent", d_global[:, start : start + 3], mirror, alternatives=count)
     if not model.thickness:
         yield _Candidate("plate", _d_plate(estimate, rows, d_global[:, sheet], model.board)[:, None], addition="sheet")
-    for kind, indices in modes.items():
-        yield _Candidate(kind, d_global[:, [sheet + 1 + mode for mode in indices]], addition="warp" * (kind == "warp"))
+    for kind, part in modes.items():
+        addition = kind if kind in KIND_OF_ADDITION else ""
+        yield _Candidate(kind, d_global[:, sheet + 1 + part.start : sheet + 1 + part.stop], addition=addition)
     for mirror in range(count):
         frames = np.unique(rows.frame[rows.view == mirror])
         columns = d_global[:, lens + 3 * mirror : lens + 3 * mirror + 3]
@@ -322,14 +327,23 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
         yield _Candidate("picture", _affine_fields(rows, part), frame, alternatives=len(test.frames))
 
 
-def _deformable(board: Board) -> tuple[Board, dict[CauseKind, list[int]]]:
-    """The board with modes for a warp, and for a print that is sheared or stretched, unless it has modes already."""
-    if len(board.modes):
-        return board, {}
-    size = np.zeros((2, *board.corners_in_board_mm.shape))
-    size[0, :, 0], size[1, :, 0] = board.corners_from_centre.T
-    modes = np.concatenate([Board.warped(board.corners_in_board_mm).modes, size])
-    return Board(board.corners_in_board_mm, modes), {"warp": [0, 1], "size": [2, 3]}
+def _deformable(board: Board, *, free: bool) -> tuple[Board, dict[CauseKind, slice]]:
+    """The board with further modes: a warp, a print that is sheared or stretched, and if `free`, free corners.
+
+    A board with modes already gets only free corners, if it does not have them.
+    """
+    corners_mm = board.corners_in_board_mm
+    modes: dict[CauseKind, FloatArray] = {}
+    if not len(board.modes):
+        size = np.zeros((2, *corners_mm.shape))
+        size[0, :, 0], size[1, :, 0] = board.corners_from_centre.T
+        modes = {"warp": Board.warped(corners_mm).modes, "size": size}
+    corners = Board.free(corners_mm).modes if free else board.modes
+    if len(corners) > len(board.modes):
+        modes["board"] = corners
+    ends = len(board.modes) + np.cumsum([len(part) for part in modes.values()], dtype=np.int64)
+    parts = {kind: slice(end - len(part), end) for (kind, part), end in zip(modes.items(), ends, strict=True)}
+    return Board(corners_mm, np.concatenate([board.modes, *modes.values()])), parts
 
 
 def _d_plate(estimate: Estimate, rows: Observations, d_sheet: FloatArray, board: Board) -> FloatArray:
@@ -366,3 +380,5 @@ def _causes_of_frames(fitted: Fitted, rows: Observations, test: _ScoreTest) -> I
     yield test.cause_of_frames(_Candidate("shutter", test.d_frame[:, :6] * np.repeat(time, 2)[:, None]))
     if fitted.model.frame_terms.bow_per_mm is None:
         yield test.cause_of_frames(_Candidate("bow", test.d_frame[:, 9:], addition="bow"))
+    if fitted.model.frame_terms.rotation_per_rad is None and rows.direct_and_mirrored:
+        yield test.cause_of_frames(_Candidate("turn", test.d_frame[:, 6:9], addition="turn"))

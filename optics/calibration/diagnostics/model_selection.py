@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.causes import KIND_OF_ADDITION, Cause, ranked_causes
+from mirrorcam.optics.calibration.diagnostics.causes import Cause, ranked_causes
 from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
 from mirrorcam.optics.calibration.diagnostics.model_comparison import (
@@ -31,7 +31,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     plate_thickness,
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
-from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
+from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, DIRECT_ADDITIONS, RequestedModel
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, Model
@@ -126,6 +126,7 @@ def select_model(
     *,
     model: RequestedModel = AUTO,
     prior: CentresPrior | None = None,
+    surface_known: bool = True,
 ) -> ModelSelection:
     """Fit the requested model and, if it is automatic, extend it by forward selection.
 
@@ -147,6 +148,9 @@ def select_model(
         others raise an alarm.
     prior
         Prior on the virtual centres, in every model.
+    surface_known
+        Whether the mirrors' surface is known to be that of `start`. Otherwise, plates are added if the corners support
+        them; of known first-surface mirrors, they raise an alarm.
 
     Raises
     ------
@@ -164,41 +168,42 @@ def select_model(
         if not model.paper and (not model.auto or model.additions):
             raise
         note = "the corners do not determine the intrinsics: they are fixed at their initial values"
-        return finished_selection(paper, comparisons, observations, notes=[note])
+        return _finished_selection(paper, comparisons, observations, notes=[note])
     comparisons.append(compare(current, paper, observations))
     if model.paper:
         note = "the intrinsics are fixed: no uncertainty includes their errors"
         alarms = [_alarm(current, "joint")] if comparisons[-1].supported else []
-        return finished_selection(paper, comparisons, observations, alarms, [note])
+        return _finished_selection(paper, comparisons, observations, alarms, [note])
     additions = [name for name in ADDITIONS if not (model.lens is not None and name in LENS_ADDITIONS)]
+    if observations.direct_and_mirrored:
+        additions += DIRECT_ADDITIONS
+    first_plates = "glass" if surface_known else "plates"
     for name in model.additions:
-        larger = fit_with(name, current, observations)
+        addition = "plates" if name == "sheet" and not surface_known and not _has_plates(current) else name
+        larger = fit_with(addition, current, observations)
         comparisons.append(compare(larger, current, observations))
         current = larger
-    current, further, alarms, notes = forward_selection(current, observations, additions, extend=model.auto)
-    if "sheet" in current.name.split("+"):
+    current, further, alarms, notes = _forward_selection(
+        current, observations, additions, extend=model.auto, first_plates=first_plates
+    )
+    if surface_known and "sheet" in current.name.split("+"):
         alarms += _missing_plate(current)
-    return finished_selection(current, [*comparisons, *further], observations, alarms, notes)
+    return _finished_selection(current, [*comparisons, *further], observations, alarms, notes)
 
 
-def forward_selection(
-    current: Fitted,
-    observations: Observations,
-    additions: Sequence[str],
-    *,
-    extend: bool,
-    plate_addition: str = "glass",
+def _forward_selection(
+    current: Fitted, observations: Observations, additions: Sequence[str], *, extend: bool, first_plates: str
 ) -> tuple[Fitted, list[ModelComparison], list[Alarm], list[str]]:
     """Return the largest supported model, the comparisons made, alarms and notes.
 
     If the model must not be extended, the first supported addition raises an alarm instead, as do plates that the
-    layout lacks. For mirrors without plates, `plate_addition` replaces the addition "sheet".
+    layout lacks. For mirrors without plates, `first_plates` replaces the addition "sheet".
     """
     comparisons: list[ModelComparison] = []
     alarms: list[Alarm] = []
     notes: list[str] = []
     while remaining := _remaining(current, additions):
-        candidates, undetermined = _fit_additions(current, remaining, observations, plate_addition)
+        candidates, undetermined = _fit_additions(current, remaining, observations, first_plates)
         notes += undetermined
         best = None
         likelihoods = [(fitted, compare_likelihood(fitted, current, observations)) for fitted in candidates]
@@ -223,25 +228,26 @@ def _remaining(current: Fitted, additions: Sequence[str]) -> list[str]:
     """The additions that a model does not have yet."""
     additions_made = current.name.split("+")
     cameras = further_cameras(current.solution.estimate.camera, additions_made)
-    return [
-        name for name in additions if name not in additions_made and (name not in CAMERA_ADDITIONS or name in cameras)
-    ]
+    included = {*additions_made, *(["warp"] if "board" in additions_made else [])}
+    return [name for name in additions if name not in included and (name not in CAMERA_ADDITIONS or name in cameras)]
+
+
+def _has_plates(fitted: Fitted) -> bool:
+    return bool((fitted.solution.estimate.thickness_mm > 0.0).any())
 
 
 def _fit_additions(
-    current: Fitted, remaining: Sequence[str], observations: Observations, plate_addition: str
+    current: Fitted, remaining: Sequence[str], observations: Observations, first_plates: str
 ) -> tuple[list[Fitted], list[str]]:
     """Fit each further addition; also return a note on each addition that the corners do not determine.
 
-    An addition with a score test is fitted only if that predicts an information gain close to the greatest.
+    An addition is fitted only if its score test predicts an information gain close to the greatest.
     """
-    plates = (current.solution.estimate.thickness_mm > 0.0).any()
     fits, notes = [], []
     gains = {cause.addition: cause.gain for cause in reversed(ranked_causes(current, observations))}
     min_gain = max(MIN_RELATIVE_GAIN * max((gains.get(name, 0.0) for name in remaining), default=0.0), MIN_GAIN)
-    tested = [name for name in remaining if name in KIND_OF_ADDITION]
-    for name in (name for name in remaining if name not in tested or gains.get(name, 0.0) >= min_gain):
-        addition = plate_addition if name == "sheet" and not plates else name
+    for name in (name for name in remaining if gains.get(name, 0.0) >= min_gain):
+        addition = first_plates if name == "sheet" and not _has_plates(current) else name
         try:
             fits.append(fit_with(addition, current, observations))
         except UndeterminedError as error:
@@ -262,7 +268,7 @@ def _alarm(best: Fitted, addition: str) -> Alarm:
     return f"the data support a larger model, {best.name}"
 
 
-def finished_selection(
+def _finished_selection(
     current: Fitted,
     comparisons: Sequence[ModelComparison],
     observations: Observations,
