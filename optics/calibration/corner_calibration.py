@@ -9,13 +9,15 @@
 5. The mirrors are solved with 3 parameters each, then all parameters jointly, then any more that the data support
    (`model_selection`).
 6. The uncertainty and the validity of the result are assessed (`diagnostics`).
+
+Without a design, the layout is measured from the same corners (`direct.direct_view`): it says nothing about the
+mirrors' surface and edges, or about the scale.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -24,30 +26,42 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray, InvalidValue, Metric
 from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghosts
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, detected_edges, with_detected_outlines
+from mirrorcam.optics.calibration.detection.segmentation import (
+    DetectedEdge,
+    Extremes,
+    detected_edges,
+    with_detected_outlines,
+)
 from mirrorcam.optics.calibration.diagnostics.board_scale import scale_doubt
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
+    board_metrics,
     fit_metrics,
     held_out_metrics,
     spatial_rms_mm,
     uncertainty,
     with_estimate,
 )
-from mirrorcam.optics.calibration.diagnostics.consistency import check_plausible, unobserved_rows
+from mirrorcam.optics.calibration.diagnostics.consistency import (
+    check_plausible,
+    missing_views,
+    pose_notes,
+    refuse_implausible,
+    unobserved_rows,
+)
 from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import UnknownMirrors
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.nested_models import first_fit
 from mirrorcam.optics.calibration.diagnostics.readout import readout
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
-from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
+from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, frame_names, screen
 from mirrorcam.optics.calibration.diagnostics.worst_views import with_worst_views
 from mirrorcam.optics.calibration.pupil_estimate import BoardPictures, estimated_pupil, unvignetted
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
-from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, pair_prior
+from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, prior_of
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.lenses.families import LensName
@@ -101,24 +115,20 @@ def calibrate_corners(
     model.check_mirrored()
     if not mirrored:
         raise InputError("no pictures given")
-    notes = (*_notes(mirrored, base, layout), *unobserved_rows([*mirrored, *base], corners_in_board_mm), *unknown.notes)
     try:
-        start = layout if model.lens is None else _with_lens(layout, model.lens)
-        on_step("comparing the pictures with each other")
-        screened = screen(mirrored, base, start, corners_in_board_mm)
-        if pictures is not None and any(mirror.is_second_surface for mirror in layout.mirrors):
-            on_step("refining the corners with their ghost images")
-            mirrored = _refine_with_ghosts(screened, start, corners_in_board_mm, extremes, pictures)
-            notes += (*screened.dropped, *_missing_pictures(screened.mirrored, pictures))
-            screened = screen(mirrored, screened.base, start, corners_in_board_mm)
-        select = partial(select_model, model=model, prior=pair_prior(layout), on_step=on_step)
-        fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
-        if names is None:
-            names = [f"frame {n}" for n in range(len(mirrored))] + [f"base frame {n}" for n in range(len(base))]
-        pictures_used = tuple(names[number] for number in fitted.frames)
-        notes = (*notes, *screened.dropped, *screened.drift)
+        fitted = fit_corners(
+            mirrored,
+            base,
+            layout,
+            corners_in_board_mm,
+            model=model,
+            extremes=extremes,
+            pictures=pictures,
+            names=names,
+            on_step=on_step,
+        )
         on_step("comparing halves of the pictures")
-        calibration = _result(fitted, layout, extremes, notes, unknown, pictures_used)
+        calibration = calibration_of(fitted, layout, extremes=extremes, unknown=unknown)
         if pictures is None:
             return calibration
         frames = pictures.frames
@@ -132,45 +142,109 @@ def calibrate_corners(
 
 
 @dataclass(frozen=True)
-class _Fitted:
-    """The selected model, the corners it was fitted to, and the metrics and notes of the pupil estimate.
+class FittedCorners:
+    """The selected model, and the corners that it was fitted to.
 
-    `frames` are the numbers of the frames that show corners, those with mirrors first.
+    Attributes
+    ----------
+    selection
+        The selected model.
+    observations
+        The corners.
+    frames
+        Numbers of the frames that show corners, those with mirrors first.
+    pictures
+        Names of these frames.
+    metrics, notes
+        Of the pupil estimate, and of all observations that are missing or not used.
+    is_designed
+        Whether the layout states a design; otherwise it was measured from the same corners.
     """
 
     selection: ModelSelection
     observations: Observations
     frames: tuple[int, ...]
+    pictures: tuple[str, ...]
     metrics: dict[str, Metric]
     notes: tuple[str, ...]
+    is_designed: bool
 
 
-def _fitted(
-    screened: ScreenedFrames,
+def fit_corners(
+    mirrored: list[Observations],
+    base: list[Observations],
     layout: Layout,
     corners_in_board_mm: FloatArray,
-    select: Callable[[Estimate, Observations, FloatArray], ModelSelection],
-    extremes: Extremes | None,
-    pictures: BoardPictures | None,
-) -> _Fitted:
-    """Fit the corners of all frames that show any, those with mirrors first."""
-    numbers, observations, start = _first_estimate(screened, layout, corners_in_board_mm)
-    camera = start.camera
+    *,
+    model: RequestedModel = AUTO,
+    extremes: Extremes | None = None,
+    pictures: BoardPictures | None = None,
+    names: Sequence[str] | None = None,
+    is_designed: bool = True,
+    on_step: Step = no_step,
+) -> FittedCorners:
+    """Screen corners, and select and fit a model of camera, mirrors and board.
+
+    Parameters
+    ----------
+    mirrored, base, layout, corners_in_board_mm, model, extremes, pictures, names, on_step
+        As in `calibrate_corners`. Frames with mirrors may also show the board directly.
+    is_designed
+        Whether `layout` states a design; otherwise it was measured from the same corners.
+
+    Raises
+    ------
+    InputError
+        If corners contradict each other.
+    UndeterminedError
+        If the corners do not determine the camera and the mirrors.
+    """
+    names = frame_names(len(mirrored), len(base)) if names is None else names
+    notes = (
+        *missing_views(mirrored, base, names, layout.mirror_names),
+        *_notes(mirrored, base, layout),
+        *unobserved_rows([*mirrored, *base], corners_in_board_mm),
+    )
+    start = layout if model.lens is None else _with_lens(layout, model.lens)
+    on_step("comparing the pictures with each other")
+    screened = screen(mirrored, base, start, corners_in_board_mm, names=names)
+    if pictures is not None and any(mirror.is_second_surface for mirror in layout.mirrors):
+        on_step("refining the corners with their ghost images")
+        mirrored = _refine_with_ghosts(screened, start, corners_in_board_mm, extremes, pictures)
+        notes += (*screened.dropped, *_missing_pictures(screened.mirrored, pictures, names))
+        screened = screen(mirrored, screened.base, start, corners_in_board_mm, names=names)
+    frames, observations, estimate = _first_estimate(screened, start, corners_in_board_mm)
     metrics: dict[str, Metric] = {}
-    notes: tuple[str, ...] = ()
-    if pictures is not None or camera.aperture_mm > 0.0:
-        first, fitted_layout = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
+    pupil_notes: tuple[str, ...] = ()
+    if pictures is not None or estimate.camera.aperture_mm > 0.0:
+        first, fitted_layout = _first_fit(estimate, observations, start, corners_in_board_mm, extremes)
         if pictures is not None:
-            mirrored_numbers = [number for number in numbers if number < len(screened.mirrored)]
+            mirrored_numbers = [number for number in frames if number < len(mirrored)]
             posed = pictures.with_poses(mirrored_numbers, first.rig_from_board)
             pupil = estimated_pupil(fitted_layout, posed, pictures.target)
-            metrics, notes = pupil.metrics, (pupil.note,)
+            metrics, pupil_notes = pupil.metrics, (pupil.note,)
             fitted_layout = fitted_layout.replaced(camera=pupil.camera)
         kept, left_out = unvignetted(fitted_layout, observations)
-        observations, notes = observations.where(kept), (*notes, *left_out)
-        start = replace(start, camera=camera.with_pupil(fitted_layout.camera.pupil))
-    selection = select(start, observations, corners_in_board_mm)
-    return _Fitted(selection.inflated_to(screened.inflation), observations, numbers, metrics, notes)
+        observations, pupil_notes = observations.where(kept), (*pupil_notes, *left_out)
+        estimate = replace(estimate, camera=estimate.camera.with_pupil(fitted_layout.camera.pupil))
+    selection = select_model(
+        estimate,
+        observations,
+        corners_in_board_mm,
+        model=replace(model, surface=None),
+        prior=prior_of(layout, observations),
+        surface_known=is_designed or model.surface == "first",
+        on_step=on_step,
+    )
+    return FittedCorners(
+        selection.inflated_to(screened.inflation),
+        observations,
+        frames,
+        tuple(names[number] for number in frames),
+        metrics,
+        (*notes, *screened.dropped, *screened.drift, *pupil_notes),
+        is_designed,
+    )
 
 
 def _first_estimate(
@@ -193,7 +267,7 @@ def _first_fit(
     extremes: Extremes | None,
 ) -> tuple[Estimate, Layout]:
     """Fit the smallest model; return the estimate, and its layout with the outlines detected in the frames."""
-    first = first_fit(start, observations, corners_in_board_mm, pair_prior(layout))
+    first = first_fit(start, observations, corners_in_board_mm, prior_of(layout, observations))
     layout = with_estimate(layout, first)
     return first, layout if extremes is None else with_detected_outlines(layout, detected_edges(layout, extremes))[0]
 
@@ -219,41 +293,57 @@ def _refine_with_ghosts(
     )
 
 
-def _missing_pictures(mirrored: list[Observations], pictures: BoardPictures) -> list[str]:
+def _missing_pictures(mirrored: list[Observations], pictures: BoardPictures, names: Sequence[str]) -> list[str]:
     return [
-        f"frame {number}: not kept in memory, so its corners in second-surface mirrors are not used"
-        for number, (rows, picture) in enumerate(zip(mirrored, pictures.frames, strict=False))
+        f"{name}: not kept in memory, so its corners in second-surface mirrors are not used"
+        for name, rows, picture in zip(names, mirrored, pictures.frames, strict=False)
         if len(rows) and picture is None
     ]
 
 
-def _result(
-    fitted: _Fitted,
+def calibration_of(
+    fitted: FittedCorners,
     layout: Layout,
-    extremes: Extremes | None,
-    notes: tuple[str, ...],
-    unknown: UnknownMirrors,
-    pictures: tuple[str, ...],
+    *,
+    extremes: Extremes | None = None,
+    unknown: UnknownMirrors = NO_UNKNOWN_MIRRORS,
 ) -> Calibration:
-    """Return the calibrated layout with diagnostics and metrics; raise InputError if the fit is implausible."""
+    """Return the calibrated layout with diagnostics and metrics.
+
+    Parameters
+    ----------
+    fitted
+        The fit.
+    layout
+        The layout that it started from.
+    extremes, unknown
+        As in `calibrate_corners`.
+
+    Raises
+    ------
+    InputError
+        If the fit is implausible.
+    """
     selection, observations = fitted.selection, fitted.observations
     mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
-    calibrated = _calibrated(selection, layout)
-    edges = [] if extremes is None else detected_edges(calibrated, extremes)
-    side_mm, next_mm = np.diff(selection.model.board.corners_in_board_mm[:3, 0])
-    element: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
-    mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), element)
-    if selection.other_surface is not None:
-        mismatches = ()  # plates of another thickness or index also change the scale
-    if edges:
-        calibrated, outline_notes = with_detected_outlines(calibrated, edges)
-        notes += outline_notes
+    calibrated = _calibrated(fitted, layout)
+    notes = (*unknown.notes, *fitted.notes)
+    mismatches: tuple[str, ...] = ()
+    if fitted.is_designed:
+        edges = [] if extremes is None else detected_edges(calibrated, extremes)
+        mismatches, doubts = _scale_doubt(selection, layout, calibrated, edges)
+        if edges:
+            calibrated, outline_notes = with_detected_outlines(calibrated, edges)
+            notes += outline_notes
+        notes += (*doubts, *check_plausible(selection.solution, layout, mirrored_frames=mirrored_frames))
+    else:
+        refuse_implausible(selection.solution, layout.mirror_names)
+        notes += pose_notes(selection.solution.estimate.rig_from_board[:mirrored_frames])
     diagnostics = diagnose(selection, observations, calibrated, mismatches=(*unknown.alarms, *mismatches))
     selection = selection.inflated_to(diagnostics.inflation)
-    solution = selection.solution
-    notes += (*fitted.notes, *doubts, *check_plausible(solution, layout, mirrored_frames=mirrored_frames))
-    metrics = fit_metrics(observations, solution)
-    spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, selection.model.board)
+    solution, board = selection.solution, selection.model.board
+    metrics = fit_metrics(observations, solution) | board_metrics(solution, board)
+    spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, board)
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
     metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=mirrored_frames)
     metrics |= diagnostics.metrics | unknown.metrics | fitted.metrics
@@ -268,8 +358,19 @@ def _result(
         metrics=metrics,
         notes=notes,
         diagnostics=diagnostics,
-        pictures=pictures,
+        pictures=fitted.pictures,
     )
+
+
+def _scale_doubt(
+    selection: ModelSelection, layout: Layout, calibrated: Layout, edges: Sequence[DetectedEdge]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return alarms and notes about the stated size of the board."""
+    side_mm, next_mm = np.diff(selection.model.board.corners_in_board_mm[:3, 0])
+    element: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
+    mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), element)
+    # Plates of another thickness or index also change the scale.
+    return (mismatches if selection.other_surface is None else ()), doubts
 
 
 def _with_lens(layout: Layout, lens: LensName) -> Layout:
@@ -278,12 +379,10 @@ def _with_lens(layout: Layout, lens: LensName) -> Layout:
 
 
 def _notes(mirrored: list[Observations], base: list[Observations], layout: Layout) -> tuple[str, ...]:
-    notes = [f"frame {number}: no board found, not used" for number, o in enumerate(mirrored) if not len(o)]
-    notes += [f"base frame {number}: no board found, not used" for number, o in enumerate(base) if not len(o)]
-    for number, o in enumerate(mirrored):
-        missing = [name for index, name in enumerate(layout.mirror_names) if index not in o.view]
-        if len(o) and missing:
-            notes.append(f"frame {number}: no board found in mirror {', '.join(missing)}")
+    """Notes on what no frame determines, if none shows the board directly and in a mirror."""
+    notes = []
+    if any(rows.direct_and_mirrored for rows in mirrored):
+        return ()
     if len(layout.mirrors) == 2:
         notes.append(
             "two mirrors without a direct view of the board: no picture determines their common rotation about their "
@@ -295,8 +394,9 @@ def _notes(mirrored: list[Observations], base: list[Observations], layout: Layou
     return tuple(notes)
 
 
-def _calibrated(selection: ModelSelection, layout: Layout) -> Layout:
+def _calibrated(fitted: FittedCorners, layout: Layout) -> Layout:
+    selection = fitted.selection
+    source = {"nominal": layout.provenance.get("nominal", layout.identity)} if fitted.is_designed else layout.provenance
     return with_estimate(layout, selection.solution.estimate).replaced(
-        provenance={"nominal": layout.provenance.get("nominal", layout.identity), "level": selection.model_name},
-        uncertainty=uncertainty(selection.solution),
+        provenance={**source, "level": selection.model_name}, uncertainty=uncertainty(selection.solution)
     )

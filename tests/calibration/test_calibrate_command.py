@@ -31,7 +31,6 @@ EITHER = "expected --layout FILE, or --direct-view N"
     [
         ("", EITHER),
         ("--direct-view 2 --layout layout.json", EITHER),
-        ("--direct-view 2 --model fisheye", "model: expected auto or joint, with any of sheet, turn, bow, board"),
         ("--layout layout.json --model joint+turn", "model: turn needs a direct view"),
         ("--layout layout.json --model pinhole", "unknown word 'pinhole' of a model, expected auto"),
         ("--direct-view 145", "--direct-view '145': Input should be less than or equal to 144"),

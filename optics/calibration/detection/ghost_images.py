@@ -7,7 +7,7 @@ by some hundredths of a pixel: in the same direction in all views, as if the pla
 
 The layout and the board's pose give the offsets of the ghost images; Fresnel's equations give their strengths. One
 ghost image ends before the picture does, where its light would leave the plate beyond the edge. The exact position
-depends on how the plate was cut and glued, so corners near it are left out.
+depends on how the plate was cut and glued, so corners near it are left out if the edges are known.
 
 Offsets must be accurate: an error of a tenth of a pixel across an edge shifts the edge by some thousandths of a pixel.
 So the mirrors come from a first estimate, not from the nominal layout.
@@ -121,13 +121,20 @@ class GhostedView:
 
 
 def ghosted_view(
-    corners: Corners, rig_from_board: FloatArray, camera: Camera, mirror: Mirror, target: Target
+    corners: Corners,
+    rig_from_board: FloatArray,
+    camera: Camera,
+    mirror: Mirror,
+    target: Target,
+    *,
+    edges_known: bool = True,
 ) -> GhostedView | None:
     """Return the corners (n) in a second-surface mirror with complete ghost images, given the board's pose (4, 4).
 
-    None if too few remain.
+    If the mirror's edges are unknown, all ghost images are assumed to be complete. None if too few corners remain.
     """
-    corners = corners.where(_inside(corners, camera, _unfolded(mirror, MAX_COMPLETE_PASSES), target))
+    if edges_known:
+        corners = corners.where(_inside(corners, camera, _unfolded(mirror, MAX_COMPLETE_PASSES), target))
     if len(corners) < MIN_CORNERS:
         return None
     ghosts = ghost_images_of(corners, rig_from_board, camera, mirror, target)
@@ -201,6 +208,7 @@ def refine_with_ghosts(
     layout: Layout,
     target: Target,
     *,
+    edges_known: bool = True,
     workers: int = 1,
 ) -> list[Observations]:
     """Refine the corners of views in second-surface mirrors together with their ghost images.
@@ -219,6 +227,8 @@ def refine_with_ghosts(
         Camera and mirrors, estimated from corners that ghost images still shift by some hundredths of a pixel.
     target
         The board.
+    edges_known
+        Whether the layout's outlines are the mirrors' edges.
     workers
         Number of threads.
 
@@ -228,7 +238,7 @@ def refine_with_ghosts(
         One per frame.
     """
     ghosted = {
-        number: _ghosted(rows, rig_from_board[number], layout, target)
+        number: _ghosted(rows, rig_from_board[number], layout, target, edges_known=edges_known)
         for number, rows in enumerate(detected)
         if number in rig_from_board and pictures[number] is not None
     }
@@ -258,13 +268,17 @@ def _second_surface(layout: Layout) -> list[int]:
     return [number for number, mirror in enumerate(layout.mirrors) if mirror.is_second_surface]
 
 
-def _ghosted(rows: Observations, rig_from_board: FloatArray, layout: Layout, target: Target) -> dict[int, GhostedView]:
+def _ghosted(
+    rows: Observations, rig_from_board: FloatArray, layout: Layout, target: Target, *, edges_known: bool
+) -> dict[int, GhostedView]:
     """Return a frame's views in second-surface mirrors, by mirror index."""
     views = {}
     for mirror in np.intersect1d(rows.view, _second_surface(layout)).tolist():
         in_mirror = rows.where(rows.view == mirror)
         corners = Corners(in_mirror.corner, in_mirror.pixels, in_mirror.sigma_px)
-        view = ghosted_view(corners, rig_from_board, layout.camera, layout.mirrors[mirror], target)
+        view = ghosted_view(
+            corners, rig_from_board, layout.camera, layout.mirrors[mirror], target, edges_known=edges_known
+        )
         if view is not None:
             views[mirror] = view
     return views

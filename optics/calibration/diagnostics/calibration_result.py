@@ -9,6 +9,7 @@ from pathlib import PurePath
 from typing import Self
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from mirrorcam.core.bounds import LENGTH_MM
 from mirrorcam.core.images.jpeg import DamagedPicture
@@ -22,7 +23,7 @@ from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, O
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, points_at_camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
-from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
 
 HOLD_OUT_EVERY = 5
 
@@ -130,9 +131,13 @@ class Calibration:
         """Add a note on each damaged picture that was skipped, and their number to the metrics."""
         if not damaged:
             return self
-        metrics = self.metrics | {"damaged_pictures": Metric(value=len(damaged), unit="1")}
-        notes = (*(f"{error}; not used" for error in damaged), *self.notes)
-        return replace(self, layout=self.layout.replaced(metrics=metrics), metrics=metrics, notes=notes)
+        count = {"damaged_pictures": Metric(value=len(damaged), unit="1")}
+        return self.with_figures(count, [f"{error}; not used" for error in damaged])
+
+    def with_figures(self, metrics: dict[str, Metric], notes: Sequence[str]) -> Self:
+        """Add metrics, and notes before the others."""
+        metrics = self.metrics | metrics
+        return replace(self, layout=self.layout.replaced(metrics=metrics), metrics=metrics, notes=(*notes, *self.notes))
 
 
 def uncertainty(solution: Solution) -> Uncertainty:
@@ -206,6 +211,21 @@ def fit_metrics(observations: Observations, solution: Solution) -> dict[str, Met
     return metrics
 
 
+def board_metrics(solution: Solution, board: Board) -> dict[str, Metric]:
+    """Rms deviations of a deformed board's corners from the drawing, and the plates' thickness, if they are free."""
+    metrics = {}
+    if len(board.modes):
+        shift_mm = board.shaped(solution.estimate.shape) - board.corners_in_board_mm
+        in_plane = np.sqrt(np.mean(np.sum(shift_mm[:, :2] ** 2, axis=1)))
+        metrics["board_shift_in_plane_rms_mm"] = Metric(value=in_plane, unit="mm")
+        metrics["board_warp_rms_mm"] = Metric(value=np.sqrt(np.mean(shift_mm[:, 2] ** 2)), unit="mm")
+    if "sheet_mm" in solution.parameters:
+        index = solution.parameters.index("sheet_mm")
+        metrics["sheet_mm"] = Metric(value=solution.estimate.thickness_mm.max(), unit="mm")
+        metrics["sheet_sigma_mm"] = Metric(value=np.sqrt(solution.covariance[index, index]), unit="mm")
+    return metrics
+
+
 def spatial_rms_mm(estimate: Estimate, observations: Observations, inliers: BoolArray, board: Board) -> float:
     """Rms distance of each corner from the ray traced from its pixel, mm.
 
@@ -261,6 +281,42 @@ def with_estimate(layout: Layout, estimate: Estimate) -> Layout:
         )
     )
     return layout.replaced(kind="calibrated", camera=estimate.camera, mirrors=mirrors, metrics={}, verdict={})
+
+
+def layout_from_corners(estimate: Estimate, observations: Observations) -> Layout:
+    """Return the layout of an estimate, with each mirror clipped to the convex hull of the corners observed in it.
+
+    Nothing is known beyond them. The mirrors form one row, and the view axes are those of the rig.
+    """
+    mirrors = [
+        _visible_mirror(estimate, mirror, observations.pixels[observations.view == mirror])
+        for mirror in range(len(estimate.virtual_centres_in_rig_mm))
+    ]
+    return Layout(
+        kind="calibrated",
+        rows=1,
+        cols=len(mirrors),
+        camera=estimate.camera,
+        mirrors=tuple(mirrors),
+        view_from_rig=np.eye(3),
+        provenance={"source": "pictures of a board seen directly and in the mirrors"},
+    )
+
+
+def _visible_mirror(estimate: Estimate, mirror: int, pixels: FloatArray) -> Mirror:
+    """Return a mirror whose outline is the convex hull of pixels (n, 2)."""
+    normalized = estimate.camera.normalized_from_pixels(pixels)
+    hull = normalized[ConvexHull(normalized).vertices]
+    centre, thickness_mm = estimate.virtual_centres_in_rig_mm[mirror], float(estimate.thickness_mm[mirror])
+    flat = Mirror(
+        virtual_centre_in_rig_mm=centre,
+        outline_in_rig_mm=intersect_plane(hull, centre),
+        curvature_per_m=estimate.curvature_per_m[mirror],
+    )
+    if thickness_mm <= 0.0:
+        return flat
+    index = float(estimate.refractive_index[mirror])
+    return flat.replaced(surface="second", thickness_mm=thickness_mm, refractive_index=index)
 
 
 def tilted_to(mirror: Mirror, virtual_centre: FloatArray) -> Mirror:

@@ -21,6 +21,8 @@ _SENTENCES: dict[CauseKind, str] = {
     "plate": "the mirrors reflect behind a plate of another thickness than in the layout",
     "warp": "the board is warped",
     "bow": "the board is bowed differently in each picture",
+    "turn": "the camera turned between the pictures",
+    "board": "the corners of the board are not where its drawing has them",
     "size": "the print of the board is stretched or sheared",
     "focus": "focus or zoom changed between the pictures with and without mirrors",
 }
@@ -36,6 +38,8 @@ _ADVICE: dict[CauseKind, str] = {
     "plate": "Measure the thickness of the mirrors, correct it in the layout, and calibrate again.",
     "warp": "Calibrate again with {addition}, or mount the board on a flat plate.",
     "bow": "Calibrate again with {addition}, or mount the board on a stiff plate.",
+    "turn": "Calibrate again with {addition}, or fasten the camera.",
+    "board": "Calibrate again with {addition}, or measure the print.",
     "size": "Measure the print along both sides: printers may scale them differently.",
     "focus": "Take all pictures again with focus and zoom fixed.",
 }

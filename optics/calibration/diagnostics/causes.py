@@ -47,6 +47,8 @@ CauseKind = Literal[
     "warp",
     "size",
     "bow",
+    "turn",
+    "board",
     "focus",
 ]
 KIND_OF_ADDITION: dict[str, CauseKind] = {
@@ -60,6 +62,8 @@ KIND_OF_ADDITION: dict[str, CauseKind] = {
     "warp": "warp",
     "bow": "bow",
     "motion": "shutter",
+    "turn": "turn",
+    "board": "board",
 }
 """Kind of cause that each addition to a model removes."""
 MAX_CORNERS = 8000
@@ -120,7 +124,7 @@ def ranked_causes(fitted: Fitted, observations: Observations) -> list[Cause]:
     rows = rows.where(np.arange(len(rows)) % -(-len(rows) // MAX_CORNERS) == 0)
     test = _ScoreTest.of(fitted, rows)
     causes = [test.cause(candidate) for candidate in _candidates(fitted, rows, test)]
-    causes += [*_causes_of_moved_mirrors(fitted, rows, test), *_causes_of_frames(fitted, test)]
+    causes += [*_causes_of_moved_mirrors(fitted, rows, test), *_causes_of_frames(fitted, rows, test)]
     estimate = fitted.solution.estimate
     if "fisheye" in further_cameras(estimate.camera, fitted.name.split("+")):
         fisheye = replace(estimate, camera=with_addition(estimate.camera, "fisheye"))
@@ -319,7 +323,7 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
     """Yield all causes whose parameters the frames share, and those of single frames."""
     solution, model = fitted.solution, fitted.model
     estimate, additions = solution.estimate, fitted.name.split("+")
-    board, modes = _deformable(model.board)
+    board, modes = _deformable(model.board, free=rows.direct_and_mirrored)
     shape = np.concatenate([estimate.shape, np.zeros(len(board.modes) - len(estimate.shape))])
     _, d_global, _ = _standardised(replace(estimate, shape=shape), rows, board)
     intrinsics = estimate.camera.intrinsic_names
@@ -330,9 +334,9 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
             extended = replace(estimate, camera=with_addition(estimate.camera, addition))
             columns = _standardised(extended, rows, model.board)[1][:, : extended.camera.intrinsics.size]
             yield _Candidate(KIND_OF_ADDITION[addition], columns, addition=addition)
-    direct = np.repeat(rows.view == DIRECT, 2)
-    if direct.any() and not direct.all() and not rows.direct_and_mirrored:
-        yield _Candidate("focus", np.where(direct[:, None], d_global[:, :4], 0.0))
+    bare = np.repeat(~np.isin(rows.frame, rows.frame[rows.view != DIRECT]), 2)
+    if bare.any() and not bare.all():
+        yield _Candidate("focus", np.where(bare[:, None], d_global[:, :4], 0.0))
     if not model.curvature:
         yield _Candidate("bend", d_global[:, curvature:sheet], addition="bend")
         for mirror in range(count):
@@ -341,8 +345,9 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
             yield _Candidate("mirror bent", columns, mirror=mirror, addition="bend", alternatives=count)
     if not model.thickness:
         yield _Candidate("plate", _d_plate(estimate, rows, d_global[:, sheet], model.board)[:, None], addition="sheet")
-    for kind, indices in modes.items():
-        yield _Candidate(kind, d_global[:, [sheet + 1 + mode for mode in indices]], addition="warp" * (kind == "warp"))
+    for kind, part in modes.items():
+        addition = kind if kind in KIND_OF_ADDITION else ""
+        yield _Candidate(kind, d_global[:, sheet + 1 + part.start : sheet + 1 + part.stop], addition=addition)
     for frame, part in zip(np.unique(rows.frame).tolist(), test.frames, strict=True):
         yield _Candidate("picture", _affine_fields(rows, part), frame=frame, alternatives=len(test.frames))
 
@@ -364,14 +369,23 @@ def _causes_of_moved_mirrors(fitted: Fitted, rows: Observations, test: _ScoreTes
         yield from changes
 
 
-def _deformable(board: Board) -> tuple[Board, dict[CauseKind, list[int]]]:
-    """The board with modes for a warp, and for a print that is sheared or stretched, unless it has modes already."""
-    if len(board.modes):
-        return board, {}
-    size = np.zeros((2, *board.corners_in_board_mm.shape))
-    size[0, :, 0], size[1, :, 0] = board.corners_from_centre.T
-    modes = np.concatenate([Board.warped(board.corners_in_board_mm).modes, size])
-    return Board(board.corners_in_board_mm, modes), {"warp": [0, 1], "size": [2, 3]}
+def _deformable(board: Board, *, free: bool) -> tuple[Board, dict[CauseKind, slice]]:
+    """The board with further modes: a warp, a print that is sheared or stretched, and if `free`, free corners.
+
+    A board with modes already gets only free corners, if it does not have them.
+    """
+    corners_mm = board.corners_in_board_mm
+    modes: dict[CauseKind, FloatArray] = {}
+    if not len(board.modes):
+        size = np.zeros((2, *corners_mm.shape))
+        size[0, :, 0], size[1, :, 0] = board.corners_from_centre.T
+        modes = {"warp": Board.warped(corners_mm).modes, "size": size}
+    corners = Board.free(corners_mm).modes if free else board.modes
+    if len(corners) > len(board.modes):
+        modes["board"] = corners
+    ends = len(board.modes) + np.cumsum([len(part) for part in modes.values()], dtype=np.int64)
+    parts = {kind: slice(end - len(part), end) for (kind, part), end in zip(modes.items(), ends, strict=True)}
+    return Board(corners_mm, np.concatenate([board.modes, *modes.values()])), parts
 
 
 def _d_plate(estimate: Estimate, rows: Observations, d_sheet: FloatArray, board: Board) -> FloatArray:
@@ -402,10 +416,12 @@ def _affine_fields(rows: Observations, part: slice) -> FloatArray:
     return fields
 
 
-def _causes_of_frames(fitted: Fitted, test: _ScoreTest) -> Iterator[Cause]:
+def _causes_of_frames(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterator[Cause]:
     """Yield the causes with parameters of their own for each frame."""
     terms = fitted.model.frame_terms
     if not terms.has_motion:
         yield test.cause_of_frames(_Candidate("shutter", test.d_frame[:, 12:], addition="motion"))
     if terms.bow_per_mm is None:
         yield test.cause_of_frames(_Candidate("bow", test.d_frame[:, 9:12], addition="bow"))
+    if terms.rotation_per_rad is None and rows.direct_and_mirrored:
+        yield test.cause_of_frames(_Candidate("turn", test.d_frame[:, 6:9], addition="turn"))

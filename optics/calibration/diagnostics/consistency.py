@@ -19,6 +19,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 
 MIN_CORNERS_PER_MIRROR = 20
+MAX_LISTED = 8  # frames that notes name one by one
 MAX_SHIFT_CELLS = 0.5  # a corner farther from its prediction is closer to another corner's prediction
 MAX_SHIFTED_VIEWS = 0.2  # fraction of all views above which all pictures are refused
 MAX_SHIFTED_IN_MIRROR = 0.5  # the same for the views of one mirror
@@ -35,13 +36,40 @@ def check_mirror_counts(mirrored: Observations, frames: int, mirrors: Sequence[s
     """Raise InputError if a named mirror shows too few corners in all `frames` frames together."""
     if not len(mirrored):
         raise InputError(f"no corner of the board found in any of {frames} frames")
-    counts = np.bincount(mirrored.view, minlength=len(mirrors))
+    counts = np.bincount(mirrored.view[mirrored.view != DIRECT], minlength=len(mirrors))
     worst = int(counts.argmin())
     if counts[worst] < MIN_CORNERS_PER_MIRROR:
         raise InputError(
             f"mirror {mirrors[worst]} shows {counts[worst]} corners in {frames} frames, expected "
             f"{MIN_CORNERS_PER_MIRROR}"
         )
+
+
+def missing_views(
+    mirrored: Sequence[Observations], base: Sequence[Observations], names: Sequence[str], mirrors: Sequence[str]
+) -> tuple[str, ...]:
+    """Note frames without a board, and views of the others that show none.
+
+    `names` are the names of all frames, `mirrored` first. Of a view that shows none in more than `MAX_LISTED` frames,
+    only their number is noted.
+    """
+    notes = [
+        f"{name}: no board found, not used" for name, o in zip(names, (*mirrored, *base), strict=True) if not len(o)
+    ]
+    used = {name: o.view for name, o in zip(names, mirrored, strict=False) if len(o)}
+    expected = [DIRECT] * any(DIRECT in view for view in used.values()) + list(range(len(mirrors)))
+    missing = {view: [name for name, shown in used.items() if view not in shown] for view in expected}
+    for view, absent in missing.items():
+        if len(absent) > MAX_LISTED:
+            where = "the direct view" if view == DIRECT else f"mirror {mirrors[view]}"
+            notes.append(f"no board found in {where} in {len(absent)} of {len(used)} frames")
+    for name in used:
+        listed = [view for view, absent in missing.items() if name in absent and len(absent) <= MAX_LISTED]
+        in_mirrors = ", ".join(mirrors[view] for view in listed if view != DIRECT)
+        where = ["the direct view"] * (DIRECT in listed) + [f"mirror {in_mirrors}"] * bool(in_mirrors)
+        if where:
+            notes.append(f"{name}: no board found in {' and '.join(where)}")
+    return tuple(notes)
 
 
 def unobserved_rows(frames: Sequence[Observations], corners_in_board_mm: FloatArray) -> tuple[str, ...]:
@@ -188,8 +216,9 @@ def _refuse_many_shifted(shifted: BoolArray, shift: FloatArray, view: IntArray, 
     for mirror in np.unique(view[shifted]):
         in_mirror = view == mirror
         if shifted[in_mirror].mean() > MAX_SHIFTED_IN_MIRROR:
+            name = "the direct view" if mirror == DIRECT else f"mirror {mirrors[mirror]}"
             raise InputError(
-                f"mirror {mirrors[mirror]} disagrees with the other views on the board's position in "
+                f"{name} disagrees with the other views on the board's position in "
                 f"{int(shifted[in_mirror].sum())} of {int(in_mirror.sum())} frames: {cause}"
             )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.causes import KIND_OF_ADDITION, Cause, ranked_causes
+from mirrorcam.optics.calibration.diagnostics.causes import Cause, ranked_causes
 from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
 from mirrorcam.optics.calibration.diagnostics.left_out import LeftOut, left_out
@@ -37,7 +37,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     plate_thickness,
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
-from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
+from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, DIRECT_ADDITIONS, RequestedModel
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution, UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, Model
@@ -137,6 +137,7 @@ def select_model(
     *,
     model: RequestedModel = AUTO,
     prior: CentresPrior | None = None,
+    surface_known: bool = True,
     on_step: Step = no_step,
 ) -> ModelSelection:
     """Fit the requested model and, if it is automatic, extend it by forward selection.
@@ -159,6 +160,9 @@ def select_model(
         others raise an alarm.
     prior
         Prior on the virtual centres, in every model.
+    surface_known
+        Whether the mirrors' surface is known to be that of `start`. Otherwise, plates are added if the corners support
+        them; of known first-surface mirrors, they raise an alarm.
     on_step
         Called with each step in words.
 
@@ -171,7 +175,7 @@ def select_model(
     """
     some = _some_frames(observations)
     first = frames_of(observations, start, some)[::-1]
-    current, comparisons, alarms, notes = _selected(*first, corners_in_board_mm, model, prior, on_step)
+    current, comparisons, alarms, notes = _selected(*first, corners_in_board_mm, model, prior, surface_known, on_step)
     if not some.all():
         on_step(f"fitting all {len(some)} pictures")
         estimate = current.solution.estimate.with_poses(start.rig_from_board)
@@ -179,7 +183,7 @@ def select_model(
         notes.append(
             f"the models were compared by {some.sum()} of the {len(some)} pictures, and the selected one fitted to all"
         )
-    return finished_selection(current, comparisons, observations, alarms, notes)
+    return _finished_selection(current, comparisons, observations, alarms, notes)
 
 
 def _some_frames(observations: Observations) -> BoolArray:
@@ -202,6 +206,7 @@ def _selected(
     corners_in_board_mm: FloatArray,
     model: RequestedModel,
     prior: CentresPrior | None,
+    surface_known: bool,
     on_step: Step,
 ) -> tuple[Fitted, list[ModelComparison], list[Alarm], list[str]]:
     """Return the selected model fitted to some frames, the comparisons made, alarms and notes."""
@@ -225,38 +230,42 @@ def _selected(
         alarms = [_alarm(current, "joint")] if comparisons[-1].supported else []
         return paper, comparisons, alarms, ["the intrinsics are fixed: no uncertainty includes their errors"]
     additions = [name for name in ADDITIONS if not (model.lens is not None and name in LENS_ADDITIONS)]
+    if observations.direct_and_mirrored:
+        additions += DIRECT_ADDITIONS
+    first_plates = "glass" if surface_known else "plates"
     for name in model.additions:
         on_step(f"fitting {IN_WORDS[name]}")
-        larger = fit_with(name, current, observations)
+        addition = "plates" if name == "sheet" and not surface_known and not _has_plates(current) else name
+        larger = fit_with(addition, current, observations)
         comparisons.append(compare(larger, current, observations))
         current = larger
-    current, further, alarms, notes = forward_selection(
-        current, observations, additions, extend=model.auto, on_step=on_step
+    current, further, alarms, notes = _forward_selection(
+        current, observations, additions, extend=model.auto, first_plates=first_plates, on_step=on_step
     )
-    if "sheet" in current.name.split("+") and not _has_plates(current):
+    if surface_known and "sheet" in current.name.split("+") and not _has_thick_plates(current):
         alarms.append(OtherSurface(*plate_thickness(current), is_second_surface=False))
     return current, [*comparisons, *further], alarms, notes
 
 
-def forward_selection(
+def _forward_selection(
     current: Fitted,
     observations: Observations,
     additions: Sequence[str],
     *,
     extend: bool,
-    plate_addition: str = "glass",
-    on_step: Step = no_step,
+    first_plates: str,
+    on_step: Step,
 ) -> tuple[Fitted, list[ModelComparison], list[Alarm], list[str]]:
     """Return the largest supported model, the comparisons made, alarms and notes.
 
     If the model must not be extended, the first supported addition raises an alarm instead, as do plates that the
-    layout lacks. For mirrors without plates, `plate_addition` replaces the addition "sheet".
+    layout lacks. For mirrors without plates, `first_plates` replaces the addition "sheet".
     """
     comparisons: list[ModelComparison] = []
     alarms: list[Alarm] = []
     notes: list[str] = []
     while remaining := _remaining(current, additions):
-        candidates, undetermined = _fit_additions(current, remaining, observations, plate_addition, on_step)
+        candidates, undetermined = _fit_additions(current, remaining, observations, first_plates, on_step)
         notes += undetermined
         best = None
         likelihoods = [(fitted, compare_likelihood(fitted, current, observations)) for fitted in candidates]
@@ -281,40 +290,41 @@ def _remaining(current: Fitted, additions: Sequence[str]) -> list[str]:
     """The additions that a model does not have yet."""
     additions_made = current.name.split("+")
     cameras = further_cameras(current.solution.estimate.camera, additions_made)
-    return [
-        name for name in additions if name not in additions_made and (name not in CAMERA_ADDITIONS or name in cameras)
-    ]
+    included = {*additions_made, *(["warp"] if "board" in additions_made else [])}
+    return [name for name in additions if name not in included and (name not in CAMERA_ADDITIONS or name in cameras)]
+
+
+def _has_plates(fitted: Fitted) -> bool:
+    return bool((fitted.solution.estimate.thickness_mm > 0.0).any())
 
 
 def _fit_additions(
-    current: Fitted, remaining: Sequence[str], observations: Observations, plate_addition: str, on_step: Step
+    current: Fitted, remaining: Sequence[str], observations: Observations, first_plates: str, on_step: Step
 ) -> tuple[list[Fitted], list[str]]:
     """Fit each further addition; also return a note on each addition that the corners do not determine.
 
-    An addition with a score test is fitted only if that predicts an information gain close to the greatest.
+    An addition is fitted only if its score test predicts an information gain close to the greatest.
     """
-    plates = (current.solution.estimate.thickness_mm > 0.0).any()
     fits, notes = [], []
     causes = ranked_causes(current, observations)
     gains = {cause.addition: cause.gain for cause in reversed(causes)}
     # One picture may be left out later, but a cause that concerns many makes the test of others invalid.
     largest = max((cause.gain for cause in causes if cause.kind != "picture"), default=0.0)
     min_gain = max(MIN_RELATIVE_GAIN * largest, MIN_GAIN)
-    tested = [name for name in remaining if name in KIND_OF_ADDITION]
-    for name in (name for name in remaining if name not in tested or gains.get(name, 0.0) >= min_gain):
-        addition = plate_addition if name == "sheet" and not plates else name
+    for name in (name for name in remaining if gains.get(name, 0.0) >= min_gain):
+        addition = first_plates if name == "sheet" and not _has_plates(current) else name
         on_step(f"trying {IN_WORDS[name]}")
         try:
             larger = fit_with(addition, current, observations)
         except UndeterminedError as error:
             notes.append(f"{current.name}+{addition} not tried: {error}")
             continue
-        if addition != "glass" or _has_plates(larger):
+        if addition != "glass" or _has_thick_plates(larger):
             fits.append(larger)
     return fits, notes
 
 
-def _has_plates(fitted: Fitted) -> bool:
+def _has_thick_plates(fitted: Fitted) -> bool:
     """Whether the fitted plates are thick enough to be plates."""
     thickness_mm, sigma_mm = plate_thickness(fitted)
     return thickness_mm > max(3.0 * sigma_mm, MIN_PLATE_MM)
@@ -326,7 +336,7 @@ def _alarm(best: Fitted, addition: str) -> Alarm:
     return f"the data support a larger model, {best.name}"
 
 
-def finished_selection(
+def _finished_selection(
     current: Fitted,
     comparisons: Sequence[ModelComparison],
     observations: Observations,

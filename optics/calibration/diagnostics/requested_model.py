@@ -2,10 +2,9 @@
 
 `joint` (the default) solves the camera jointly with the mirrors; `paper` fixes it as estimated from the pictures
 without mirrors. A lens name fixes the lens model; without one, it is the layout's. `sheet`, `bend`, `warp`, `bow`,
-`motion`, `prism` and `walk` free further parameters (`nested_models`); with a direct view, `sheet`, `bow`, `turn` and
-`board`.
-`auto` adds any others that the pictures support. `first_surface` and `second_surface` correct the layout's mirrors.
-Model names in results, such as joint+bend, have the same form.
+`motion`, `prism` and `walk` free further parameters (`nested_models`); with a direct view of the board, so do `turn`
+and `board`. `auto` adds any others that the pictures support. `first_surface` and `second_surface` state the mirrors'
+surface, which corrects a layout's. Model names in results, such as joint+bend, have the same form.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ from typing import Literal, get_args
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.lenses.families import LensName
 
-LAYOUT_ADDITIONS = ("sheet", "bend", "warp", "bow", "motion", "prism", "walk")
-"""Additions to `joint`, besides lenses, available with a layout."""
-DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
-"""Additions that are tried if frames show their board both directly and in mirrors."""
+DIRECT_ADDITIONS = ("turn", "board")
+"""Additions that need frames which show their board both directly and in mirrors."""
+ADDITIONS = ("sheet", "bend", "warp", "bow", "motion", "prism", "walk", *DIRECT_ADDITIONS)
+"""Additions to `joint`, besides lenses."""
 SURFACES: dict[str, Literal["first", "second"]] = {"first_surface": "first", "second_surface": "second"}
 
 
@@ -38,7 +37,7 @@ class RequestedModel:
     auto
         Whether further additions are made if the pictures support them; otherwise they raise an alarm.
     surface
-        Reflecting surface of the mirrors; None if it is as the layout states.
+        Reflecting surface of the mirrors; None if it is as the layout states, or without one, as the pictures show.
     """
 
     lens: LensName | None = None
@@ -53,17 +52,11 @@ class RequestedModel:
         words = text.split("+")
         lenses = [word for word in get_args(LensName) if word in words]
         surfaces = [surface for word, surface in SURFACES.items() if word in words]
-        additions = tuple(word for word in words if word in LAYOUT_ADDITIONS or word in DIRECT_ADDITIONS)
+        additions = tuple(word for word in words if word in ADDITIONS)
         accepted = {"joint", "paper", "auto", *lenses, *additions, *SURFACES}
         if unknown := [word for word in words if word not in accepted]:
-            choices = (
-                "auto",
-                "joint",
-                "paper",
-                *get_args(LensName),
-                *dict.fromkeys(LAYOUT_ADDITIONS + DIRECT_ADDITIONS),
-            )
-            raise InputError(f"unknown word {unknown[0]!r} of a model, expected {', '.join((*choices, *SURFACES))}")
+            choices = ("auto", "joint", "paper", *get_args(LensName), *ADDITIONS, *SURFACES)
+            raise InputError(f"unknown word {unknown[0]!r} of a model, expected {', '.join(choices)}")
         paper, auto = "paper" in words, "auto" in words
         fixed = paper and (auto or additions or "joint" in words)
         if len(set(words)) < len(words) or len(lenses) > 1 or len(surfaces) > 1 or fixed:
@@ -82,18 +75,9 @@ class RequestedModel:
         """Raise InputError if a word needs a direct view of the board, or a different layout."""
         if self.surface is not None:
             raise InputError(f"model: {self.surface}_surface, expected a layout with this surface")
-        if direct := [name for name in self.additions if name not in LAYOUT_ADDITIONS]:
-            raise InputError(
-                f"model: {direct[0]} needs a direct view of the board, expected {', '.join(LAYOUT_ADDITIONS)}"
-            )
-
-    def check_direct(self) -> None:
-        """Raise InputError if a word needs a layout."""
-        needs_layout = self.lens is not None or self.paper or self.surface is not None
-        if needs_layout or any(name not in DIRECT_ADDITIONS for name in self.additions):
-            raise InputError(
-                f"model: expected auto or joint, with any of {', '.join(DIRECT_ADDITIONS)}, without a layout"
-            )
+        if direct := [name for name in self.additions if name in DIRECT_ADDITIONS]:
+            others = [name for name in ADDITIONS if name not in DIRECT_ADDITIONS]
+            raise InputError(f"model: {direct[0]} needs a direct view of the board, expected {', '.join(others)}")
 
 
 AUTO = RequestedModel(auto=True)

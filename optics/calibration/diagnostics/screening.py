@@ -21,7 +21,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
-from mirrorcam.optics.calibration.solver.parameterisation import Model, pair_prior
+from mirrorcam.optics.calibration.solver.parameterisation import Model, prior_of
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -50,7 +50,12 @@ class ScreenedFrames:
 
 
 def screen(
-    mirrored: Sequence[Observations], base: Sequence[Observations], layout: Layout, corners_in_board_mm: FloatArray
+    mirrored: Sequence[Observations],
+    base: Sequence[Observations],
+    layout: Layout,
+    corners_in_board_mm: FloatArray,
+    *,
+    names: Sequence[str] | None = None,
 ) -> ScreenedFrames:
     """Drop repeated pictures, corners off the board's plane, and views that contradict the others on the board's pose.
 
@@ -62,6 +67,8 @@ def screen(
         The nominal layout.
     corners_in_board_mm
         The board's corners (c, 3) in the board frame as drawn, mm.
+    names
+        Names of all frames, `mirrored` first. Default: their numbers.
 
     Returns
     -------
@@ -75,7 +82,7 @@ def screen(
     UndeterminedError
         If nothing can be solved.
     """
-    names = [f"frame {n}" for n in range(len(mirrored))] + [f"base frame {n}" for n in range(len(base))]
+    names = frame_names(len(mirrored), len(base)) if names is None else names
     frames = [*mirrored, *base]
     notes = []
     for repeat, first in consistency.repeated_frames(frames).items():
@@ -101,6 +108,11 @@ def screen(
     )
 
 
+def frame_names(mirrored: int, base: int) -> list[str]:
+    """Names of frames by their numbers."""
+    return [f"frame {n}" for n in range(mirrored)] + [f"base frame {n}" for n in range(base)]
+
+
 def _consistent_views(
     mirrored: Observations,
     direct: Observations,
@@ -112,7 +124,7 @@ def _consistent_views(
 
     The standard deviations of both follow the noise of each view.
     """
-    free = joint_model(layout.camera, corners_in_board_mm, pair_prior(layout))
+    free = joint_model(layout.camera, corners_in_board_mm, prior_of(layout, mirrored))
     camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
     renumbered = mirrored.renumbered()
     start = initial_estimates.first_estimate(renumbered, camera, layout, corners_in_board_mm)

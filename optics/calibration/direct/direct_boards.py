@@ -9,6 +9,8 @@ import numpy as np
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress
+from mirrorcam.optics.calibration.detection.board_growing import grow_board
+from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.detection.charuco import find_marked_boards as find_with_markers
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, non_collinear
 from mirrorcam.optics.calibration.detection.detections import DetectedGrid
@@ -178,7 +180,7 @@ def distance_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
 
 
 def confirmed_corners(pictures: Sequence[Grey], start: Start, target: Target) -> Observations:
-    """Detect all corners of a checkerboard again near their predictions, in all views.
+    """Detect all corners of a checkerboard again, starting near their predictions, in all views.
 
     This completes partly detected boards; boards with markers are already complete.
     """
@@ -187,14 +189,19 @@ def confirmed_corners(pictures: Sequence[Grey], start: Start, target: Target) ->
     estimate = start.estimate
     board = Board.rigid(target.corners_in_board_mm)
     ids = np.arange(len(board.corners_in_board_mm))
+    print_xy = corner_print_xy(target)
     parts = []
     for frame, picture in enumerate(pictures):
+        grey = np.asarray(picture, dtype=np.float32)
         single_frame = estimate.of_frames(np.array([frame]))
         for view in range(DIRECT, len(estimate.virtual_centres_in_rig_mm)):
             predicted = residuals(single_frame, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
             if not np.isfinite(predicted).all():
                 continue
-            corners = confirm(picture, predicted, target)
-            if len(corners):
+            near = confirm(picture, predicted, target)
+            if not len(near):
+                continue
+            corners = grow_board(grey, print_xy[near.ids], near.pixels, target, mirrored=view != DIRECT)
+            if len(non_collinear(corners)):
                 parts.append(Observations.of_view(frame, view, corners.ids, corners.pixels, corners.sigma_px))
     return Observations.join(parts)

@@ -1,41 +1,35 @@
 """Calibration of a camera that sees a board both directly and in its mirrors, without a layout.
 
-From a first estimate (`direct_start`), one camera, 3 parameters per mirror and one pose per picture are solved jointly.
-If the corners support it, so are a common thickness of second-surface mirrors, and the board's corners: paper is
-printed and glued less accurately than its corners are measured here. Rotations of the camera between pictures are
-compensated by means of the static scene.
+A first estimate (`direct_start`) and a fit of one camera, 3 parameters per mirror and one pose per picture give a
+layout measured from the corners. Rotations of the camera between pictures are compensated by means of the static scene.
+From there on, the calibration is that with a layout (`corner_calibration`). If it finds plates in front of the mirrors,
+or a rolling shutter, corners are corrected for ghost images or for their motion, and it is repeated.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text, grouped_names
+from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray, InvalidValue
+from mirrorcam.optics.calibration.corner_calibration import FittedCorners, calibration_of, fit_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_direct_view
 from mirrorcam.optics.calibration.detection.frame_choice import most_informative
+from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghosts
 from mirrorcam.optics.calibration.detection.next_pose import NextPose
 from mirrorcam.optics.calibration.detection.other_boards import other_board
-from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.model_comparison import compare, smallest_model
-from mirrorcam.optics.calibration.diagnostics.model_selection import (
-    ModelSelection,
-    finished_selection,
-    forward_selection,
-)
-from mirrorcam.optics.calibration.diagnostics.nested_models import (
-    Fitted,
-    fit_as,
-    fit_with,
-)
-from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, DIRECT_ADDITIONS, RequestedModel
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, layout_from_corners
+from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as
+from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.direct.direct_boards import (
     FLIPPED,
     INVERTED,
@@ -48,8 +42,9 @@ from mirrorcam.optics.calibration.direct.direct_boards import (
     more_mirrors,
     negative,
 )
-from mirrorcam.optics.calibration.direct.direct_result import direct_result
+from mirrorcam.optics.calibration.direct.direct_result import with_direct_figures
 from mirrorcam.optics.calibration.direct.motion import (
+    Shutter,
     camera_rotations,
     corner_velocities,
     corrected_to_middle_row,
@@ -57,14 +52,16 @@ from mirrorcam.optics.calibration.direct.motion import (
     stabilised,
 )
 from mirrorcam.optics.calibration.direct.next_direct_pose import next_direct_pose
-from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
-from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, UndeterminedError, fit
-from mirrorcam.optics.calibration.solver.observations import Corners, Observations
+from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
+from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board
+from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 
 INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
+"""Free intrinsics of the first fit, which few boards determine."""
 
 
 def calibrate_with_direct_view(
@@ -96,11 +93,11 @@ def calibrate_with_direct_view(
     base
         Pictures of the board by the same camera without mirrors, which improve the intrinsics.
     base_names
-        Names of `base`, for messages.
+        Names of `base`.
     max_pictures
         Maximum number of pictures to use, chosen so that boards cover the picture and differ in pose; None for all.
     model
-        Model to fit, with any of `DIRECT_ADDITIONS`. Default: the largest one that the pictures support.
+        Model to fit. Default: the largest one that the pictures support.
     adjacent
         Returns the frames before and after each picture of the given numbers, if these are frames of a video; then a
         rolling shutter is estimated.
@@ -123,7 +120,6 @@ def calibrate_with_direct_view(
     if not pictures:
         raise InputError("no pictures given")
     _check_sizes((*pictures, *base), (*names, *base_names))
-    model.check_direct()
     boards = boards_in(pictures, target, max_boards=mirrors + 1, progress=progress)
     # Pictures with the most corners come first: those taken first may not show the board yet.
     pictures_by_corners = [
@@ -155,47 +151,40 @@ def calibrate_with_direct_view(
         notes += (INVERTED,)
     notes += distance_note(start.estimate, target)
     used_pictures = [negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
-    rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
     try:
         observations = confirmed_corners(used_pictures, start, target)
         base_corners = [detect_direct_view(negative(picture) if inverted else picture, target) for picture in base]
-        base_corners = [rows for rows in base_corners if len(rows)]
+        used_names = [names[number] for number in start.pictures]
         if on_hint is not None:
-            used_names = [names[number] for number in start.pictures]
+            shown = [rows for rows in base_corners if len(rows)]
             hint = next_direct_pose(
-                start.estimate, observations, target, intrinsics=INTRINSICS, pictures=used_names, base=base_corners
+                start.estimate, observations, target, intrinsics=INTRINSICS, pictures=used_names, base=shown
             )
             if hint is not None:
                 on_hint(names[-1], hint)
+        rigid = Model(INTRINSICS, thickness=False, curvature=False, board=Board.rigid(corners_mm))
         start_poses = start.estimate.with_poses(start.estimate.rig_from_board)
         flat = fit_as("joint", start_poses, observations, rigid)
-        rigid = replace(rigid, intrinsics=flat.solution.estimate.camera.intrinsic_names)
-        flat = fit_as("joint", flat.solution.estimate, observations, rigid)
-        flat, observations, rotations = _compensate_rotations(used_pictures, flat, observations)
-        flat, observations = _with_base(flat, observations, base_corners)
-        selection, flat_solution = select_direct_model(flat, observations, model=model)
-        shutter = None
-        if adjacent is not None:
-            numbers = [used[number] for number in start.pictures]
-            triplets = [
-                None if pair is None else (pair[0], pictures[n], pair[1])
-                for n, pair in zip(start.pictures, adjacent(numbers), strict=True)
-            ]
-            velocity = corner_velocities(observations, triplets)
-            shutter = rolling_shutter(selection, observations, velocity, height)
-            if shutter is not None and shutter.supported:
-                observations = corrected_to_middle_row(observations, velocity, shutter.readout, height)
-                flat = fit_as("joint", flat.solution.estimate, observations, rigid)
-                selection, flat_solution = select_direct_model(flat, observations, model=model)
-        result = direct_result(
-            selection,
-            flat_solution,
-            observations,
-            pictures=start.pictures,
-            names=names,
-            rotations=rotations,
-            shutter=shutter,
+        flat, rotations = _with_rotations(used_pictures, flat, observations)
+        estimate = flat.solution.estimate
+        frames = _Frames(
+            used_pictures,
+            [observations.where(observations.frame == n).with_frame_offset(-n) for n in range(len(used_pictures))],
+            [None] * len(used_pictures),
+            estimate.camera,
+            rotations,
         )
+        if adjacent is not None:
+            pairs = adjacent([used[number] for number in start.pictures])
+            triplets = [
+                None if pair is None else (pair[0], pictures[number], pair[1])
+                for number, pair in zip(start.pictures, pairs, strict=True)
+            ]
+            frames = replace(frames, triplets=triplets)
+        labels = [*used_names, *(base_names or [f"base frame {number}" for number in range(len(base))])]
+        layout = layout_from_corners(estimate, observations.where(flat.solution.inliers))
+        fitted, layout, shutter = _fitted(frames, base_corners, layout, target, model, labels)
+        result = with_direct_figures(calibration_of(fitted, layout), rotations, shutter)
     except UndeterminedError as error:
         more = more_mirrors(boards, names, mirrors)
         raise InputError(f"the pictures do not determine camera and mirrors: {error}{more}") from None
@@ -203,7 +192,8 @@ def calibrate_with_direct_view(
         # Parts of a different board that look like the stated one lead to impossible mirrors.
         other = other_board(pictures, target, mirrored=None, found=False)
         raise InputError(other or f"the pictures lead to impossible mirrors: {error}") from None
-    return replace(result, notes=(*notes, *result.notes))
+    unused = [f"{name}: no board found, not used" for n, name in enumerate(names) if n not in start.pictures]
+    return result.with_figures({}, [*notes, *unused])
 
 
 def _corner_count(boards: Sequence[DetectedBoard]) -> int:
@@ -222,73 +212,106 @@ def _check_sizes(pictures: Sequence[Grey], names: Sequence[str]) -> None:
             raise InputError(f"{name}: {size[0]}x{size[1]} px, expected {others}: pictures of one camera and size")
 
 
-def _with_base(flat: Fitted, observations: Observations, base: Sequence[Observations]) -> tuple[Fitted, Observations]:
-    """Add the corners of pictures without mirrors, each as frame 0, and fit again."""
-    estimate = flat.solution.estimate
-    poses, parts = [*estimate.rig_from_board], [observations]
-    for rows in base:
-        corners = Corners(rows.corner, rows.pixels, rows.sigma_px)
-        pose = camera_from_flat_board(estimate.camera, corners, flat.model.board.corners_in_board_mm)
-        if pose is not None:
-            parts.append(rows.with_frame_offset(len(poses)))
-            poses.append(pose)
-    if len(parts) == 1:
-        return flat, observations
-    joined = Observations.join(parts)
-    return fit_as("joint", estimate.with_poses(np.array(poses)), joined, flat.model), joined
+@dataclass(frozen=True)
+class _Frames:
+    """Pictures with the corners detected in each (frame 0), and the motion of camera and board.
+
+    Attributes
+    ----------
+    pictures
+        The pictures.
+    detected
+        Their corners.
+    triplets
+        Each picture between the frames before and after; None if it is not from a video.
+    camera
+        The camera, for its rotations.
+    rotations
+        Rotation vectors (f, 3), rad, of the camera since the first picture, if they are compensated.
+    shutter
+        The rolling shutter, if it was estimated.
+    """
+
+    pictures: Sequence[Grey]
+    detected: Sequence[Observations]
+    triplets: Sequence[tuple[Grey, Grey, Grey] | None]
+    camera: Camera
+    rotations: FloatArray | None
+    shutter: Shutter | None = None
+
+    def corrected(self) -> list[Observations]:
+        """Correct the corners of each picture for the camera's rotation, and to the time of the middle row."""
+        frames = list(self.detected)
+        if self.shutter is not None and self.shutter.supported:
+            height_px = self.camera.height_px
+            frames = [
+                corrected_to_middle_row(rows, corner_velocities(rows, [triplet]), self.shutter.readout, height_px)
+                for rows, triplet in zip(frames, self.triplets, strict=True)
+            ]
+        if self.rotations is not None:
+            frames = [
+                stabilised(rows, self.camera, self.rotations[number : number + 1]) for number, rows in enumerate(frames)
+            ]
+        return frames
+
+    def with_shutter(self, fitted: FittedCorners) -> _Frames:
+        """Estimate the rolling shutter from fitted corners that are not corrected for it."""
+        triplets = [self.triplets[number] if number < len(self.triplets) else None for number in fitted.frames]
+        velocity = corner_velocities(fitted.observations, triplets)
+        shutter = rolling_shutter(fitted.selection, fitted.observations, velocity, self.camera.height_px)
+        return replace(self, shutter=shutter)
+
+    def with_ghosts(self, fitted: FittedCorners, layout: Layout, target: Target) -> _Frames:
+        """Refine the corners in second-surface mirrors together with their ghost images."""
+        poses = dict(zip(fitted.frames, fitted.selection.solution.estimate.rig_from_board, strict=True))
+        refined = refine_with_ghosts(
+            self.detected, self.pictures, poses, layout, target, edges_known=False, workers=cores()
+        )
+        return replace(self, detected=refined)
 
 
-def _compensate_rotations(
+def _fitted(
+    frames: _Frames,
+    base: Sequence[Observations],
+    layout: Layout,
+    target: Target,
+    model: RequestedModel,
+    names: Sequence[str],
+) -> tuple[FittedCorners, Layout, Shutter | None]:
+    """Return the fit of the corners, corrected for the shutter and for ghost images, its layout, and the shutter.
+
+    `layout` has first-surface mirrors; the returned one has plates if the fit has.
+    """
+    fit = partial(
+        fit_corners, base=list(base), corners_in_board_mm=target.corners_in_board_mm, names=names, is_designed=False
+    )
+    if model.surface == "second" and "sheet" not in model.additions:
+        model = replace(model, additions=("sheet", *model.additions))
+    fitted = fit(frames.corrected(), layout=layout, model=model)
+    if any(triplet is not None for triplet in frames.triplets):
+        frames = frames.with_shutter(fitted)
+    has_shutter = frames.shutter is not None and frames.shutter.supported
+    if has_shutter:
+        fitted = fit(frames.corrected(), layout=layout, model=model)
+    solution = fitted.selection.solution
+    if (solution.estimate.thickness_mm > 0.0).any():
+        layout = layout_from_corners(solution.estimate, fitted.observations.where(solution.inliers))
+        frames = frames.with_ghosts(fitted, layout, target)
+        if "sheet" not in model.additions:
+            model = replace(model, additions=("sheet", *model.additions))
+        fitted = fit(frames.corrected(), layout=layout, model=model)
+    return fitted, layout, frames.shutter
+
+
+def _with_rotations(
     pictures: Sequence[Grey], flat: Fitted, observations: Observations
-) -> tuple[Fitted, Observations, FloatArray | None]:
-    """Return fit, corners and camera rotations, compensated if that improves the fit; otherwise rotations are None."""
+) -> tuple[Fitted, FloatArray | None]:
+    """Return the fit with the camera's rotations compensated if that improves it, and the rotations."""
     camera = flat.solution.estimate.camera
     rotations = camera_rotations(pictures, camera)
     if rotations is None:
-        return flat, observations, None
-    compensated = stabilised(observations, camera, rotations)
-    refitted = fit_as("joint", flat.solution.estimate, compensated, flat.model)
-    if _squares(refitted.solution) < _squares(flat.solution):
-        return refitted, compensated, rotations
-    return flat, observations, None
-
-
-def select_direct_model(
-    flat: Fitted, observations: Observations, *, model: RequestedModel = AUTO
-) -> tuple[ModelSelection, Solution]:
-    """Fit the requested model and, if it is automatic, extend it with `DIRECT_ADDITIONS`.
-
-    Parameters
-    ----------
-    flat
-        The fit of first-surface mirrors with the board as drawn.
-    observations
-        The corners.
-    model
-        Model to fit, with any of the additions.
-
-    Returns
-    -------
-    selection
-        The selected model.
-    flat_solution
-        The fit of the same mirrors and camera with the board as drawn in all frames.
-    """
-    comparisons, current = [smallest_model(flat)], flat
-    for name in model.additions:
-        larger = fit_with("plates" if name == "sheet" else name, current, observations)
-        comparisons.append(compare(larger, current, observations))
-        current = larger
-    current, further, alarms, notes = forward_selection(
-        current, observations, DIRECT_ADDITIONS, extend=model.auto, plate_addition="plates"
-    )
-    terms = replace(current.model.frame_terms, bow_per_mm=None)
-    as_drawn = replace(current.model, board=flat.model.board, frame_terms=terms)
-    estimate = current.solution.estimate
-    start = replace(estimate, shape=np.zeros(0), bow_mm=np.zeros_like(estimate.bow_mm))
-    flat_solution = fit(start, observations, as_drawn)
-    return finished_selection(current, [*comparisons, *further], observations, alarms, notes), flat_solution
-
-
-def _squares(solution: Solution) -> float:
-    return float(np.sum(solution.standardised**2))
+        return flat, None
+    compensated = fit_as("joint", flat.solution.estimate, stabilised(observations, camera, rotations), flat.model)
+    if np.sum(compensated.solution.standardised**2) < np.sum(flat.solution.standardised**2):
+        return compensated, rotations
+    return flat, None

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.solver.observations import IntArray
+from mirrorcam.optics.calibration.solver.observations import IntArray, Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -171,6 +171,11 @@ class Model:
 
         names = global_names(all_names, mirrors, len(self.board.modes))
         return np.array([index for index, name in enumerate(names) if is_free(name)], dtype=np.int64)
+
+
+def prior_of(layout: Layout, observations: Observations) -> CentresPrior | None:
+    """Return the prior on a layout's virtual centres that observations need: with a direct view of the board, none."""
+    return None if observations.direct_and_mirrored else pair_prior(layout)
 
 
 def pair_prior(layout: Layout, sigma_deg: float = PAIR_DEG) -> CentresPrior | None:

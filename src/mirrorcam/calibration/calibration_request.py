@@ -43,7 +43,7 @@ class CalibrationRequest(Value):
         default=AUTO,
         description="model to fit, words joined by +: auto (what the pictures support), joint (with the layout's "
         "lens) or a lens (brown_conrady, rational, thin_prism, fisheye, spline) with any of sheet, bend, warp, bow, "
-        "motion, prism and walk (with --direct-view sheet, bow, turn and board), paper, first_surface, second_surface: "
+        "motion, prism and walk (with --direct-view also turn and board), paper, first_surface, second_surface: "
         "docs/calibration.md. [default: auto]",
     )
 
@@ -55,6 +55,4 @@ class CalibrationRequest(Value):
             raise ValueError("--corners goes without --base and --direct-view")
         if self.direct_view is None:
             replace(self.model, surface=None).check_mirrored()
-        else:
-            self.model.check_direct()
         return self

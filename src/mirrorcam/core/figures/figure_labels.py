@@ -174,8 +174,6 @@ CALIBRATIONS: Mapping[str, str] = {
     "split_halves_ratio": "similar halves: difference / predicted",
     "split_near_ratio": "near and far boards: difference / predicted",
     "damaged_pictures": "damaged pictures, not used",
-    "flat_board_rms_x_px": "reprojection error of a flat board, RMS in x",
-    "flat_board_rms_y_px": "reprojection error of a flat board, RMS in y",
     "camera_turned_px": "largest rotation of the camera between pictures",
     "shutter_readout": "readout of a frame by a rolling shutter, relative to the time between frames",
     "shutter_readout_sigma": "the same, \N{GREEK SMALL LETTER SIGMA}",
@@ -185,7 +183,6 @@ CALIBRATIONS: Mapping[str, str] = {
     "focus_sigma_per_m": "one over the distance in focus, \N{GREEK SMALL LETTER SIGMA}",
     "sheet_mm": "thickness of the mirrors",
     "sheet_sigma_mm": "thickness of the mirrors, \N{GREEK SMALL LETTER SIGMA}",
-    "views": "views that show corners",
     "board_shift_in_plane_rms_mm": "errors of the board in its plane, RMS",
     "board_warp_rms_mm": "errors of the board out of its plane, RMS",
 }

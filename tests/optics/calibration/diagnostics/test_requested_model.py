@@ -36,11 +36,4 @@ def test_unknown_and_contradictory_words_are_refused(text: str) -> None:
 def test_words_of_a_direct_view_and_surfaces_are_refused_with_the_layout_as_it_is(text: str) -> None:
     with pytest.raises(InputError, match="model: "):
         parse(text).check_mirrored()
-    parse("rational+sheet+bend+warp+bow+prism+auto").check_mirrored()
-
-
-@pytest.mark.parametrize("text", ["fisheye", "paper", "warp", "first_surface"])
-def test_words_that_need_a_layout_are_refused_with_a_direct_view(text: str) -> None:
-    with pytest.raises(InputError, match="model: "):
-        parse(text).check_direct()
-    parse("joint+sheet+turn+bow+board+auto").check_direct()
+    parse("rational+sheet+bend+warp+bow+prism+walk+auto").check_mirrored()

@@ -12,10 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
-from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection
-from mirrorcam.optics.calibration.diagnostics.nested_models import fit_as
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
-from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, select_direct_model
 from mirrorcam.optics.calibration.direct.motion import (
     camera_rotations,
     corner_velocities,
@@ -24,7 +22,6 @@ from mirrorcam.optics.calibration.direct.motion import (
     stabilised,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
-from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.camera import Camera
 from tests.optics.calibration.direct.two_mirrors import (
@@ -103,8 +100,7 @@ def moving() -> tuple[Estimate, Observations, FloatArray]:
 
 
 def selected(truth: Estimate, seen: Observations) -> ModelSelection:
-    model = Model(INTRINSICS, thickness=False, curvature=False, board=DRAWN)
-    return select_direct_model(fit_as("joint", truth, seen, model), seen, model=RequestedModel())[0]
+    return select_model(truth, seen, BOARD.corners_in_board_mm, model=RequestedModel(), surface_known=False)
 
 
 def seen_by(readout: float, moving: tuple[Estimate, Observations, FloatArray]) -> tuple[Estimate, Observations]:
