@@ -223,6 +223,7 @@ def _rounds(
         if changed <= SETTLED:
             break
     consensus = consensus.with_points(points_of(estimate), weighted)
+    sigma_px = _residual_sigma(estimate, rows, prior)
     rows = replace(rows, sigma_px=np.full(len(rows), sigma_px))
     return LabelFit(weighted, consensus, estimate, rows, prior, sigma_px, iterations)
 
@@ -234,9 +235,17 @@ def _check_views(rows: Observations, view_names: tuple[str, ...]) -> None:
             raise InputError(f"view {name!r}: its labels agree with no other view, expected those of a flat mirror")
 
 
+def _residual_sigma(estimate: Estimate, rows: Observations, prior: CameraPrior) -> float:
+    """Standard deviation of the labels used, px, by their squares and degrees of freedom."""
+    unknowns = 3 * len(estimate.rig_from_board) + 3 * len(estimate.virtual_centres_in_rig_mm) - 1 + len(prior.free)
+    squares = float(np.sum(residuals(estimate, rows, POINT) ** 2))
+    if 2 * len(rows) <= unknowns:
+        raise InputError(f"{len(rows)} labels agree, for {unknowns} unknowns, expected more points in several views")
+    return max(float(np.sqrt(squares / (2 * len(rows) - unknowns))), MIN_SIGMA_PX)
+
+
 def _scatter(estimate: Estimate, rows: Observations) -> float:
     """Standard deviation of labels, px, by the median over points of their squares and degrees of freedom."""
     squares = sums_by_point(np.sum(residuals(estimate, rows, POINT) ** 2, axis=1), rows)
     counts = np.bincount(rows.frame)
-    shared = 1.0 - min((3.0 * len(estimate.virtual_centres_in_rig_mm)) / float(np.sum(2 * counts - 3)), 0.9)
-    return max(float(np.sqrt(np.median(squares / chi2.median(2 * counts - 3)) / shared)), MIN_SIGMA_PX)
+    return max(float(np.sqrt(np.median(squares / chi2.median(2 * counts - 3)))), MIN_SIGMA_PX)

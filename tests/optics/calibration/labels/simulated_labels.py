@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.labels.label_calibration import data_sheet_prior
 from mirrorcam.optics.calibration.labels.label_table import LabelTable
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.camera import Camera
@@ -113,28 +114,8 @@ def simulated(
     return Simulated(table, camera, np.array(centres), points, ~(is_wrong | is_swapped)[visible])
 
 
-def data_sheet_camera(seed: int, *, focal_sigma: float = 0.02) -> Camera:
-    """A camera whose data sheet is wrong by a random error, within the priors of `data_sheet_prior`."""
+def sheet_camera(seed: int, focal_sigma_px: float = 28.0) -> Camera:
+    """Draw a camera from the prior of a data sheet that states a focal length of 1400 px."""
+    prior = data_sheet_prior(CAMERA.width_px, CAMERA.height_px, 1400.0, focal_sigma_px)
     random = np.random.default_rng(1000 + seed)
-    focal = 1400.0 * (1.0 + focal_sigma * random.normal())
-    return replace_camera(focal, random)
-
-
-def replace_camera(focal_px: float, random: np.random.Generator) -> Camera:
-    """Draw principal point and distortion."""
-    ratio = 1.0 + 0.002 * random.normal()
-    centre = np.array([639.5, 511.5]) + 0.015 * 1280 * random.normal(size=2)
-    k1, k2 = random.normal(0.0, 0.1), random.normal(0.0, 0.05)
-    p1, p2 = random.normal(0.0, 0.001, 2)
-    return Camera(
-        width_px=1280,
-        height_px=1024,
-        fx_px=focal_px,
-        fy_px=focal_px * ratio,
-        cx_px=centre[0],
-        cy_px=centre[1],
-        distortion=[k1, k2, p1, p2, 0.0],
-    )
-
-
-__all__ = ["CAMERA", "LABELS", "Simulated", "data_sheet_camera", "replace", "simulated"]
+    return prior.camera.with_intrinsics(random.multivariate_normal(prior.camera.intrinsics, prior.covariance))
