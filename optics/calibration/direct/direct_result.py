@@ -162,7 +162,7 @@ def _layout(selection: ModelSelection, observations: Observations) -> Layout:
         rows=1,
         cols=mirrors,
         camera=solution.estimate.camera,
-        mirrors=tuple(_visible_mirror(solution.estimate, observations, solution.inliers, m) for m in range(mirrors)),
+        mirrors=tuple(visible_mirror(solution.estimate, observations, solution.inliers, m) for m in range(mirrors)),
         view_from_rig=np.eye(3),
         provenance={
             "source": "pictures of a checkerboard seen directly and in the mirrors",
@@ -172,7 +172,7 @@ def _layout(selection: ModelSelection, observations: Observations) -> Layout:
     )
 
 
-def _visible_mirror(estimate: Estimate, observations: Observations, inliers: BoolArray, mirror: int) -> Mirror:
+def visible_mirror(estimate: Estimate, observations: Observations, inliers: BoolArray, mirror: int) -> Mirror:
     """Return a mirror clipped to the convex hull of its observed corners, because nothing is known beyond them."""
     centre = estimate.virtual_centres_in_rig_mm[mirror]
     pixels = observations.pixels[inliers & (observations.view == mirror)]

@@ -142,11 +142,9 @@ def point_equations(rows: Rows, observations: Observations, prior: CameraPrior, 
     )
 
 
-def scale_free_basis(centres: FloatArray, intrinsics: int, extra: int = 0) -> FloatArray:
+def scale_free_basis(centres: FloatArray, intrinsics: int) -> FloatArray:
     """Orthonormal basis (g, g - 1) of the parameters without a common scale of the virtual centres (m, 3)."""
-    size = intrinsics + centres.size + extra
-    direction = np.zeros(size)
-    direction[intrinsics : intrinsics + centres.size] = centres.ravel()
+    direction = np.concatenate([np.zeros(intrinsics), centres.ravel()])
     return np.asarray(null_space(direction[None]))
 
 
