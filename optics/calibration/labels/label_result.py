@@ -235,7 +235,8 @@ def _metrics(
     inflation: float,
 ) -> dict[str, Metric]:
     metrics = fit_metrics(rows, solution)
-    metrics = {"labels": metrics.pop("corners"), **metrics}
+    own_names = {"corners": "labels", "outliers": "rejected_labels", "sigma_px": "label_sigma_px"}
+    metrics = {own_names.get(name, name): metric for name, metric in metrics.items()}
     metrics["points"] = Metric(value=len(result.points), unit="1")
     distance = float(np.median(np.linalg.norm(result.points, axis=1)))
     metrics[WORKING_DISTANCE] = Metric(value=distance, unit="mm")
