@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from scipy.spatial import QhullError
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
@@ -154,6 +155,8 @@ def calibrate_labels(table: LabelTable, camera: CameraPrior, known: KnownLength 
     notes = _notes(table, rows, solution, known, inflation, splits)
     try:
         layout = _layout(solution, rows, table)
+    except QhullError:
+        raise InputError("fewer than three labels of a mirror agree with other views, expected more") from None
     except InvalidValue as error:
         raise InputError(f"the labels lead to impossible mirrors: {error}") from None
     calibration = Calibration(

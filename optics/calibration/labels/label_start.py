@@ -86,13 +86,15 @@ def _mirror_start(
         float(np.median(_distances_px(normal, direct[tried], image[tried], cross[tried], focal_px)[0]))
         for normal in normals
     ]
-    normal, sigma = normals[int(np.argmin(scatter))], MAD_TO_SIGMA * min(scatter)
+    # A median of few distances, minimised, is too small (Rousseeuw and Leroy, 1987).
+    to_sigma = MAD_TO_SIGMA * (1.0 + 5.0 / max(len(cross) - 2, 1))
+    normal, sigma = normals[int(np.argmin(scatter))], to_sigma * min(scatter)
     for _ in range(ROUNDS):
         errors, slopes = _distances_px(normal, direct, image, cross, focal_px)
         near = errors <= INLIER_SIGMAS * max(sigma, 1e-9)
         weighted = cross[near] / slopes[near, None]
         normal = np.linalg.eigh(weighted.T @ weighted)[1][:, 0]
-        sigma = MAD_TO_SIGMA * float(np.median(_distances_px(normal, direct, image, cross, focal_px)[0]))
+        sigma = to_sigma * float(np.median(_distances_px(normal, direct, image, cross, focal_px)[0]))
     near = _distances_px(normal, direct, image, cross, focal_px)[0] <= INLIER_SIGMAS * max(sigma, 1e-9)
     normal, depth = _oriented(normal, direct, image, near)
     depths = np.full(points, np.nan)
