@@ -34,6 +34,7 @@ POINT = Board.rigid(np.zeros((1, 3)))
 MAX_ITERATIONS = 15
 MIN_RELATIVE_GAIN = 1e-7
 MAX_DAMPING = 1e8
+SMALL = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,9 +134,12 @@ def point_equations(rows: Rows, observations: Observations, prior: CameraPrior, 
         u[free, free] += prior.information
         gradient[free] += prior.information @ prior.deviation(camera)
     transposed = rows.d_point.transpose(0, 2, 1)
+    by_point = sums_by_point(transposed @ rows.d_point, observations)
+    # A point that its labels see in one direction has an infinite variance, which must not end the fit.
+    by_point += (SMALL * np.trace(by_point, axis1=1, axis2=2) + SMALL**3)[:, None, None] * np.eye(3)
     return NormalEquations(
         u,
-        sums_by_point(transposed @ rows.d_point, observations),
+        by_point,
         sums_by_point(transposed @ rows.d_global, observations),
         gradient,
         sums_by_point((transposed @ rows.r[:, :, None])[:, :, 0], observations),
