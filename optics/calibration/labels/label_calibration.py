@@ -40,6 +40,8 @@ WIDE_FOCAL = 0.15
 BETTER = 0.95
 """Ratio of the scatter for which another focal length counts as better."""
 MAX_REJECTED = 0.5
+MAX_NOISE = 0.02
+"""Maximum standard deviation of labels, in diagonals of the picture."""
 MIN_SIGMA_PX = 1e-4
 SQUARE_PIXELS = 0.002
 """Standard deviation of fy / fx from 1."""
@@ -164,10 +166,12 @@ def fit_labels(observations: Observations, prior: CameraPrior, view_names: tuple
             ROUNDS,
         )
     rejected = 1.0 - len(best.rows) / len(observations)
-    if rejected > MAX_REJECTED:
+    noise = best.sigma_px / float(np.hypot(prior.camera.width_px, prior.camera.height_px))
+    if rejected > MAX_REJECTED or noise > MAX_NOISE:
+        reason = f"{rejected:.0%} of the labels contradict flat mirrors, the others scatter by {best.sigma_px:.2g} px"
         raise InputError(
-            f"{rejected:.0%} of the labels contradict flat mirrors: are they in pixels of the whole frame as the camera "
-            "gives it, not flipped or cropped, and is the first view the direct one?"
+            f"{reason}: are they in pixels of the whole frame as the camera gives it, not flipped or cropped, and is the "
+            "first view the direct one?"
         )
     return best
 

@@ -13,7 +13,7 @@ from mirrorcam.optics.calibration.labels.label_result import LabelCalibration
 
 MAX_REJECTED = 0.25
 MAX_FOCAL_SIGMA = 0.03
-MAX_NORMAL_SIGMA_DEG = 0.5
+MAX_NORMAL_SIGMA_DEG = 1.0
 MAX_UNEXPLAINED = 0.5  # error that plane mirrors leave, relative to the noise of the labels
 MAX_SPREAD = 2.0
 CHANCE = 1e-4

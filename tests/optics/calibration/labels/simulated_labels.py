@@ -65,8 +65,9 @@ def simulated(
     swapped: float = 0.05,
     seen: float = 0.85,
     camera: Camera = CAMERA,
+    points: FloatArray | None = None,
 ) -> Simulated:
-    """Simulate labels; each is seen with probability `seen`, else it is hidden."""
+    """Simulate labels of an animal, or of given points (f, l, 3); each is seen with probability `seen`."""
     random = np.random.default_rng(seed)
     centres = []
     for normal in np.array(MIRRORS[:mirrors]):
@@ -80,7 +81,8 @@ def simulated(
     rotation = np.stack([cosine, -sine, zero, sine, cosine, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
     shift = random.uniform((-50.0, -50.0, -30.0), (50.0, 50.0, 30.0), (frames, 3)) + [0.0, 0.0, DISTANCE_MM]
     body = BODY_MM + random.normal(0.0, 4.0, (frames, *BODY_MM.shape))
-    points = body @ rotation.transpose(0, 2, 1) + shift[:, None]
+    if points is None:
+        points = body @ rotation.transpose(0, 2, 1) + shift[:, None]
     exact = np.stack([camera.project(points), *(camera.project(reflect(points, c)) for c in centres)], axis=1)
     shape = exact.shape[:3]  # frames, views, labels
     pixels = exact + random.normal(0.0, noise_px, exact.shape)
