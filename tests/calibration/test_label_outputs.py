@@ -14,7 +14,6 @@ from mirrorcam.core.images.pictures import write_image
 from mirrorcam.optics.calibration.labels.label_files import read_labels
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.camera_files.read.anipose import read_anipose
-from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.calibration.labels.simulated_labels import CAMERA, Simulated, simulated
 
@@ -58,7 +57,7 @@ def test_from_labels_to_cameras_of_other_tools(labels: Simulated, tmp_path: Path
     assert again.views == labels.table.views
     assert main(["camera", "export", str(out / "layout.json"), "--out", str(tmp_path / "cameras")]) == 0
     rig = read_anipose(tmp_path / "cameras" / "anipose" / "calibration.toml")
-    assert [camera.name for camera in rig.cameras] == ["direct", "view_0_0", "view_0_1"]
+    assert [camera.name for camera in rig.cameras] == ["view_0_0", "view_0_1"]
 
 
 def test_a_data_sheet_and_a_picture(labels: Simulated, tmp_path: Path) -> None:
@@ -102,8 +101,11 @@ def test_what_does_not_go_together_is_refused(
     assert message in capsys.readouterr().err
 
 
-def test_a_camera_of_the_library_is_a_data_sheet(labels: Simulated, tmp_path: Path) -> None:
-    camera = Camera(width_px=1280, height_px=1024, fx_px=1410.0, fy_px=1410.0, cx_px=639.5, cy_px=511.5)
-    (tmp_path / "sheet.json").write_text(camera.model_dump_json())
-    given = ("--labels", str(tmp_path / "labels.csv"), "--camera", str(tmp_path / "sheet.json"))
-    assert main(["calibrate", *given, "--out", str(tmp_path / "out")]) == 2
+def test_a_published_camera_is_a_data_sheet(labels: Simulated, tmp_path: Path) -> None:
+    camera = 'name = "mine"\nwidth_px = 1280\nheight_px = 1024\nfx_px = 1410.0\nfy_px = 1410.0\n'
+    (tmp_path / "mine.toml").write_text(camera + "cx_px = 639.5\ncy_px = 511.5\n")
+    given = ("--labels", str(tmp_path / "labels.csv"), "--camera", str(tmp_path / "mine.toml"))
+    assert main(["calibrate", *given, "--out", str(tmp_path / "out")]) == 0
+    uncertainty = Layout.load(tmp_path / "out" / "layout.json").uncertainty
+    assert uncertainty is not None
+    assert 10.0 < np.sqrt(uncertainty.covariance[0, 0]) < 42.5

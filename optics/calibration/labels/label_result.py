@@ -36,6 +36,8 @@ from mirrorcam.optics.geometry.layout import WORKING_DISTANCE, Layout
 
 UNSCALED_MM = 100.0
 """Distance of the first mirror where no length is known."""
+OUTLINE_WIDTHS = (6.0, 4.0, 3.0, 2.0)
+"""Widths of a mirror's outline that are tried, in median deviations of its labels; 2 cover a uniform distribution."""
 NEAR_SIGMAS = 5.0
 """Distance of a wrong label from where another one would be, up to which it counts as exchanged with it."""
 
@@ -157,8 +159,6 @@ def calibrate_labels(table: LabelTable, camera: CameraPrior, known: KnownLength 
         layout = _layout(solution, rows, table)
     except QhullError:
         raise InputError("fewer than three labels of a mirror agree with other views, expected more") from None
-    except InvalidValue as error:
-        raise InputError(f"the labels lead to impossible mirrors: {error}") from None
     calibration = Calibration(
         layout=layout.replaced(metrics=metrics),
         rig_from_board=np.zeros((0, 4, 4)),
@@ -216,17 +216,38 @@ def _solution(fit: LabelFit, result: Scaled, errors: FloatArray) -> Solution:
 
 
 def _layout(solution: Solution, rows: Observations, table: LabelTable) -> Layout:
-    mirrors = len(table.views) - 1
-    return Layout(
-        kind="calibrated",
-        rows=1,
-        cols=mirrors,
-        camera=solution.estimate.camera,
-        mirrors=tuple(visible_mirror(solution.estimate, rows, solution.inliers, m) for m in range(mirrors)),
-        view_from_rig=np.eye(3),
-        provenance={"source": f"labels in the views {', '.join(table.views)}"},
-        uncertainty=uncertainty(solution),
-    )
+    """The layout, whose mirrors are as large as the labels in them are spread.
+
+    A wrong label can agree by chance, far from the others: where mirrors would overlap, their outlines end earlier.
+    """
+    mirrors = range(len(table.views) - 1)
+    invalid: InvalidValue | None = None
+    for widths in OUTLINE_WIDTHS:
+        shown = _near_others(rows, solution.inliers, widths)
+        try:
+            return Layout(
+                kind="calibrated",
+                rows=1,
+                cols=len(mirrors),
+                camera=solution.estimate.camera,
+                mirrors=tuple(visible_mirror(solution.estimate, rows, shown, m) for m in mirrors),
+                view_from_rig=np.eye(3),
+                provenance={"source": f"labels in the views {', '.join(table.views)}"},
+                uncertainty=uncertainty(solution),
+            )
+        except InvalidValue as error:
+            invalid = error
+    raise InputError(f"the labels lead to impossible mirrors: {invalid}")
+
+
+def _near_others(rows: Observations, used: BoolArray, widths: float) -> BoolArray:
+    """Mask (n,) of the used labels within `widths` median deviations of the middle of their view, along x and y."""
+    near = used.copy()
+    for view in np.unique(rows.view):
+        mine = np.flatnonzero(used & (rows.view == view))
+        deviation = np.abs(rows.pixels[mine] - np.median(rows.pixels[mine], axis=0))
+        near[mine] = (deviation <= widths * np.median(deviation, axis=0)).all(axis=1)
+    return near
 
 
 def _metrics(
