@@ -5,8 +5,8 @@ and with a data sheet: NEES (1 if the covariance is right), error relative to th
 labels, and processor time.
 
 `--arena`: eight corners of an arena, in a direct view and four mirrors (iurillilab/3d-setup): `arena_views.h5` and
-`arena_views_triangulated.h5`. Its crops are placed by the pipeline's own defaults. `--mouse`: labels of lightning-pose's
-example mirror-mouse, CollectedData.csv.
+`arena_views_triangulated.h5`. Its crops are placed by the pipeline's own defaults. `--mouse`: labels of
+lightning-pose's example mirror-mouse, CollectedData.csv.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ def described(result: LabelCalibration) -> str:
     turns = np.abs(result.free.turn_deg / np.where(np.isfinite(result.free.sigma_deg), result.free.sigma_deg, np.inf))
     return (
         f"{metrics['labels'].value:.0f} labels agree, {len(result.rejected)} do not, noise "
-        f"{metrics['label_sigma_px'].value:.2f} px, fx {camera.fx_px:.0f} px, normals {normals}; mirrors as free cameras "
-        f"turn by up to {metrics['free_mirrors_turn_deg'].value:.2g} deg ({turns.max():.1f} sigmas); "
+        f"{metrics['label_sigma_px'].value:.2f} px, fx {camera.fx_px:.0f} px, normals {normals}; mirrors as free "
+        f"cameras turn by up to {metrics['free_mirrors_turn_deg'].value:.2g} deg ({turns.max():.1f} sigmas); "
         f"{STATES[verdict.state]}: {'; '.join(verdict.reasons) or 'no reasons against'}"
     )
 

@@ -1,7 +1,7 @@
 """Calibration of mirrors from labelled points, without a board: robust start, bundle adjustment, scale, result.
 
-The rounds alternate between the labels that agree for the current mirrors (`consensus`) and the least squares of camera,
-mirrors and points (`point_adjustment`). They begin on some of the points.
+The rounds alternate between the labels that agree for the current mirrors (`consensus`) and the least squares of
+camera, mirrors and points (`point_adjustment`). They begin on some of the points.
 """
 
 from __future__ import annotations
@@ -170,8 +170,8 @@ def fit_labels(observations: Observations, prior: CameraPrior, view_names: tuple
     if rejected > MAX_REJECTED or noise > MAX_NOISE:
         reason = f"{rejected:.0%} of the labels contradict flat mirrors, the others scatter by {best.sigma_px:.2g} px"
         raise InputError(
-            f"{reason}: are they in pixels of the whole frame as the camera gives it, not flipped or cropped, and is the "
-            "first view the direct one?"
+            f"{reason}: are they in pixels of the whole frame as the camera gives it, not flipped or cropped, and is "
+            "the first view the direct one?"
         )
     return best
 

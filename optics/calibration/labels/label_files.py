@@ -203,10 +203,7 @@ def _pandas_fixed(path: Path, group: h5py.Group) -> Sheet:
     """DeepLabCut's labelled data, as pandas writes it in its fixed format."""
     levels = _levels(group, "block0_items")
     columns = _deeplabcut_columns([tuple(names[1:])] for names in levels)
-    if "axis1" in group:
-        frames = _texts(group["axis1"])
-    else:
-        frames = ["/".join(names) for names in _levels(group, "axis1")]
+    frames = _texts(group["axis1"]) if "axis1" in group else ["/".join(names) for names in _levels(group, "axis1")]
     return _sheet(path, frames, columns, np.asarray(group["block0_values"], dtype=np.float64))
 
 

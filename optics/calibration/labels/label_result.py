@@ -301,8 +301,9 @@ def _notes(
         notes.append(f"{count_text(single, 'label')} of points that only one view shows, not used")
     if inflation > 1.0:
         failed = " and ".join(split.division for split in splits if split.ratio > split.limit)
-        notes.append(f"split {failed}, halves of the labels differ: all standard deviations are multiplied by "
-                     f"{inflation:.2g}")
+        notes.append(
+            f"split {failed}, halves of the labels differ: all standard deviations are multiplied by {inflation:.2g}"
+        )
     return tuple(notes)
 
 
@@ -328,7 +329,9 @@ def _rejected(
     for row in np.flatnonzero(~used):
         point, view = int(rows.frame[row]), int(rows.view[row])
         frame = int(point_frame[point])
-        remark = "contradicts the other views" if is_located[point] else "the labels of this point contradict each other"
+        remark = (
+            "contradicts the other views" if is_located[point] else "the labels of this point contradict each other"
+        )
         in_frame = np.arange(starts[frame], starts[frame + 1])
         at_others = np.linalg.norm(predicted[in_frame, view - DIRECT] - rows.pixels[row], axis=1)
         in_views = np.linalg.norm(predicted[point] - rows.pixels[row], axis=1)
@@ -354,15 +357,8 @@ def _exchanged_views(fit: LabelFit, points: int) -> BoolArray:
     if len(pairs):
         other = pairs.reshape(-1, 2)[:, ::-1].ravel()
         _, numbers = np.unique(rows.frame[pairs], return_inverse=True)
-        swapped = Observations(
-            numbers, rows.view[pairs], rows.corner[pairs], rows.pixels[other], rows.sigma_px[pairs]
-        )
+        swapped = Observations(numbers, rows.view[pairs], rows.corner[pairs], rows.pixels[other], rows.sigma_px[pairs])
         estimate = fit.estimate
-        agreeing = consistent_labels(
-            estimate.camera, estimate.virtual_centres_in_rig_mm, swapped, int(numbers[-1]) + 1
-        )
+        agreeing = consistent_labels(estimate.camera, estimate.virtual_centres_in_rig_mm, swapped, int(numbers[-1]) + 1)
         exchanged[pairs] = agreeing.used
     return exchanged
-
-
-

@@ -69,9 +69,7 @@ def first_centres(
     return centres, float(np.median([start.sigma_px for start in starts]))
 
 
-def _mirror_start(
-    direct: FloatArray, image: FloatArray, rows: FloatArray, points: int, focal_px: float
-) -> MirrorStart:
+def _mirror_start(direct: FloatArray, image: FloatArray, rows: FloatArray, points: int, focal_px: float) -> MirrorStart:
     """Estimate the normal from rays (n, 3) of points and of their images, robustly."""
     random = np.random.default_rng(0)
     cross = np.cross(direct, image)

@@ -113,7 +113,9 @@ def label_table(sheets: Sequence[Sheet], views: Sequence[str] = ()) -> LabelTabl
     if any(view is not None for sheet in named for view, _ in sheet.columns):
         # Each file is a recording, whose frames may be numbered as those of another.
         prefixes = [f"{sheet.name} " if len(sheets) > 1 else "" for sheet in named]
-        frames = [tuple(prefix + frame for frame in sheet.frames) for prefix, sheet in zip(prefixes, named, strict=True)]
+        frames = [
+            tuple(prefix + frame for frame in sheet.frames) for prefix, sheet in zip(prefixes, named, strict=True)
+        ]
         return _joined(named, list(views), frames)
     if len(sheets) < 2 or (views and len(views) != len(sheets)):
         raise InputError(

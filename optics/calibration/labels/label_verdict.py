@@ -38,8 +38,8 @@ def _plane_check(result: LabelCalibration) -> Check:
         Metric(value=unexplained, unit="1", limit=MAX_UNEXPLAINED),
         f"plane mirrors of one camera do not explain the labels: {free.unexplained_px:.2g} px remain, most in view "
         f"{result.table.views[1 + worst]!r}, turned by {np.abs(free.turn_deg[worst]).max():.2g}°",
-        "Check that all labels are in pixels of the whole frame, not cropped, flipped or scaled, that the camera is the "
-        "one given, and that neither camera nor mirrors moved.",
+        "Check that all labels are in pixels of the whole frame, not cropped, flipped or scaled, that the camera is "
+        "the one given, and that neither camera nor mirrors moved.",
     )
 
 

@@ -57,7 +57,7 @@ class CameraPrior:
     @property
     def information(self) -> FloatArray:
         """Inverse covariance (i, i) of the free intrinsics."""
-        return np.linalg.inv(self.covariance[np.ix_(self.free, self.free)])
+        return np.asarray(np.linalg.inv(self.covariance[np.ix_(self.free, self.free)]))
 
     def deviation(self, camera: Camera) -> FloatArray:
         """Deviation (i,) of a camera's free intrinsics."""
@@ -234,7 +234,7 @@ def covariance(estimate: Estimate, observations: Observations, prior: CameraPrio
     rows = linearized_rows(estimate, observations, prior.free)
     equations = point_equations(rows, observations, prior, estimate.camera)
     basis = scale_free_basis(centres, len(prior.free))
-    inverse = np.linalg.inv(equations.v)
+    inverse = np.asarray(np.linalg.inv(equations.v))
     try:
         matrix, _ = in_basis(equations, basis).reduced(0.0)
     except np.linalg.LinAlgError:

@@ -41,8 +41,8 @@ def calibrate(
     """Calibrate a device from pictures of a board.
 
     Writes layout.json (calibrated: intrinsics and mirror planes, with uncertainties), metrics.json, report.html,
-    residuals.png and corners.csv (the corners used; from labels: labels.csv, and points.csv with the points in space). Detected corners are stored, so that no picture is
-    searched twice. Exit code 1: the diagnostics raise an alarm, because the pictures contradict the model.
+    residuals.png and corners.csv (the corners used; from labels: labels.csv, and points.csv with the points in
+    space). Detected corners are stored, so that no picture is searched twice. Exit code 1: the diagnostics raise an alarm, because the pictures contradict the model.
 
     Examples:
         mirrorcam calibrate through_mirrors/ --base without_mirrors/ --layout layout.json --board board.toml

@@ -96,8 +96,8 @@ class CalibrationRequest(Value):
             view_deg, sigma_deg = self.field_of_view
             if self.camera is not None or not (5.0 <= view_deg <= 150.0 and 0.0 < sigma_deg <= view_deg / 4.0):
                 raise ValueError(
-                    f"--field-of-view {view_deg:g} {sigma_deg:g}: expected 5 to 150 degrees, a standard deviation up to "
-                    "a quarter of it, and no --camera"
+                    f"--field-of-view {view_deg:g} {sigma_deg:g}: expected 5 to 150 degrees, a standard deviation up "
+                    "to a quarter of it, and no --camera"
                 )
         if self.known_length is not None and not LENGTH_MM.min <= self.known_length[2] <= LENGTH_MM.max:
             raise ValueError(f"--known-length {self.known_length[2]:g}: expected {LENGTH_MM} mm")

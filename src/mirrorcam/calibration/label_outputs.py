@@ -48,9 +48,7 @@ def calibrate_label_files(
     return calibrate_labels(table, _camera_prior(pictures, request, on_note), known)
 
 
-def _camera_prior(
-    pictures: Sequence[Path], request: CalibrationRequest, on_note: Callable[[str], None]
-) -> CameraPrior:
+def _camera_prior(pictures: Sequence[Path], request: CalibrationRequest, on_note: Callable[[str], None]) -> CameraPrior:
     if request.camera is not None:
         return _given_camera(request.camera)
     if not pictures:
@@ -81,9 +79,7 @@ def _given_camera(name: str) -> CameraPrior:
     path = Path(name)
     if name in camera_names() or path.suffix.lower() == ".toml":
         camera = read_camera(name)
-        prior = data_sheet_prior(
-            camera.width_px, camera.height_px, camera.fx_px, LIBRARY_FOCAL_SIGMA * camera.fx_px
-        )
+        prior = data_sheet_prior(camera.width_px, camera.height_px, camera.fx_px, LIBRARY_FOCAL_SIGMA * camera.fx_px)
         return CameraPrior(camera.replaced(distortion=prior.camera.distortion), prior.covariance)
     if path.suffix.lower() == ".json" and (layout := _layout(path)) is not None:
         return _with_covariance(layout.camera, layout.uncertainty)

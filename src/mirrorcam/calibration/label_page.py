@@ -52,7 +52,7 @@ def label_report(result: LabelCalibration, *, command: str) -> str:
         reasons=verdict.reasons,
         advice=verdict.advice,
         tiles=_tiles(result),
-        summary=f"{count_text(len(mirrors), 'mirror')} from {count_text(len(result.calibration.observations), 'label')}, "
+        summary=f"{count_text(len(mirrors), 'mirror')} from {count_text(len(calibration.observations), 'label')}, "
         f"{camera.width_px} {TIMES} {camera.height_px} px",
         checks=_checks(result, verdict),
         views=view_table(views),
@@ -127,7 +127,10 @@ def _rejected_table(result: LabelCalibration) -> Table:
 def _free_table(result: LabelCalibration) -> Table:
     """Rotation of each view against that of a plane mirror."""
     rows = [
-        (name, *(f"{figure_text(turn, 2)} ± {figure_text(sigma, 2)}" for turn, sigma in zip(turns, sigmas, strict=True)))
+        (
+            name,
+            *(f"{figure_text(turn, 2)} ± {figure_text(sigma, 2)}" for turn, sigma in zip(turns, sigmas, strict=True)),
+        )
         for name, turns, sigmas in zip(
             result.table.views[1:], result.free.turn_deg.tolist(), result.free.sigma_deg.tolist(), strict=True
         )

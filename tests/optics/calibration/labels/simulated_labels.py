@@ -79,7 +79,8 @@ def simulated(
     cosine, sine = np.cos(turn), np.sin(turn)
     zero, one = np.zeros(frames), np.ones(frames)
     rotation = np.stack([cosine, -sine, zero, sine, cosine, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
-    shift = random.uniform((-50.0, -50.0, -30.0), (50.0, 50.0, 30.0), (frames, 3)) + [0.0, 0.0, DISTANCE_MM]
+    low, high = (-50.0, -50.0, DISTANCE_MM - 30.0), (50.0, 50.0, DISTANCE_MM + 30.0)
+    shift = random.uniform(low, high, (frames, 3))
     body = BODY_MM + random.normal(0.0, 4.0, (frames, *BODY_MM.shape))
     if points is None:
         points = body @ rotation.transpose(0, 2, 1) + shift[:, None]
@@ -92,7 +93,7 @@ def simulated(
     pixels[is_wrong] = random.uniform(0.0, size, (int(is_wrong.sum()), 2))
     is_swapped = np.zeros(shape, dtype=bool)
     # A swap exchanges two labels, so half as many are drawn.
-    for frame, view, label in np.argwhere((kind > 1.0 - swapped / 2.0)):
+    for frame, view, label in np.argwhere(kind > 1.0 - swapped / 2.0):
         if random.uniform() < 0.7 and int(label) in SWAPPED:
             other = (frame, view, SWAPPED[int(label)])
         else:

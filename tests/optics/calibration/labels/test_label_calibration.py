@@ -1,4 +1,4 @@
-"""Mirrors from labels of which some are wrong: errors, covariances, outliers, and honest answers where it cannot work."""
+"""Mirrors from labels of which some are wrong: errors, covariances, outliers, and refusals."""
 
 from __future__ import annotations
 
