@@ -28,8 +28,8 @@ from mirrorcam.optics.calibration.solver.observations import IntArray, Observati
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 from mirrorcam.optics.geometry.camera import Camera
 
-FIRST_POINTS = 2000
-"""Number of points in the first rounds."""
+FIRST_POINTS, TRIED_POINTS = 2000, 300
+"""Numbers of points in the first rounds, and where several focal lengths are tried."""
 FIRST_ROUNDS, ROUNDS = 8, 5
 SETTLED = 0.002
 """Fraction of labels whose use changes in a round, below which the rounds end."""
@@ -141,10 +141,11 @@ def fit_labels(observations: Observations, prior: CameraPrior, view_names: tuple
     InputError
         If the labels do not determine the mirrors, or no mirrors explain half of them.
     """
-    first = _some_points(observations, FIRST_POINTS)
+    cameras = _cameras(prior)
+    first = _some_points(observations, FIRST_POINTS if len(cameras) == 1 else TRIED_POINTS)
     best: LabelFit | None = None
     refusals = []
-    for camera in _cameras(prior):
+    for camera in cameras:
         try:
             start = _rounds(first, camera, None, None, prior, view_names, FIRST_ROUNDS)
         except InputError as error:

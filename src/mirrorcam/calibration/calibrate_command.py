@@ -42,7 +42,8 @@ def calibrate(
 
     Writes layout.json (calibrated: intrinsics and mirror planes, with uncertainties), metrics.json, report.html,
     residuals.png and corners.csv (the corners used; from labels: labels.csv, and points.csv with the points in
-    space). Detected corners are stored, so that no picture is searched twice. Exit code 1: the diagnostics raise an alarm, because the pictures contradict the model.
+    space). Detected corners are stored, so that no picture is searched twice. Exit code 1: the diagnostics raise an
+    alarm, because the pictures contradict the model.
 
     Examples:
         mirrorcam calibrate through_mirrors/ --base without_mirrors/ --layout layout.json --board board.toml
@@ -53,6 +54,8 @@ def calibrate(
     if request is None:
         raise InputError("expected --board FILE, or --labels FILE without a board")
     if request.labels:
+        if live_hint:
+            raise InputError("--live-hint works only with pictures of a board, expected no --labels")
         return _calibrate_from_labels(pictures, request, out, force=force)
     from mirrorcam.calibration.calibration_files import FILES, calibrate_files, write_calibration
     from mirrorcam.core.disk.output_folder import output_folder, results_folder
