@@ -15,6 +15,10 @@ import pytest
 
 import mirrorcam
 from mirrorcam.calibration.validation import mirror_errors
+from mirrorcam.optics.calibration.labels.known_scale import KnownLength
+from mirrorcam.optics.calibration.labels.label_calibration import data_sheet_prior
+from mirrorcam.optics.calibration.labels.label_files import read_labels
+from mirrorcam.optics.calibration.labels.label_result import calibrate_labels
 from tests.shared import path_without_slicer
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -62,6 +66,24 @@ def test_design_and_export_parts(tmp_path: Path) -> None:
     assert parts
     assert all(trimesh.load(part).is_watertight for part in parts)
     assert {"index.html", "checks.json", "assembly.step", "assembly.glb"} <= {path.name for path in device.iterdir()}
+
+
+def test_animal_labels(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run("animal_labels", out)
+    assert sorted(path.name for path in out.glob("*.png")) == ["img000.png", "img001.png", "img002.png"]
+    labels = read_labels([out / "labels.csv"], ("direct", "left", "right"))
+    known = KnownLength("camera", "left", 463.1)
+    result = calibrate_labels(labels, data_sheet_prior(640, 480, 702.0, 24.0), known)
+    truth = {
+        (line["frame"], line["label"]): [float(line[f"{axis}_mm"]) for axis in "xyz"]
+        for line in csv.DictReader((out / "truth.csv").open())
+    }
+    points = result.points
+    true = np.array(
+        [truth[labels.frames[f], labels.labels[k]] for f, k in zip(points.frame, points.label, strict=True)]
+    )
+    assert np.median(np.linalg.norm(points.positions - true, axis=1)) < 15.0
 
 
 @pytest.mark.slow

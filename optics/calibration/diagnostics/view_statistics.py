@@ -40,7 +40,7 @@ class ViewFigures:
         Left, top, right, bottom (k, 4) of the cells that count, and the number (k,) of corners in each.
     distances_mm, tilts_deg
         Per frame (f,): distance of the visible part of the board from the view's centre, and tilt of the board relative
-        to the line of sight.
+        to the line of sight. Empty without a board.
     """
 
     view: int
@@ -94,7 +94,7 @@ def _figures(calibration: Calibration, view: int) -> ViewFigures:
     frames = np.unique(observations.frame[in_view])
     boards = [
         _distance_and_tilt(calibration, view, observations.pixels[in_view & (observations.frame == f)], int(f))
-        for f in frames
+        for f in (frames if len(calibration.rig_from_board) else ())
     ]
     return ViewFigures(
         view=view,

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from mirrorcam.calibration.calibration_request import CalibrationRequest
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, print_metrics, say
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def calibrate(
     ] = (),
     /,
     *,
-    request: CalibrationRequest,
+    request: CalibrationRequest | None = None,
     live_hint: Annotated[
         bool,
         Parameter(
@@ -40,14 +41,22 @@ def calibrate(
     """Calibrate a device from pictures of a board.
 
     Writes layout.json (calibrated: intrinsics and mirror planes, with uncertainties), metrics.json, report.html,
-    residuals.png and corners.csv (the corners used). Detected corners are stored, so that no picture is
-    searched twice. Exit code 1: the diagnostics raise an alarm, because the pictures contradict the model.
+    residuals.png and corners.csv (the corners used; from labels: labels.csv, and points.csv with the points in
+    space). Detected corners are stored, so that no picture is searched twice. Exit code 1: the diagnostics raise an
+    alarm, because the pictures contradict the model.
 
     Examples:
         mirrorcam calibrate through_mirrors/ --base without_mirrors/ --layout layout.json --board board.toml
         mirrorcam calibrate through_mirrors/ --layout layout.json --board board.toml --model fisheye+bend
         mirrorcam calibrate clip.mp4 --board board.toml --direct-view 2
+        mirrorcam calibrate --labels labels.csv --camera camera.yaml --known-length nose tail 95
     """
+    if request is None:
+        raise InputError("expected --board FILE, or --labels FILE without a board")
+    if request.labels:
+        if live_hint:
+            raise InputError("--live-hint works only with pictures of a board, expected no --labels")
+        return _calibrate_from_labels(pictures, request, out, force=force)
     from mirrorcam.calibration.calibration_files import FILES, calibrate_files, write_calibration
     from mirrorcam.core.disk.output_folder import output_folder, results_folder
     from mirrorcam.optics.calibration.diagnostics.verdict import STATES, check_solution
@@ -83,3 +92,24 @@ def calibrate(
         say("calibrate", f"next: {advice}")
     say("calibrate", f"{STATES[verdict.state]}: {out / 'layout.json'} and {out / 'report.html'} written")
     return 1 if alarms else 0
+
+
+def _calibrate_from_labels(pictures: tuple[Path, ...], request: CalibrationRequest, out: Path, *, force: bool) -> int:
+    from mirrorcam.calibration.label_outputs import FILES, calibrate_label_files, write_label_calibration
+    from mirrorcam.core.disk.output_folder import output_folder
+    from mirrorcam.optics.calibration.labels.label_verdict import label_verdict
+
+    with output_folder(out, "calibrate", force=force) as output:
+        output.refuse_others(*FILES)
+        result = calibrate_label_files(pictures, request, on_note=lambda sentence: say("calibrate", sentence))
+        with output.staged(result="layout.json") as folder:
+            write_label_calibration(result, folder, command="mirrorcam calibrate")
+    metrics = result.calibration.metrics
+    print_metrics({"calibrated": {name: m for name, m in metrics.items() if not name.startswith("mirror_")}})
+    verdict = label_verdict(result)
+    for note in result.calibration.notes:
+        say("calibrate", note)
+    for reason in verdict.reasons:
+        say("calibrate", f"alarm: {reason}" if verdict.state == "stop" else reason)
+    say("calibrate", f"{out / 'layout.json'} and {out / 'report.html'} written")
+    return 1 if verdict.state == "stop" else 0

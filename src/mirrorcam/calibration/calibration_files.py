@@ -87,6 +87,8 @@ def calibrate_files(
         raise InputError("expected pictures, or --corners FILE")
     if request.corners and on_hint is not None:
         raise InputError("--live-hint works only with pictures, expected no --corners")
+    if request.board is None:
+        raise InputError("expected --board FILE")
     target = load_board(request.board)
     if request.direct_view is not None:
         return _calibrate_directly(pictures, request, request.direct_view, target, progress, on_hint, on_note)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Self
 from cyclopts import Parameter
 from pydantic import BeforeValidator, Field, model_validator
 
-from mirrorcam.core.bounds import Bounds
+from mirrorcam.core.bounds import LENGTH_MM, Bounds
 from mirrorcam.core.values import Value
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 
@@ -22,7 +22,7 @@ def _parsed(model: Any) -> Any:
 class CalibrationRequest(Value):
     """Inputs of a calibration from files, besides the pictures via the mirrors, and the model to fit."""
 
-    board: Path = Field(description="board.toml of the target")
+    board: Path | None = Field(default=None, description="board.toml of the target (or --labels)")
     layout: Path | None = Field(default=None, description="layout.json of the design, to start from")
     direct_view: int | None = Bounds(1, 144).field(
         None,
@@ -37,6 +37,31 @@ class CalibrationRequest(Value):
         description="tables of corners like corners.csv, of pictures with and without mirrors, instead of pictures",
     )
     leave_out: tuple[str, ...] = Field(default=(), description="pictures not to use, named as in the report")
+    labels: tuple[Path, ...] = Field(
+        default=(),
+        description="labels of an animal in the direct view and in mirrors instead of a board: tables of DeepLabCut, "
+        "SLEAP or Anipose, or CSV with frame, view, label, x_px, y_px",
+    )
+    views: tuple[str, ...] = Field(
+        default=(),
+        description="with --labels: names of the views, the direct one first, as labels begin or end with them "
+        "(paw_side); or one for each table",
+    )
+    camera: str | None = Field(
+        default=None,
+        description="with --labels: the camera as calibrated (OpenCV, ROS, Kalibr or layout.json), or a published one "
+        "of the library by name or TOML",
+    )
+    field_of_view: tuple[float, float] | None = Field(
+        default=None,
+        description="with --labels and a picture: angle of the camera's view across the picture and its standard "
+        "deviation, degrees, as a data sheet states it",
+    )
+    known_length: tuple[str, str, float] | None = Field(
+        default=None,
+        description="with --labels: two labels and their distance in mm, or `camera` and a view and the distance of "
+        "that mirror's plane",
+    )
     model: Annotated[
         RequestedModel, BeforeValidator(_parsed), Parameter(metavar="MODEL", accepts_keys=False, show_default=False)
     ] = Field(
@@ -49,10 +74,30 @@ class CalibrationRequest(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
+        if self.labels:
+            return self._checked_for_labels()
+        if self.views or self.camera or self.field_of_view or self.known_length:
+            raise ValueError("--views, --camera, --field-of-view and --known-length go with --labels only")
+        if self.board is None:
+            raise ValueError("expected --board FILE, or --labels FILE without a board")
         if (self.layout is None) == (self.direct_view is None):
             raise ValueError("expected --layout FILE, or --direct-view N with the number of mirrors")
         if self.corners and (self.base or self.direct_view is not None):
             raise ValueError("--corners goes without --base and --direct-view")
         if self.direct_view is None:
             replace(self.model, surface=None).check_mirrored()
+        return self
+
+    def _checked_for_labels(self) -> Self:
+        if self.board or self.layout or self.direct_view or self.base or self.corners or self.model != AUTO:
+            raise ValueError("--labels goes without --board, --layout, --direct-view, --base, --corners and --model")
+        if self.field_of_view is not None:
+            view_deg, sigma_deg = self.field_of_view
+            if self.camera is not None or not (5.0 <= view_deg <= 150.0 and 0.0 < sigma_deg <= view_deg / 4.0):
+                raise ValueError(
+                    f"--field-of-view {view_deg:g} {sigma_deg:g}: expected 5 to 150 degrees, a standard deviation up "
+                    "to a quarter of it, and no --camera"
+                )
+        if self.known_length is not None and not LENGTH_MM.min <= self.known_length[2] <= LENGTH_MM.max:
+            raise ValueError(f"--known-length {self.known_length[2]:g}: expected {LENGTH_MM} mm")
         return self

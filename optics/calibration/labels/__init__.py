@@ -1,0 +1,1 @@
+"""Calibration of mirrors from labelled points of an animal, without a board."""
