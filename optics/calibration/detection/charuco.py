@@ -88,7 +88,10 @@ def _markers(target: Charuco | AprilGrid) -> Markers:
         tags = np.array([~target.tag(number)[1:-1, 1:-1] for number in numbers.ravel().tolist()])
         return Markers(tags, 2 * np.argwhere(numbers >= 0)[:, ::-1], 1.0, parity=0, every_other=True)
     return Markers(
-        target.markers[:, 1:-1, 1:-1], target.marker_squares[:, ::-1] - 1, target.marker_mm / target.square_mm, parity=1
+        target.markers[:, 1:-1, 1:-1],
+        target.marker_squares[:, ::-1] - 1,
+        target.marker_mm / target.square_mm,
+        parity=not target.inverted,
     )
 
 
@@ -149,7 +152,8 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
 
     A few suffice to grow boards; if there are too few, other window sizes are tried.
     """
-    bright, parameters = _prepared(grey, mirrored=mirrored)
+    inverted = isinstance(target, Charuco) and target.inverted
+    bright, parameters = _prepared(np.asarray(255 - grey, dtype=np.uint8) if inverted else grey, mirrored=mirrored)
     parameters.markerBorderBits = TAG_BORDER if isinstance(target, AprilGrid) else 1
     dictionary, first, count = _dictionary(target)
     for window_px in WINDOWS_PX:

@@ -202,8 +202,9 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
 
     grid = predicted.reshape(rows, cols, 2)
     right, down = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2)[ids] for axis in (1, 0))
-    # Corner (r, c) has square (r, c) at its upper left, black if r + c is even, and the same colour at its lower right.
-    black_first = (ids // cols + ids % cols) % 2 == 0
+    # Corner (r, c) has square (r, c) at its upper left, black if r + c is even (white if inverted), and the same colour
+    # at its lower right.
+    black_first = (ids // cols + ids % cols) % 2 == target.inverted
     first, second = (
         np.array([_interpolated(grey, refined + x * right + sign * y * down) for x, y in SQUARE_SAMPLES])
         for sign in (1, -1)

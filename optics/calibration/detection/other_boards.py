@@ -135,7 +135,7 @@ def other_markers(
         return f"the pictures show {board} of more rows of {cells}, board.toml says {size} {cells}"
     if not isinstance(target, Charuco):
         return None
-    white = not target.black[0, 0]
+    white = target.marker_at_top_left
     stated_pairs, other_pairs = (
         pairs.count_consistent(columns, target.first_marker, white_first=bool(first)) for first in (white, not white)
     )
@@ -147,7 +147,7 @@ def other_markers(
 def _other_numbers(pairs: MarkerPairs, vertical: VerticalPairs, target: Charuco, pictures: int) -> str | None:
     """Describe how markers are arranged or numbered differently from the target; None if they are not."""
     first, count = target.first_marker, len(target.markers)
-    white = bool(not target.black[0, 0])
+    white = target.marker_at_top_left
     votes = [
         pairs.count_consistent(target.cols, phase, white_first=white) for phase in range(first, first + target.cols)
     ]
