@@ -167,7 +167,7 @@ def local_print(target: Target, print_xy: FloatArray) -> tuple[Target, FloatArra
     All plain checkerboards look the same around inner corners, so a small one represents them.
     """
     if isinstance(target, Checkerboard):
-        return LOCAL, 2.0 + (print_xy + [float(target.inverted), 0.0]) % 2.0
+        return LOCAL, 2.0 + (print_xy + np.array([target.inverted, 0.0])) % 2.0
     return target, print_xy
 
 

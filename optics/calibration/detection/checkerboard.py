@@ -98,8 +98,9 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
         if has_new_corners(corners.pixels, detected):
             grids.append(DetectedGrid(grid_xy, corners, board_limits(picture, grid_xy, corners.pixels)))
     if not grids or not all_fit:
-        complete = complete_boards(grey, target)
-        corners_in_complete = [grid.corners for grid in complete]
+        detected = [grid.corners for grid in grids]
+        complete = [board for board in complete_boards(grey, target) if has_new_corners(board.corners.pixels, detected)]
+        corners_in_complete = [board.corners for board in complete]
         grids = complete + [grid for grid in grids if has_new_corners(grid.corners.pixels, corners_in_complete)]
     return sorted(grids, key=lambda grid: -len(grid))
 
