@@ -8,7 +8,6 @@ print in units of the pitch, the mean distance between neighbouring corners (`pi
 from __future__ import annotations
 
 import json
-import re
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Literal, Self
@@ -19,16 +18,16 @@ from numpy.typing import NDArray
 from pydantic import Field, RootModel, model_validator
 
 from mirrorcam.core.bounds import PART_MM, Bounds
-from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, read_bytes, read_model, write_text
+from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, keys_of, model_from, read_bytes, tables_of, write_text
+from mirrorcam.core.disk.yaml_text import YAML_SUFFIXES, yaml_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
+from mirrorcam.optics.geometry.foreign_boards import SPACING, as_own_board
 
 SQUARES = Bounds(3, 500)
 MAX_MARKERS = 10000
-KALIBR_KEYS = ("tagCols", "tagRows", "tagSize", "tagSpacing")
 TAGS = Bounds(2, 100)
-SPACING = Bounds(0.05, 0.8)
 TAG_FAMILY = dictionaries.dictionary("DICT_APRILTAG_36h11")
 TAG_MODULES, TAG_BORDER = 10, 2  # modules along a side of a tag, including its black border; width of that border
 
@@ -44,6 +43,9 @@ class _Grid(Value):
     cols: int = SQUARES.field(description="squares along x")
     rows: int = SQUARES.field(description="squares along y")
     square_mm: float = PART_MM.field(description="side of a square")
+    inverted: bool = Field(
+        default=False, exclude_if=_is_default, description="printed with black and white exchanged, markers as well"
+    )
 
     @property
     def layout_text(self) -> str:
@@ -78,7 +80,7 @@ class _Grid(Value):
 
 
 class Checkerboard(_Grid):
-    """A plain checkerboard; its top-left square is black.
+    """A plain checkerboard; its top-left square is black, or white if it is inverted.
 
     It looks different upside down if one side has an even and the other an odd number of squares. Otherwise it has a
     180 degree ambiguity that only a nominal layout resolves.
@@ -98,7 +100,7 @@ class Checkerboard(_Grid):
     def image(self, px_per_square: int) -> NDArray[np.uint8]:
         """The printed squares (rows*p, cols*p), 0 black and 255 white."""
         row, col = np.mgrid[: self.rows, : self.cols]
-        squares = np.where((row + col) % 2 == 0, 0, 255).astype(np.uint8)
+        squares = np.where((row + col) % 2 == self.inverted, 0, 255).astype(np.uint8)
         return np.kron(squares, np.ones((px_per_square, px_per_square), dtype=np.uint8))
 
 
@@ -106,7 +108,7 @@ class Charuco(_Grid):
     """A checkerboard with an ArUco marker in each white square: any visible part identifies its corners.
 
     The top-left square is black, except in OpenCV's pattern before 4.6 with an even number of rows. Markers are
-    numbered row by row.
+    numbered row by row. On an inverted board, black and white are exchanged, so that black squares hold the markers.
     """
 
     kind: Literal["charuco"] = "charuco"
@@ -144,26 +146,31 @@ class Charuco(_Grid):
         """Name of this type of board."""
         return "ChArUco"
 
+    @property
+    def marker_at_top_left(self) -> bool:
+        """Whether the top-left square holds a marker."""
+        return self.legacy and self.rows % 2 == 0
+
     @cached_property
     def black(self) -> NDArray[np.bool_]:
-        """Mask (rows, cols) of the black squares; the others hold markers."""
+        """Mask (rows, cols) of the black squares."""
         row, col = np.mgrid[: self.rows, : self.cols]
-        return np.asarray((row + col) % 2 == (self.legacy and self.rows % 2 == 0))
+        return np.asarray((row + col) % 2 == (self.marker_at_top_left != self.inverted))
 
     @cached_property
     def marker_squares(self) -> NDArray[np.int64]:
         """Row and column (m, 2) of each marker's square, by increasing id."""
-        return np.argwhere(~self.black)
+        return np.argwhere(self.black == self.inverted)
 
     @cached_property
     def markers(self) -> NDArray[np.bool_]:
-        """Masks (m, modules, modules) of the markers' white modules, including their black borders."""
+        """Masks (m, modules, modules) of the markers' white modules, including their borders."""
         white = dictionaries.white_modules(self.dictionary)
-        return white[self.first_marker : self.first_marker + len(self.marker_squares)]
+        return white[self.first_marker : self.first_marker + len(self.marker_squares)] != self.inverted
 
     @cached_property
     def opencv_board(self) -> cv2.aruco.CharucoBoard:
-        """OpenCV's board with the same geometry and ids."""
+        """OpenCV's board with the same geometry and ids; OpenCV has no inverted ones."""
         dictionary = dictionaries.dictionary(self.dictionary)
         ids = self.first_marker + np.arange(len(self.marker_squares), dtype=np.int32)
         board = cv2.aruco.CharucoBoard((self.cols, self.rows), self.square_mm, self.marker_mm, dictionary, ids)
@@ -173,7 +180,8 @@ class Charuco(_Grid):
     def image(self, px_per_square: int) -> NDArray[np.uint8]:
         """The printed squares and markers (rows*p, cols*p), 0 black and 255 white."""
         size = (self.cols * px_per_square, self.rows * px_per_square)
-        return np.asarray(self.opencv_board.generateImage(size, marginSize=0, borderBits=1), dtype=np.uint8)
+        image = np.asarray(self.opencv_board.generateImage(size, marginSize=0, borderBits=1), dtype=np.uint8)
+        return 255 - image if self.inverted else image
 
 
 class AprilGrid(Value):
@@ -298,30 +306,19 @@ def default_board() -> Charuco:
 
 
 def load_board(path: Path) -> Target:
-    """Read `board.toml` or Kalibr's YAML file of an AprilGrid; raises InputError with a one-line message."""
-    if path.suffix.lower() in (".yaml", ".yml"):
-        return _read_kalibr(path)
-    return read_model(_BoardFile, path).root
-
-
-def _read_kalibr(path: Path) -> AprilGrid:
-    """Read an AprilGrid from Kalibr's flat `key: value` file, with the size of a tag in metres."""
-    lines = (
-        line.split("#")[0]
-        for line in read_bytes(path, LARGEST_TEXT_BYTES).decode("utf-8-sig", errors="replace").splitlines()
-    )
-    values = {key.strip(): value.strip(" \t'\"") for key, _, value in (line.partition(":") for line in lines)}
-    if values.get("target_type") != "aprilgrid":
-        kind = values.get("target_type", "")[:40]
-        raise InputError(f"{path}: target_type is {kind!r}, expected 'aprilgrid'; describe other boards in board.toml")
-    missing = [key for key in KALIBR_KEYS if not re.fullmatch(r"[-+.\deE]+", values.get(key, ""))]
-    if missing:
-        raise InputError(f"{path}: {missing[0]}: {values.get(missing[0], '')[:40]!r}, expected a number")
+    """Read `board.toml`, or a board as anipose, caliscope or Kalibr describe it; raises a one-line InputError."""
+    raw = read_bytes(path, LARGEST_TEXT_BYTES)
+    values = yaml_of(path, raw) if path.suffix.lower() in YAML_SUFFIXES else tables_of(path, raw)
     try:
-        cols, rows, tag, spacing = (float(values[key]) for key in KALIBR_KEYS)
-        return AprilGrid.model_validate({"cols": cols, "rows": rows, "tag_mm": 1000.0 * tag, "spacing": spacing})
-    except ValueError as error:  # includes InvalidValue
+        own = as_own_board(values)
+    except InputError as error:
         raise InputError(f"{path}: {error}") from None
+    return model_from(_BoardFile, path, own).root
+
+
+def is_own_board(path: Path) -> bool:
+    """Return whether a file is a `board.toml`, not another program's description of a board."""
+    return path.suffix.lower() not in YAML_SUFFIXES and "kind" in keys_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
 
 
 def save_board(path: Path, target: Target) -> None:

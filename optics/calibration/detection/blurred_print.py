@@ -88,7 +88,7 @@ def _ink(target: Target) -> FloatArray:
     cover = coverage(edges, PX_PER_SQUARE)
     for white, (row, col) in zip(target.markers, target.marker_squares.tolist(), strict=True):
         square = np.s_[row * PX_PER_SQUARE : (row + 1) * PX_PER_SQUARE, col * PX_PER_SQUARE : (col + 1) * PX_PER_SQUARE]
-        ink[square] = cover.T @ ~white @ cover
+        ink[square] += cover.T @ (1.0 - white - ink[square][0, 0]) @ cover
     return ink
 
 
@@ -167,7 +167,7 @@ def local_print(target: Target, print_xy: FloatArray) -> tuple[Target, FloatArra
     All plain checkerboards look the same around inner corners, so a small one represents them.
     """
     if isinstance(target, Checkerboard):
-        return LOCAL, 2.0 + print_xy % 2.0
+        return LOCAL, 2.0 + (print_xy + np.array([target.inverted, 0.0])) % 2.0
     return target, print_xy
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
@@ -39,7 +40,11 @@ MIN_RELATIVE_CONTRAST = 0.6  # relative to neighbouring corners
 MIN_EXPLAINED = 0.8  # explained fraction of the variance around a corner
 MAX_SIGMA_PX = 0.3
 MAX_UNEXPLAINED_RATIO = 0.7  # of the variances unexplained with and without motion blur; below it, there is motion
-SAMPLE_CORNERS = 20  # approximate number of corners used to detect motion blur
+SAMPLE_CORNERS = 20  # approximate number of corners used to measure blur and to detect motion blur
+MIN_BLUR_PX, SHARP_PX = 0.4, 0.75  # sigma of edges: lowest estimate, and below which interpolation does not hold
+SOFTENING_PX = 1.0  # sigma of the blur applied to sharp or sharpened pictures
+SOFTENED_NOISE = 2.0 * np.sqrt(np.pi) * SOFTENING_PX  # factor by which it reduces white noise, but no smooth mean of it
+MAX_BLUR_CHANGE, MAX_BLUR_ROUNDS = 1.2, 5  # ratio of two estimates that counts as the same blur; largest number of them
 # Limits relative to the board's median: standard deviation, and unexplained variance with an offset.
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED_OFFSET = 2.5, 3.0, 0.01
 COLUMN_STEP = np.array([1.0, 0.0])
@@ -102,28 +107,44 @@ def _visible_corners(
     picture: Image, print_xy: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
 ) -> Corners:
     """Return the visible corners among all corners (c, 2) of a print, with their indices as ids."""
-    corner_pixels, appearance = _grow(picture, print_xy, pixels, corners, target, mirrored=mirrored)
-    visible_ids = np.flatnonzero(np.isfinite(corner_pixels[:, 0]))
-    visible_ids = visible_ids[on_smooth_surface(corners[visible_ids], corner_pixels[visible_ids], target.longest_step)]
-    warp = BoardWarp.fit(corners[visible_ids], corner_pixels[visible_ids], degree=QUINTIC)
+    corner_pixels, rough = _grow(picture, print_xy, pixels, corners, target, mirrored=mirrored)
+    grown_ids = np.flatnonzero(np.isfinite(corner_pixels[:, 0]))
+    ids = grown_ids[on_smooth_surface(corners[grown_ids], corner_pixels[grown_ids], target.longest_step)]
+    warp = BoardWarp.fit(corners[ids], corner_pixels[ids], degree=QUINTIC)
     if warp is None:
         return Corners.empty()
-    expected = warp.expected(corners[visible_ids], corner_pixels[visible_ids])
-    appearance = replace(appearance, rough=False, motion=_is_blurred_by_motion(picture, expected, appearance))
-    ids, refined = _confirmed(picture, visible_ids, expected, appearance, mirrored=mirrored)
+    expected = warp.expected(corners[ids], corner_pixels[ids])
+    typical = expected.where(np.arange(len(ids)) % max(len(ids) // SAMPLE_CORNERS, 1) == 0)
+    blur_px, noise_gain = _measured_blur_px(picture, typical, replace(rough, rough=False)), 1.0
+    if blur_px < min(SHARP_PX, rough.blur_px / MAX_BLUR_CHANGE):
+        # The rough refinement samples the picture too sparsely: its corners are off by up to a pixel, and not smooth.
+        ids, expected = grown_ids, warp.expected(corners[grown_ids], corner_pixels[grown_ids])
+        picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENING_PX), dtype=np.float32)
+        rough, noise_gain = replace(rough, blur_px=float(np.hypot(blur_px, SOFTENING_PX))), SOFTENED_NOISE
+    fine = replace(rough, rough=False, motion=_is_blurred_by_motion(picture, typical, rough))
+    ids, refined = _confirmed(picture, ids, expected, fine, mirrored=mirrored)
     valid = _similar_contrast(corners[ids], refined.contrast) & _typical_quality(refined)
-    board = Corners(ids.astype(np.int64), refined.pixels, refined.sigma_px).where(valid)
+    board = Corners(ids.astype(np.int64), refined.pixels, noise_gain * refined.sigma_px).where(valid)
     return board.where(on_smooth_surface(corners[board.ids], board.pixels, target.longest_step))
 
 
-def _is_blurred_by_motion(picture: Image, expected: ExpectedCorners, appearance: Appearance) -> bool:
+def _measured_blur_px(picture: Image, typical: ExpectedCorners, appearance: Appearance) -> float:
+    """Return the sigma of the blur at typical corners, at least `MIN_BLUR_PX`."""
+    for _ in range(MAX_BLUR_ROUNDS):
+        blur_px = max(float(np.median(refine(picture, typical, appearance).blur_px)), MIN_BLUR_PX)
+        if max(blur_px, appearance.blur_px) < MAX_BLUR_CHANGE * min(blur_px, appearance.blur_px):
+            break
+        appearance = replace(appearance, blur_px=blur_px)
+    return blur_px
+
+
+def _is_blurred_by_motion(picture: Image, typical: ExpectedCorners, appearance: Appearance) -> bool:
     """Return whether motion blur explains much of the variance that the print leaves unexplained at typical corners.
 
     Without motion, a model with motion blur would only make partly occluded corners look valid.
     """
-    sample = expected.where(np.arange(len(expected.print_xy)) % max(len(expected.print_xy) // SAMPLE_CORNERS, 1) == 0)
     without_motion, with_motion = (
-        float(np.median(1.0 - refine(picture, sample, replace(appearance, motion=motion)).explained_variance))
+        float(np.median(1.0 - refine(picture, typical, replace(appearance, motion=motion)).explained_variance))
         for motion in (False, True)
     )
     return with_motion < MAX_UNEXPLAINED_RATIO * without_motion

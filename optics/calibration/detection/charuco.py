@@ -37,6 +37,7 @@ PREDICTION_ERROR = 0.12  # error of a marker's predicted position, per square be
 MIN_MARKERS = 2
 MAX_OFFSET = 0.3  # of a marker from its expected position on the board that holds it, in squares
 MIN_LOG_RATIO = 0.5  # of tag to gap in the picture, relative to the print
+MIN_SIDES, MAX_SPREAD = 6, 0.2  # sides of each kind on a grid; spread of their ratios relative to the logarithmic ratio
 
 
 def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, max_boards: int) -> list[Corners]:
@@ -88,7 +89,10 @@ def _markers(target: Charuco | AprilGrid) -> Markers:
         tags = np.array([~target.tag(number)[1:-1, 1:-1] for number in numbers.ravel().tolist()])
         return Markers(tags, 2 * np.argwhere(numbers >= 0)[:, ::-1], 1.0, parity=0, every_other=True)
     return Markers(
-        target.markers[:, 1:-1, 1:-1], target.marker_squares[:, ::-1] - 1, target.marker_mm / target.square_mm, parity=1
+        target.markers[:, 1:-1, 1:-1],
+        target.marker_squares[:, ::-1] - 1,
+        target.marker_mm / target.square_mm,
+        parity=not target.inverted,
     )
 
 
@@ -149,7 +153,8 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
 
     A few suffice to grow boards; if there are too few, other window sizes are tried.
     """
-    bright, parameters = _prepared(grey, mirrored=mirrored)
+    inverted = isinstance(target, Charuco) and target.inverted
+    bright, parameters = _prepared(np.asarray(255 - grey, dtype=np.uint8) if inverted else grey, mirrored=mirrored)
     parameters.markerBorderBits = TAG_BORDER if isinstance(target, AprilGrid) else 1
     dictionary, first, count = _dictionary(target)
     for window_px in WINDOWS_PX:
@@ -166,8 +171,8 @@ def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> 
     return numbers[valid], corners[valid]
 
 
-def count_by_family(grey: Grey, families: Sequence[str], first: int, *, mirrored: bool) -> IntArray:
-    """Count (f,) how many of the first markers of each dictionary family a picture shows."""
+def count_by_family(grey: Grey, families: Sequence[str], first: int | None, *, mirrored: bool) -> IntArray:
+    """Count (f,) how many of the first markers of each dictionary family, or of all (None), a picture shows."""
     bright, parameters = _prepared(grey, mirrored=mirrored)
     parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = WINDOWS_PX[0]
     detector = cv2.aruco.ArucoDetector([dictionaries.dictionary(name, first) for name in families], parameters)
@@ -261,3 +266,33 @@ def _aligned_with_tags(grid_xy: IntArray, pixels: FloatArray, target: AprilGrid)
     if not ratios or abs(np.mean(ratios)) < MIN_LOG_RATIO * -np.log(target.spacing):
         return None
     return grid_xy if np.mean(ratios) > 0 else grid_xy + 1
+
+
+def tag_spacing(grey: Grey) -> float | None:
+    """Estimate the gap between the tags of an AprilGrid in a picture, in sides of a tag; None if it shows too few.
+
+    Each side of a square is compared with the geometric mean of the sides before and after it on its line, so that
+    perspective cancels. Tags have larger ratios than gaps; both deviate from 1 by the same factor.
+    """
+    points = saddle_points(grey)
+    tags, gaps = [], []
+    for members, grid_xy in corner_grids(points, alternating=True):
+        index = {
+            place: points.pixels[member] for place, member in zip(map(tuple, grid_xy.tolist()), members, strict=True)
+        }
+        for axis in range(2):
+            by_parity: tuple[list[float], list[float]] = ([], [])
+            for place in index:
+                line = [tuple(np.add(place, step * np.eye(2, dtype=np.int64)[axis]).tolist()) for step in range(-1, 3)]
+                if all(corner in index for corner in line):
+                    sides = np.linalg.norm(np.diff([index[corner] for corner in line], axis=0), axis=1)
+                    by_parity[place[axis] % 2].append(float(np.log(sides[1] / np.sqrt(sides[0] * sides[2]))))
+            if min(map(len, by_parity)) >= MIN_SIDES:
+                shorter, longer = sorted(by_parity, key=np.median)
+                gaps += shorter
+                tags += longer
+    if min(len(tags), len(gaps)) < 2 * MIN_SIDES:
+        return None
+    spread = max(np.median(np.abs(ratios - np.median(ratios))) for ratios in (tags, gaps))
+    log_spacing = (np.median(gaps) - np.median(tags)) / 2.0
+    return float(np.exp(log_spacing)) if spread < MAX_SPREAD * -log_spacing else None

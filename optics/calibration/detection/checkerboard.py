@@ -4,7 +4,7 @@ A board's edge is recognised by the white paper around it: beyond it, where blac
 is white. An obstacle hardly ever ends along a grid line one square beyond the last corners, and is hardly ever as
 bright as the paper.
 
-Under a distortion too strong for corners to link into grids, OpenCV finds a completely visible board: it links squares,
+Under a distortion too strong for corners to link into grids, OpenCV finds completely visible boards: it links squares,
 which bend less than rows of corners.
 """
 
@@ -30,8 +30,8 @@ from mirrorcam.optics.geometry.targets import Checkerboard
 Grey = NDArray[np.uint8]
 CHECKERBOARD_WINDOW = 0.4
 COMPLETE_WINDOW, MAX_REFINEMENT = 0.2, 0.1  # under strong distortion: half-window and largest shift, in cells
-MIN_LINKED, MIN_KEPT = 12, 0.85  # linked corners, and the fraction of them that match the print on a valid board
-SOFTENED_PX = 1.0  # sigma of the blur applied to sharpened pictures
+MAX_COMPLETE = 8  # boards that OpenCV searches in a picture
+MIN_KEPT = 0.85  # of the linked corners, on a board without strong distortion
 MIN_SPREAD = 0.3  # rms distance from the line through the corners, in cells; for two rows it is 0.5
 MIN_RELATIVE_CONTRAST = 0.6  # of an unoccluded corner, relative to the board's contrast
 # Sample points, in cells from a corner, in the squares at its lower right and upper left.
@@ -81,31 +81,27 @@ def non_collinear(corners: Corners) -> Corners:
 def find_checkerboards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
     """Find all checkerboards in a picture (h, w) that may be the target or a part of it, the largest first.
 
-    Grids of saddle points start the search; comparison with the print then decides which corners are visible. If there
-    are none, as with a fisheye lens, OpenCV searches for a completely visible board by its squares.
+    Grids of saddle points start the search; comparison with the print then decides which corners are visible. Where
+    linked corners do not fit a smooth print, or none are linked, as with a fisheye lens, OpenCV searches for completely
+    visible boards by their squares.
     """
     picture = np.asarray(grey, dtype=np.float32)
     max_side = max(target.cols, target.rows)
     grids: list[DetectedGrid] = []
+    all_fit = True
     for linked_xy, pixels in linked_grids(grey):
         detected = [grid.corners for grid in grids]
         if not has_new_corners(pixels, detected):
             continue
         grid_xy, corners = grow_grid(picture, linked_xy, pixels, margin=max_side)
-        if len(linked_xy) >= MIN_LINKED and len(corners) < MIN_KEPT * len(linked_xy):
-            # A sharpened picture matches the print only after softening.
-            softened = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENED_PX), dtype=np.float32)
-            softened_grid = grow_grid(softened, linked_xy, pixels, margin=max_side)
-            grid_xy, corners = max((grid_xy, corners), softened_grid, key=lambda grid: len(grid[1]))
+        all_fit &= len(corners) >= MIN_KEPT * len(linked_xy)
         if has_new_corners(corners.pixels, detected):
             grids.append(DetectedGrid(grid_xy, corners, board_limits(picture, grid_xy, corners.pixels)))
-    if not grids and (complete := complete_board(grey, target)):
-        grid_xy, pixels = complete
-        cells = cell_px(pixels)
-        refined = refine_saddles(grey, pixels, cells, COMPLETE_WINDOW)
-        stable = np.linalg.norm(refined - pixels, axis=1) < MAX_REFINEMENT * cells
-        pixels = np.where(stable[:, None], refined, pixels)
-        grids.append(DetectedGrid(grid_xy, Corners(np.arange(len(grid_xy)), pixels), NO_LIMITS))
+    if not grids or not all_fit:
+        detected = [grid.corners for grid in grids]
+        complete = [board for board in complete_boards(grey, target) if has_new_corners(board.corners.pixels, detected)]
+        corners_in_complete = [board.corners for board in complete]
+        grids = complete + [grid for grid in grids if has_new_corners(grid.corners.pixels, corners_in_complete)]
     return sorted(grids, key=lambda grid: -len(grid))
 
 
@@ -202,8 +198,9 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
 
     grid = predicted.reshape(rows, cols, 2)
     right, down = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2)[ids] for axis in (1, 0))
-    # Corner (r, c) has square (r, c) at its upper left, black if r + c is even, and the same colour at its lower right.
-    black_first = (ids // cols + ids % cols) % 2 == 0
+    # Corner (r, c) has square (r, c) at its upper left, black if r + c is even (white if inverted), and the same colour
+    # at its lower right.
+    black_first = (ids // cols + ids % cols) % 2 == target.inverted
     first, second = (
         np.array([_interpolated(grey, refined + x * right + sign * y * down) for x, y in SQUARE_SAMPLES])
         for sign in (1, -1)
@@ -265,6 +262,20 @@ def _is_board_edge(picture: Image, warp: BoardWarp, axis: int, last: int, sign: 
     agreeing = np.asarray((np.abs(outside - white_grey) < max_error).all(axis=(1, 2)))
     agreeing &= (np.abs(inside - np.where(white, white_grey, black_grey)[:, None, None]) < max_error).all(axis=(1, 2))
     return bool(min(agreeing[white].mean(), agreeing[~white].mean()) >= MIN_AGREEING)
+
+
+def complete_boards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
+    """Return the completely visible boards of the target's size in a picture (h, w), under any distortion."""
+    remaining, boards = grey.copy(), []
+    while len(boards) < MAX_COMPLETE and (complete := complete_board(remaining, target)):
+        grid_xy, pixels = complete
+        cells = cell_px(pixels)
+        refined = refine_saddles(grey, pixels, cells, COMPLETE_WINDOW)
+        stable = np.linalg.norm(refined - pixels, axis=1) < MAX_REFINEMENT * cells
+        corners = Corners(np.arange(len(grid_xy)), np.where(stable[:, None], refined, pixels))
+        boards.append(DetectedGrid(grid_xy, corners, NO_LIMITS))
+        cv2.fillConvexPoly(remaining, cv2.convexHull(np.rint(pixels).astype(np.int32)), int(np.median(grey)))
+    return boards
 
 
 def complete_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntArray, FloatArray] | None:

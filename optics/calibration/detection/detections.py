@@ -84,8 +84,9 @@ class DetectedGrid:
         candidates = []
         for turn in range(4):
             for shift in _shifts(self.transformed(turn, np.zeros(2, dtype=np.int64)), last):
-                # On the print, the square at the lower right of a corner with an even coordinate sum is black.
-                if (shift.sum() + turn) % 2 == 1:
+                # On the print, the square at the lower right of a corner with an even coordinate sum is black, or white
+                # if the print is inverted.
+                if (shift.sum() + turn) % 2 != target.inverted:
                     col, row = self.transformed(turn, shift).grid_xy.T
                     candidates.append(replace(self.corners, ids=(row * (last[0] + 1) + col).astype(np.int64)))
         return candidates

@@ -163,6 +163,8 @@ def _correlations(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -
     v, u = (axis.ravel() for axis in np.meshgrid(positions, positions, indexing="ij"))
     weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
     sampled = standardised(sample(squares.picture, weights @ squares.quads).astype(np.float64))
+    if target.inverted:
+        sampled = -sampled
     white = dictionaries.white_modules(target.dictionary)[squares.ids]
 
     def with_side(side: float, blur: float) -> float:
@@ -370,8 +372,8 @@ def _every_marker(target: Charuco | AprilGrid) -> Markers:
     """Return all markers of a target's family or dictionary."""
     if isinstance(target, AprilGrid):
         return Markers(_codes_of_tags(), NO_GRID_XY, 1.0, parity=0, every_other=True)
-    codes = dictionaries.white_modules(target.dictionary)[:, 1:-1, 1:-1]
-    return Markers(codes, NO_GRID_XY, target.marker_mm / target.square_mm, parity=1)
+    codes = dictionaries.white_modules(target.dictionary)[:, 1:-1, 1:-1] != target.inverted
+    return Markers(codes, NO_GRID_XY, target.marker_mm / target.square_mm, parity=not target.inverted)
 
 
 @lru_cache(maxsize=1)

@@ -1,20 +1,22 @@
-"""Recognition of boards other than the stated one: of a different size or dictionary, or in a flipped picture.
+"""Recognition of boards other than the stated one: of a different size, kind or dictionary, or in a flipped picture.
 
-To limit the cost, only a few pictures are examined. A recognised board is refused with its likely cause.
+To limit the cost, only a few pictures are examined. A recognised board is refused with its likely cause, and with what
+to write in `board.toml`.
 
 The markers' numbers reveal a board of a different size, with OpenCV's old pattern, or with a different first marker. If
-they cannot be read, flipped and inverted pictures, other marker sizes and other dictionaries are tried.
+they cannot be read, flipped pictures, inverted prints, other marker sizes and other dictionaries are tried, and what is
+read then is compared with the stated board in turn. Finally, other kinds of boards are tried.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from mirrorcam.optics.calibration.detection.charuco import count_by_family, find_marked_boards
+from mirrorcam.optics.calibration.detection.charuco import count_by_family, find_marked_boards, tag_spacing
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
 from mirrorcam.optics.calibration.detection.detections import DetectedGrid
 from mirrorcam.optics.calibration.detection.marker_layout import (
@@ -34,6 +36,10 @@ MIN_BEYOND = 2  # pairs per picture with a marker that the stated board lacks
 MIN_VERTICAL = 3  # pairs of markers per picture that give the same number of columns
 MAX_SHORTFALL = 0.05  # of consistent pairs, relative to the best numbering, for a numbering that is still plausible
 MAX_SIDE_DIFFERENCE = 0.035  # between the stated and the visible side of markers, in squares
+MAX_SPACING_DIFFERENCE = 0.04  # between the stated and the visible gap of an AprilGrid, relative
+MAX_DICTIONARIES = 3  # families of which the most markers were detected, whose layout is examined
+ANY_CHARUCO = Charuco(cols=5, rows=4, square_mm=10.0, marker_mm=7.0)
+ANY_APRILGRID = AprilGrid(cols=24, rows=24, tag_mm=10.0, spacing=0.3)
 
 
 def other_board(
@@ -60,14 +66,17 @@ def other_board(
         return None
     if not isinstance(target, Checkerboard):
         return other_markers(pictures, target, mirrored=mirrored, found=found and fits)
-    return None if found and fits else _other_checkerboard(pictures, target, mirrored=mirrored, found=found)
+    if found and fits:
+        return None
+    other = _other_checkerboard(pictures, target, mirrored=mirrored, found=found)
+    return other or (None if found else _other_kind(pictures, target, mirrored=bool(mirrored)))
 
 
 def _other_checkerboard(
     pictures: Sequence[Grey], target: Checkerboard, *, mirrored: bool | None, found: bool
 ) -> str | None:
     grids = [grid for picture in pictures for grid in find_checkerboards(picture, target)]
-    counts = Counter(_size_like(target, grid) for grid in grids if len(grid) >= MIN_FILLED * np.prod(grid.extent))
+    counts = _complete_sizes(grids, target)
     stated = counts.pop((target.cols, target.rows), 0)
     # Parts of a board look like smaller boards, so once the stated size is found, smaller ones do not count.
     if stated or found:
@@ -90,7 +99,11 @@ def _other_checkerboard(
     return None
 
 
-def _size_like(target: Checkerboard, grid: DetectedGrid) -> tuple[int, int]:
+def _complete_sizes(grids: Sequence[DetectedGrid], target: Target) -> Counter[tuple[int, int]]:
+    return Counter(_size_like(target, grid) for grid in grids if len(grid) >= MIN_FILLED * np.prod(grid.extent))
+
+
+def _size_like(target: Target, grid: DetectedGrid) -> tuple[int, int]:
     """Columns and rows of squares of a board that ends where the grid does, in the order closer to the target's."""
     long, short = max(grid.extent) + 1, min(grid.extent) + 1
     sizes = [(long, short), (short, long)] if target.cols >= target.rows else [(short, long), (long, short)]
@@ -108,7 +121,16 @@ def other_markers(
 
     For `mirrored` and `found`, see `other_board`.
     """
+    if isinstance(target, AprilGrid) and (other := _other_spacing(pictures, target)):
+        return other
     gridded = [GriddedPicture.of(picture, target) for picture in pictures]
+    return _differences(gridded, target, mirrored=mirrored, found=found)
+
+
+def _differences(
+    gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool | None, found: bool
+) -> str | None:
+    pictures = [picture.grey for picture in gridded]
     min_pairs = MIN_VERTICAL * len(gridded)
     pairs = _pairs(gridded, target, mirrored=bool(mirrored))
     columns, vertical = pairs.vertical(target).majority
@@ -135,7 +157,7 @@ def other_markers(
         return f"the pictures show {board} of more rows of {cells}, board.toml says {size} {cells}"
     if not isinstance(target, Charuco):
         return None
-    white = not target.black[0, 0]
+    white = target.marker_at_top_left
     stated_pairs, other_pairs = (
         pairs.count_consistent(columns, target.first_marker, white_first=bool(first)) for first in (white, not white)
     )
@@ -144,10 +166,15 @@ def other_markers(
     return other or _other_marker_side(gridded, target, mirrored=mirrored)
 
 
-def _other_numbers(pairs: MarkerPairs, vertical: VerticalPairs, target: Charuco, pictures: int) -> str | None:
-    """Describe how markers are arranged or numbered differently from the target; None if they are not."""
+def _other_numbers(
+    pairs: MarkerPairs, vertical: VerticalPairs, target: Charuco, pictures: int, *, any_pattern: bool = True
+) -> str | None:
+    """Describe how markers are arranged or numbered differently from the target; None if they are not.
+
+    `any_pattern` states whether the target's pattern may be wrong.
+    """
     first, count = target.first_marker, len(target.markers)
-    white = bool(not target.black[0, 0])
+    white = target.marker_at_top_left
     votes = [
         pairs.count_consistent(target.cols, phase, white_first=white) for phase in range(first, first + target.cols)
     ]
@@ -165,9 +192,16 @@ def _other_numbers(pairs: MarkerPairs, vertical: VerticalPairs, target: Charuco,
     # The numbers of complete pairs of rows, from the pair that holds the lowest number.
     begin = first + phase + (lowest - first - phase) // target.cols * target.cols
     fits = begin != first and begin >= 0 and highest < begin + count
-    if other_pattern and (few_beyond or not fits):
-        return _other_pattern(target)
-    if not fits:
+    is_other_pattern = other_pattern and (few_beyond or not fits)
+    if any_pattern and (is_other_pattern or (not fits and target.rows % 2 == 0)):
+        toggled = target.replaced(legacy=not target.legacy)
+        numbers = (
+            _other_numbers(pairs, vertical, toggled, pictures, any_pattern=False) if target.rows % 2 == 0 else None
+        )
+        if is_other_pattern or numbers:
+            return "; ".join(filter(None, [_other_pattern(target), numbers]))
+    # With the other pattern, all rows must be visible: otherwise, more rows are likelier than two differences.
+    if not fits or (not any_pattern and (lowest != begin or highest < begin + count - target.cols)):
         return None
     # If neither the left nor the right side of the board is visible, several numberings are equally likely.
     first_id = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
@@ -231,34 +265,126 @@ def _unreadable(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, 
             "the markers of the board can be read only when the pictures are flipped: they are mirrored, like those of "
             "a selfie camera; switch that off, or flip them left to right"
         )
-    if isinstance(target, AprilGrid):
-        return None
-    negatives = [GriddedPicture.of(np.asarray(255 - picture.grey, dtype=np.uint8), target) for picture in gridded]
-    if _readable(negatives, target, mirrored=flipped):
-        return (
-            "the ChArUco board in the pictures is printed white on black: print it black on white, or exchange black "
-            "and white in all pictures"
-        )
-    return _other_marker_side(gridded, target, mirrored=mirrored) or _other_dictionary(
-        gridded, target, mirrored=flipped
-    )
+    if isinstance(target, Charuco):
+        inverted = target.replaced(inverted=not target.inverted)
+        if _readable(gridded, inverted, mirrored=flipped):
+            return _with_others(_other_polarity(target), gridded, inverted, mirrored=mirrored)
+        if other := _other_marker_side(gridded, target, mirrored=mirrored):
+            return other
+        for polarity in (target.inverted, inverted.inverted):
+            if other := _other_dictionary(gridded, target, inverted=polarity, mirrored=mirrored):
+                return other
+    return _other_kind([picture.grey for picture in gridded], target, mirrored=flipped)
 
 
-def _other_dictionary(gridded: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool) -> str | None:
+def _with_others(cause: str, gridded: Sequence[GriddedPicture], corrected: Charuco, *, mirrored: bool | None) -> str:
+    """Join a cause and how the pictures differ from the board without it."""
+    others = _differences(gridded, corrected, mirrored=mirrored, found=True)
+    return f"{cause}; {others}" if others else cause
+
+
+def _other_polarity(target: Charuco) -> str:
+    board = "the ChArUco board in the pictures is printed"
+    if target.inverted:
+        return f"{board} black on white, board.toml says inverted = true: remove that"
+    return f"{board} white on black: add inverted = true to board.toml"
+
+
+def _other_dictionary(
+    gridded: Sequence[GriddedPicture], target: Charuco, *, inverted: bool, mirrored: bool | None
+) -> str | None:
+    """Name the dictionary of the markers if they are of another one, and printed `inverted`."""
+    pictures = [picture.grey for picture in gridded]
     stated = dictionaries.family(target.dictionary)
-    others = [name for name in dictionaries.FAMILIES if name != stated]
-    counts = np.sum(
-        [count_by_family(picture.grey, others, len(target.markers), mirrored=mirrored) for picture in gridded], axis=0
-    )
-    name = others[int(counts.argmax())]
-    if counts.max() < MIN_VERTICAL * len(gridded) or dictionaries.count(name) < len(target.markers):
-        return None
-    other = target.replaced(dictionary=name, first_marker=0)
-    vertical = _pairs(gridded, other, mirrored=mirrored).vertical(other).majority[1]
+    families = [name for name in dictionaries.FAMILIES if name != stated]
+    for name in _likely_families(pictures, families, len(target.markers), inverted=inverted, mirrored=bool(mirrored)):
+        if dictionaries.count(name) < len(target.markers):
+            continue
+        other = target.replaced(dictionary=name, first_marker=0, inverted=inverted)
+        vertical = _pairs(gridded, other, mirrored=bool(mirrored)).vertical(other).majority[1]
+        if len(vertical.highest) >= MIN_VERTICAL * len(gridded):
+            shown = dictionaries.smallest(name, max(len(target.markers), int(vertical.highest.max()) + 1))
+            cause = (
+                f"the pictures show markers of {shown}, board.toml says dictionary {target.dictionary}: "
+                f'set dictionary = "{shown}" there'
+            )
+            if inverted != target.inverted:
+                cause = f"{_other_polarity(target)}; {cause}"
+            return _with_others(cause, gridded, other.replaced(dictionary=shown), mirrored=mirrored)
+    return None
+
+
+def _likely_families(
+    pictures: Sequence[Grey], families: Sequence[str], markers: int, *, inverted: bool, mirrored: bool
+) -> Iterator[str]:
+    """Yield the dictionaries of which pictures show most markers: of their first markers, then of all in one picture.
+
+    Comparison with all markers takes a second.
+    """
+    if inverted:
+        pictures = [np.asarray(255 - picture, dtype=np.uint8) for picture in pictures]
+    for examined, first in ((pictures, markers), (pictures[:1], None)):
+        counts = np.sum([count_by_family(picture, families, first, mirrored=mirrored) for picture in examined], axis=0)
+        for number in np.argsort(-counts, kind="stable")[:MAX_DICTIONARIES].tolist():
+            if counts[number] >= MIN_VERTICAL * len(examined):
+                yield families[number]
+
+
+def _other_kind(pictures: Sequence[Grey], target: Target, *, mirrored: bool) -> str | None:
+    """Name the kind of board in the pictures if it is another one."""
+    says = f'board.toml says kind = "{target.kind}"'
+    if not isinstance(target, AprilGrid):
+        spacings = [spacing for picture in pictures if (spacing := tag_spacing(picture)) is not None]
+        grid = ANY_APRILGRID.replaced(spacing=float(np.median(spacings))) if spacings else None
+        columns = 0 if grid is None else _columns(pictures, grid, mirrored=mirrored)[0]
+        if grid is not None and columns:
+            return (
+                f"the pictures show an AprilGrid of {columns} columns of tags, {says}: "
+                f'set kind = "aprilgrid" there, spacing = {grid.spacing:.3g}, and cols, rows and tag_mm of its tags'
+            )
+    if not isinstance(target, Charuco):
+        for inverted in (False, True):
+            for name in _likely_families(pictures, dictionaries.FAMILIES, 50, inverted=inverted, mirrored=mirrored):
+                board = ANY_CHARUCO.replaced(dictionary=name, inverted=inverted)
+                columns, highest = _columns(pictures, board, mirrored=mirrored)
+                if columns:
+                    name = dictionaries.smallest(name, highest + 1)
+                    return (
+                        f"the pictures show a ChArUco board of {columns} columns of squares, {says}: "
+                        f'set kind = "charuco" there, dictionary = "{name}", marker_mm'
+                        f"{' and inverted = true' if inverted else ''}"
+                    )
+    if not isinstance(target, Checkerboard):
+        board = Checkerboard(cols=target.cols, rows=target.rows, square_mm=1.0)
+        sizes = _complete_sizes([grid for picture in pictures for grid in find_checkerboards(picture, board)], board)
+        if sizes and (count := max(sizes.values())) >= len(pictures):
+            cols, rows = max(size for size in sizes if sizes[size] == count)
+            return (
+                f"the pictures show a plain checkerboard of {cols} x {rows} squares, {says}: "
+                'set kind = "checkerboard" there'
+            )
+    return None
+
+
+def _columns(pictures: Sequence[Grey], board: Charuco | AprilGrid, *, mirrored: bool) -> tuple[int, int]:
+    """Number of columns and highest marker of a board of markers of a kind; 0, 0 if the pictures show none."""
+    gridded = [GriddedPicture.of(picture, board) for picture in pictures]
+    columns, vertical = _pairs(gridded, board, mirrored=mirrored).vertical(board).majority
     if len(vertical.highest) < MIN_VERTICAL * len(gridded):
+        return 0, 0
+    return columns, int(vertical.highest.max())
+
+
+def _other_spacing(pictures: Sequence[Grey], target: AprilGrid) -> str | None:
+    spacings = [spacing for picture in pictures if (spacing := tag_spacing(picture)) is not None]
+    if not spacings or abs((spacing := float(np.median(spacings))) - target.spacing) < (
+        MAX_SPACING_DIFFERENCE * target.spacing
+    ):
         return None
-    dictionary = dictionaries.smallest(name, max(len(target.markers), int(vertical.highest.max()) + 1))
-    return f"the pictures show markers of {dictionary}, board.toml says dictionary {target.dictionary}"
+    return (
+        f"the gaps between the tags in the pictures look like {spacing:.3g} sides of a tag, board.toml says spacing = "
+        f"{target.spacing:g} (Kalibr's tagSpacing): set spacing = {spacing:.3g} there if that is what you measure"
+    )
 
 
 def _readable(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> bool:

@@ -10,10 +10,11 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from mirrorcam.core.disk.files import is_inside
+from mirrorcam.core.disk.yaml_text import YAML_SUFFIXES
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, MirrorProjection, RigCamera
 from mirrorcam.optics.camera_files.read import anipose, colmap, kalibr, mrcal, opencv, ros
-from mirrorcam.optics.camera_files.read.file_text import MAX_BYTES, YAML_SUFFIXES, read_yaml
+from mirrorcam.optics.camera_files.read.file_text import MAX_BYTES, read_yaml
 from mirrorcam.optics.camera_files.write.virtual_cameras import view_name
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid

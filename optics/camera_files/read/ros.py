@@ -15,10 +15,11 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.core.disk.yaml_text import YAML_SUFFIXES
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, RigCamera, number_of, numbers_of, size_of
-from mirrorcam.optics.camera_files.read.file_text import YAML_SUFFIXES, entry, read_text, read_yaml, table
+from mirrorcam.optics.camera_files.read.file_text import entry, read_text, read_yaml, table
 from mirrorcam.optics.camera_files.read.opencv import lens_of
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.transforms import inverse, rigid

@@ -9,7 +9,7 @@ from pathlib import Path
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.errors import InputError
 from mirrorcam.device.board_print import FORMATS, page_for, write_board
-from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
+from mirrorcam.optics.geometry.targets import default_board, is_own_board, load_board, save_board
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,8 @@ def print_board(path: Path, board: Path | None = None, page: str = "", *, force:
     path
         File to write, .pdf or .svg.
     board
-        `board.toml`; None for the default board, whose `board.toml` is written next to the page.
+        `board.toml`; None for the default board. For it, and for a board as another program describes it, `board.toml`
+        is written next to the page.
     page
         Name of a page, WIDTHxHEIGHT in mm, or empty for the smallest A page that holds the board.
     force
@@ -37,13 +38,14 @@ def print_board(path: Path, board: Path | None = None, page: str = "", *, force:
     if path.suffix not in FORMATS:
         raise InputError(f"--out {path}: expected a name that ends in {' or '.join(FORMATS)}")
     target = default_board() if board is None else load_board(board)
-    description = path.with_suffix(".toml") if board is None else board
+    own = board is not None and is_own_board(board)
+    description = board if own and board is not None else path.with_suffix(".toml")
     page_mm = page_for(target, page.lower())
-    names = (path.name, description.name) if board is None else (path.name,)
+    names = (path.name,) if own else (path.name, description.name)
     with output_folder(path.parent, "board", force=force) as output:
         output.refuse_others(*map(glob.escape, names))
         with output.staged(complete=False) as folder:
             write_board(target, folder / path.name, page_mm, description.name)
-            if board is None:
+            if not own:
                 save_board(folder / description.name, target)
     return PrintedBoard(page_mm, description)

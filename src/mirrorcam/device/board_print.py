@@ -156,7 +156,8 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
     if isinstance(target, Charuco):
         first_marker = f" from {target.first_marker} on" if target.first_marker else ""
         pattern = ", pattern of OpenCV before 4.6" if target.legacy else ""
-        lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}{first_marker}{pattern}")
+        polarity = ", inverted" if target.inverted else ""
+        lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}{first_marker}{pattern}{polarity}")
     if isinstance(target, AprilGrid):
         lines.append(f"gaps of {target.gap_mm:g} mm, family 36h11, tag 0 at the lower left")
     lines.append(f"printed at 100 %, its squares span {width:g} x {height:g} mm")
@@ -187,6 +188,8 @@ def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
         return shapely.MultiPolygon([shapely.orient_polygons(polygon) for polygon in _joined(target.black, x, y)])
     side = target.square_mm
     black = target.black if isinstance(target, Charuco) else target.image(1) == 0
+    if isinstance(target, Charuco) and target.inverted:
+        black = np.zeros_like(black)  # all black squares hold markers
     squares = [
         shapely.box(column * side, row * side, (column + 1) * side, (row + 1) * side)
         for row, column in np.argwhere(black).tolist()
@@ -196,11 +199,14 @@ def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
 
 
 def _markers(target: Charuco) -> Iterator[shapely.Polygon]:
-    """Polygons of the markers, centred in the white squares, in the order of their numbers, row by row."""
+    """Polygons of the squares with markers at their centres, in the order of their numbers, row by row."""
     for white, (row, column) in zip(target.markers, target.marker_squares.tolist(), strict=True):
-        corner = (np.array([column, row]) + 0.5) * target.square_mm - target.marker_mm / 2.0
+        square = np.array([column, row]) * target.square_mm
+        corner = square + (target.square_mm - target.marker_mm) / 2.0
+        modules = np.arange(len(white) + 1) * target.marker_mm / len(white)
         # Neighbours share identical coordinates, so that their union has no gaps.
-        yield from _joined(~white, *(corner[:, None] + np.arange(len(white) + 1) * target.marker_mm / len(white)))
+        lines = np.column_stack([square, corner[:, None] + modules, square + target.square_mm])
+        yield from _joined(np.pad(~white, 1, constant_values=target.inverted), *lines)
 
 
 def _joined(black: NDArray[np.bool_], x: FloatArray, y: FloatArray) -> tuple[shapely.Polygon, ...]:

@@ -118,7 +118,8 @@ def test_keys_that_a_board_does_not_need_are_not_written(tmp_path: Path) -> None
     "board",
     [
         CHARUCO,
-        CHARUCO.replaced(legacy=True, first_marker=3),
+        CHARUCO.replaced(legacy=True, first_marker=3, inverted=True),
+        PLAIN.replaced(inverted=True),
         PLAIN,
         TAGS,
         default_board(),
@@ -253,12 +254,17 @@ def test_kalibrs_own_file_is_read(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("'aprilgrid'", "'checkerboard'", "target_type is 'checkerboard', expected 'aprilgrid'"),
+        ("'aprilgrid'", "'circlegrid'", "target_type is 'circlegrid', expected 'aprilgrid' or 'checkerboard'"),
+        ("'aprilgrid'", "'checkerboard'", "colSpacingMeters: 'None', expected a number above 0"),
         ("tagSize: 0.088", "tagSize: wide", "tagSize: 'wide', expected a number"),
-        ("tagSize: 0.088", "tagSize: 1e", "could not convert"),
-        ("tagRows: 4", "", "tagRows: '', expected a number"),
-        ("tagRows: 4", "tagRows: 4.5", "rows: Input should be a valid integer"),
-        ("tagSpacing: 0.3", "tagSpacing: 3", "spacing: Input should be less than"),
+        ("tagSize: 0.088", "tagSize: 1e", "tagSize: '1e', expected a number"),
+        ("tagSize: 0.088", "tagSize: .inf", "tagSize: 'inf', expected a number"),
+        ("tagRows: 4", "", "tagRows: 'None', expected a whole number"),
+        ("tagRows: 4", "tagRows: 4.5", "tagRows: '4.5', expected a whole number"),
+        ("tagSpacing: 0.3", "tagSpacing: 3", "tagSpacing is 3, expected the gap divided by tagSize, 0.05 to 0.8"),
+        ("tagSpacing: 0.3", "tagSpacing: 0.0264", "if that is in metres, it is 0.3"),
+        ("tagSpacing: 0.3", f"tagSpacing: {'[' * 40}", "nested deeper than 32"),
+        ("tagSpacing: 0.3", "tagSpacing: 0.3\n---\na: 1", "2 documents, expected one"),
     ],
 )
 def test_files_of_kalibr_are_refused_in_one_line(old: str, new: str, message: str, tmp_path: Path) -> None:
@@ -269,3 +275,14 @@ def test_files_of_kalibr_are_refused_in_one_line(old: str, new: str, message: st
     assert str(caught.value).startswith(f"{path}: ")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("board", [CHARUCO, CHARUCO.replaced(rows=6, legacy=True, first_marker=5), PLAIN])
+def test_an_inverted_board_is_the_negative_of_its_print(board: Checkerboard | Charuco) -> None:
+    inverted = board.replaced(inverted=True)
+    np.testing.assert_array_equal(inverted.image(40), 255 - board.image(40))
+    np.testing.assert_array_equal(inverted.corners_in_board_mm, board.corners_in_board_mm)
+    if isinstance(board, Charuco) and isinstance(inverted, Charuco):
+        np.testing.assert_array_equal(inverted.black, ~board.black)
+        np.testing.assert_array_equal(inverted.marker_squares, board.marker_squares)
+        np.testing.assert_array_equal(inverted.markers, ~board.markers)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from mirrorcam.optics.calibration.detection.marker_layout import MarkerPairs
 from mirrorcam.optics.calibration.detection.other_boards import other_board, other_markers
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, load_board
 from tests.nightly import a_few
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, seen
@@ -181,7 +182,10 @@ def test_some_flipped_pictures_of_a_checkerboard_are_ambiguous() -> None:
 def test_another_dictionary_is_named(*, mirrored: bool) -> None:
     shown = pictures(MARKED.replaced(dictionary="DICT_5X5_100"), mirrored=mirrored)
     said = other_board(shown, MARKED, mirrored=mirrored, found=False)
-    assert said == "the pictures show markers of DICT_5X5_50, board.toml says dictionary DICT_4X4_250"
+    assert said == (
+        "the pictures show markers of DICT_5X5_50, board.toml says dictionary DICT_4X4_250: "
+        'set dictionary = "DICT_5X5_50" there'
+    )
 
 
 def test_a_missing_row_of_another_renderers_board_is_named(foreign_sets: Path) -> None:
@@ -285,8 +289,67 @@ def test_another_side_of_the_markers_is_measured(stated: float, *, found: bool, 
 def test_a_print_in_white_on_black_is_named(*, mirrored: bool) -> None:
     negatives = [np.asarray(255 - shown, dtype=np.uint8) for shown in marked_pictures(BOARD, mirrored=mirrored)]
     said = other_markers(negatives, BOARD, mirrored=mirrored, found=False)
+    assert said == "the ChArUco board in the pictures is printed white on black: add inverted = true to board.toml"
+    assert other_markers(negatives, BOARD.replaced(inverted=True), mirrored=mirrored, found=True) is None
+
+
+@DIRECT_OR_MIRRORED
+@pytest.mark.parametrize(
+    ("shown", "keys"),
+    [
+        ({"inverted": True, "first_marker": 24}, ("inverted = true", "first_marker = 24")),
+        ({"dictionary": "DICT_6X6_250", "first_marker": 100}, ('dictionary = "DICT_6X6_250"', "first_marker = 100")),
+        ({"dictionary": "DICT_5X5_50", "inverted": True}, ("inverted = true", 'dictionary = "DICT_5X5_50"')),
+        ({"dictionary": "DICT_7X7_50", "legacy": True}, ('dictionary = "DICT_7X7_50"', "legacy = true")),
+        ({"legacy": True, "first_marker": 20}, ("legacy = true", "first_marker = 20")),
+        ({"legacy": True, "first_marker": 24}, ("legacy = true", "first_marker = 24")),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, dict) else "",
+)
+def test_all_differences_are_named_at_once(shown: dict[str, Any], keys: tuple[str, ...], *, mirrored: bool) -> None:
+    board = BOARD.replaced(**shown)
+    pictures_of_board = marked_pictures(board, mirrored=mirrored)[:1]
+    said = other_markers(pictures_of_board, BOARD, mirrored=mirrored, found=False)
     assert said is not None
-    assert "is printed white on black" in said
+    assert all(key in said for key in keys)
+    assert other_markers(pictures_of_board, board, mirrored=mirrored, found=True) is None
+
+
+@DIRECT_OR_MIRRORED
+def test_a_stated_inversion_that_is_not_there_is_named(*, mirrored: bool) -> None:
+    said = other_markers(
+        marked_pictures(BOARD, mirrored=mirrored), BOARD.replaced(inverted=True), mirrored=mirrored, found=False
+    )
+    assert said is not None
+    assert said.endswith("printed black on white, board.toml says inverted = true: remove that")
+
+
+@pytest.mark.parametrize(
+    ("shown", "stated", "said"),
+    [
+        (BOARD, PLAIN, 'ChArUco board of 8 columns of squares, board.toml says kind = "checkerboard"'),
+        (BOARD, GRID, 'set kind = "charuco" there, dictionary = "DICT_4X4_50"'),
+        (PLAIN, BOARD, 'plain checkerboard of 7 x 6 squares, board.toml says kind = "charuco"'),
+        (PLAIN, GRID, 'set kind = "checkerboard" there'),
+        (GRID, BOARD, 'AprilGrid of 6 columns of tags, board.toml says kind = "charuco"'),
+        (GRID, PLAIN, 'set kind = "aprilgrid" there, spacing = 0.2,'),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_another_kind_of_board_is_named(shown: Target, stated: Target, said: str) -> None:
+    if isinstance(shown, Checkerboard):
+        seen_pictures = pictures(shown, mirrored=False)
+    else:
+        seen_pictures = tags(mirrored=False) if shown == GRID else marked_pictures(BOARD, mirrored=False)
+    assert said in (other_board(seen_pictures[:1], stated, mirrored=False, found=False) or "")
+
+
+@DIRECT_OR_MIRRORED
+@pytest.mark.parametrize("stated", [0.1, 0.185, 0.3])
+def test_another_spacing_of_tags_is_measured(stated: float, *, mirrored: bool) -> None:
+    said = other_board(tags(mirrored=mirrored), GRID.replaced(spacing=stated), mirrored=mirrored, found=stated == 0.185)
+    assert said is not None
+    assert f"look like 0.2 sides of a tag, board.toml says spacing = {stated:g} (Kalibr's tagSpacing)" in said
 
 
 @DIRECT_OR_MIRRORED
@@ -294,7 +357,8 @@ def test_a_print_in_white_on_black_is_named(*, mirrored: bool) -> None:
 def test_another_dictionary_of_any_kind_is_named(name: str, *, mirrored: bool) -> None:
     shown = marked_pictures(BOARD.replaced(dictionary=name), mirrored=mirrored)
     said = other_markers(shown, BOARD, mirrored=mirrored, found=False)
-    assert said == f"the pictures show markers of {name}, board.toml says dictionary DICT_4X4_50"
+    assert said is not None
+    assert said.endswith(f'board.toml says dictionary DICT_4X4_50: set dictionary = "{name}" there')
 
 
 def test_a_dictionary_with_the_same_markers_is_not_another_board(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,16 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.robustness.damage import damaged_bytes
+from mirrorcam.core.disk.yaml_text import MAX_VALUES, yaml_documents
 from mirrorcam.core.errors import InputError
-from mirrorcam.optics.camera_files.read.file_text import (
-    MAX_BYTES,
-    MAX_VALUES,
-    entry,
-    read_text,
-    read_yaml,
-    table,
-    yaml_documents,
-)
+from mirrorcam.optics.camera_files.read.file_text import MAX_BYTES, entry, read_text, read_yaml, table
 
 GOOD = "%YAML:1.0\n---\na: &x [1, 2.e-05, .Inf, 'n o', \"t\\u00e9\"]\nb: {c: *x, d: ~}\ne: |\n  x\n...\n---\nf: true\n"
 TEXTS = st.text("ab", max_size=4) | st.sampled_from(["1", "true", "~", "", "<<", "1:2", "2020-01-01", "- a", "#", "é"])
