@@ -220,7 +220,6 @@ def _layout(solution: Solution, rows: Observations, table: LabelTable) -> Layout
 
     A wrong label can agree by chance, far from the others: where mirrors would overlap, their outlines end earlier.
     """
-    mirrors = range(len(table.views) - 1)
     invalid: InvalidValue | None = None
     for widths in OUTLINE_WIDTHS:
         shown = _near_others(rows, solution.inliers, widths)

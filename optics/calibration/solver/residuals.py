@@ -307,7 +307,7 @@ def linearized(
     mirrors: MirrorArrays | None,
     *,
     bent: bool,
-    row_time: FloatArray,
+    row_time: FloatArray | float = 0.0,
     camera_from_rig: FloatArray | None = None,
     board_turning: FloatArray | None = None,
 ) -> LinearizedResiduals:
@@ -324,7 +324,7 @@ def linearized(
     bent
         Whether derivatives with respect to curvature are needed.
     row_time
-        Times (n,) at which the corners' rows are read.
+        Times (n,) at which the corners' rows are read; 0 if nothing moves.
     camera_from_rig
         Rotations (3, 3, n) of the camera at each corner; None if it is not rotated.
     board_turning
