@@ -10,8 +10,8 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
-from mirrorcam.optics.calibration.diagnostics.model_comparison import compare
 from mirrorcam.optics.calibration.diagnostics.causes import ranked_causes
+from mirrorcam.optics.calibration.diagnostics.model_comparison import compare
 from mirrorcam.optics.calibration.diagnostics.nested_models import (
     PLATE_INDEX,
     PLATE_MM,
