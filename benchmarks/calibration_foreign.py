@@ -1,8 +1,8 @@
 """Calibration of sets made by a different renderer: `python -m benchmarks.calibration_foreign SET [SET ...]`.
 
 A set is a folder with `frames/`, `base/`, `board.toml`, the nominal `layout.json` and `truth/truth.json`: intrinsics K
-(fx, fy, cx, cy) and D (k1, k2, p1, p2, k3), virtual centres C in the rig frame, mm, and the thickness `sheet` of
-plates, mm, 0 for first-surface mirrors. Each is calibrated from its pictures, layout and board alone before its truth
+(fx, fy, cx, cy) and D (k1, k2, p1, p2, k3), virtual centres C in the rig frame, mm, and, for plates, their thickness
+`sheet`, mm. Each is calibrated from its pictures, layout and board alone before its truth
 is read. A set with second-surface mirrors is calibrated once more from a layout that states first-surface ones, with
 `--model second_surface+auto`.
 
@@ -126,7 +126,7 @@ def report(title: str, calibration: Calibration, truth: dict[str, Any]) -> Repor
         f"normals {worst_normal_deg(layout, truth):.4f} deg, distances {distance_mm:.4f} mm"
     )
     print(f"    NEES per parameter {all_nees:.2f}, of mirrors {mirrors_nees:.2f}, of intrinsics {lens_nees:.2f}")
-    if truth["sheet"]:
+    if truth.get("sheet"):
         print(f"    plates {thickness(layout)}, true {truth['sheet']:g} mm")
     verdict = check_solution(calibration, view_figures(calibration))
     print(f"    {STATES[verdict.state]}{''.join(f'; {reason}' for reason in verdict.reasons)}")
@@ -135,7 +135,7 @@ def report(title: str, calibration: Calibration, truth: dict[str, Any]) -> Repor
         dropped,
         f"{worst_normal_deg(layout, truth):.4f}°, {distance_mm:.4f} mm",
         f"{all_nees:.2f}",
-        thickness(layout).replace("+-", "±") if truth["sheet"] else "",
+        thickness(layout).replace("+-", "±") if truth.get("sheet") else "",
         f"{STATES[verdict.state]}{''.join(f': {reason}' for reason in verdict.reasons[:1])}",
     )
 

@@ -102,7 +102,7 @@ def compare(frame: PreviewFrame) -> Comparison:
     four = time.perf_counter()
     radiance = scene.photograph(pupil, spp=REFERENCE_SPP, subpixels=1, seed=0)
     many = time.perf_counter()
-    rays = pixel_rays(layout, mirrors=True, pupil=pupil)
+    rays = pixel_rays(layout, mirrors=True)
     hits = scene.hits(rays.start, rays.direction)
     same_mirror = (hits.object_index != NOTHING) & (rays.mirror == light.mirror)
     same = same_mirror & (hits.object_index == light.object_number)

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.interpolate import RectBivariateSpline
 
-from mirrorcam.core.values import FloatArray
+from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.lateral_colour import LUMA
 from mirrorcam.render_scenes.settings import SensorModel
 
 STEPS = 4
@@ -62,6 +63,55 @@ class WavyCamera(Camera):
     def normalized_from_pixels(self, pixels: FloatArray) -> FloatArray:
         pixels = np.asarray(pixels, dtype=np.float64)
         return self.model.normalized_from_pixels(pixels - self.waves(pixels))
+
+
+class TrueLens(Value):
+    """What a layout cannot describe of the lens of a set: its waves, and the magnification of grey pictures.
+
+    Attributes
+    ----------
+    waves_px
+        See `WavyCamera`.
+    grey_magnification
+        Magnification of grey pictures about the principal point, relative to green light, which the layout describes.
+    """
+
+    waves_px: float = Field(ge=0)
+    grey_magnification: float = Field(gt=0)
+
+    @classmethod
+    def of(cls, sensor: SensorModel) -> TrueLens:
+        """Return the lens of a sensor model."""
+        return cls(waves_px=sensor.lens_waves_px, grey_magnification=grey_magnification(sensor))
+
+    def camera(self, green: Camera) -> Camera:
+        """Return the camera that grey pictures show, given that of green light without waves."""
+        factor = self.grey_magnification
+        grey = green.replaced(fx_px=factor * green.fx_px, fy_px=factor * green.fy_px)
+        return WavyCamera(**grey.model_dump(), waves_px=self.waves_px) if self.waves_px > 0.0 else grey
+
+
+PIXEL_VARIANCE_PX2 = 1.0 / 12.0
+MOSAIC_VARIANCE_PX2 = 0.5
+"""Variance of the blur by which the mosaic's interpolation widens edges of red and blue."""
+
+
+def grey_magnification(sensor: SensorModel) -> float:
+    """Magnification of edges in grey pictures, relative to green light.
+
+    Least squares locate an edge by a model with the mean blur. Each colour then counts by its weight, and by the
+    correlation of its edge's slope with that of the model, both of them Gaussian.
+    """
+    excess = sensor.lateral_chromatic_percent / 100.0 * np.array([1.0, 0.0, -1.0])
+    variance = sensor.lens_blur_px**2 + PIXEL_VARIANCE_PX2 + np.zeros(3)
+    variance[[0, 2]] += sensor.axial_chromatic_px**2 + (MOSAIC_VARIANCE_PX2 if sensor.bayer else 0.0)
+    weights = LUMA / np.sqrt(variance + LUMA @ variance)
+    return float(1.0 + weights @ excess / weights.sum())
+
+
+def with_pupil_of(camera: Camera, sensor: SensorModel) -> Camera:
+    """Return the camera with the pupil of a sensor model: its diameter, its focus, and its walk."""
+    return camera.with_pupil(sensor.pupil).replaced(pupil_walk_mm=sensor.pupil_walk_mm or None)
 
 
 def true_camera(camera: Camera, sensor: SensorModel) -> Camera:

@@ -34,6 +34,7 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import fits_upside_down, unknown_mirrors
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.pupil_estimate import BoardPictures
+from mirrorcam.optics.calibration.lateral_colour_estimate import colour_pictures, estimated_lateral_colour
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -164,6 +165,11 @@ def calibrate(
         if fits_upside_down(mirrored, layout, target):
             raise InputError(UPSIDE_DOWN) from None
         raise
+    kept = ((reader.mirrored[number], detected) for number, detected in zip(chosen[0], mirrored, strict=True))
+    files = [(picture, rows) for picture, rows in kept if isinstance(picture, Path) and len(rows)]
+    if files:
+        colour = estimated_lateral_colour(colour_pictures(files), calibration.layout.camera, target)
+        calibration = calibration.with_lateral_colour(colour)
     return calibration.with_damaged_pictures(reader.damaged)
 
 

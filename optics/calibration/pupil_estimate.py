@@ -6,7 +6,8 @@ not need them.
 
 A mirror's edge crosses the disc of the pupil along a line: at the distance d, the light falls off over
 f A |1 / d - 1 / focus|. The blur of lens and pixels adds to the variance. Edges at different distances separate the
-aperture A, the focus and that blur.
+aperture A, the focus and that blur. Grey levels are proportional to light or, as of most webcams, encoded as sRGB: the
+edges agree about the pupil only with the right one of both.
 """
 
 from __future__ import annotations
@@ -53,6 +54,8 @@ INVERSE_FOCUS_SIGMA = 0.002
 """Prior standard deviation of 1 / focus about the value of the layout's camera, 1/mm."""
 LENS_PX2 = 1.0, 1.0
 """Prior mean of the variance of lens and pixel blur, and its prior standard deviation."""
+MUCH_BETTER = 0.5
+"""Grey levels count as encoded if the relative error of the squared aperture is then less than this times as large."""
 MIN_BORDERS = 6
 STEPS = 30
 OUTLIER_SIGMAS = 4.0
@@ -96,11 +99,15 @@ def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target
     target
         The board.
     """
-    fit, trial = _fit_pupil_of(layout, frames, target), layout
+    lights = border_light(layout, frames, target)
+    fit, decoded = fit_pupil(layout, lights), fit_pupil(layout, [light.from_srgb() for light in lights])
+    encoded = decoded is not None and (fit is None or decoded.relative_sigma < MUCH_BETTER * fit.relative_sigma)
+    fit, trial = decoded if encoded else fit, layout
     for _ in range(PASSES - 1):
         if fit is not None:
             trial = layout.replaced(camera=_with_pupil(layout.camera, fit))
-            fit = _fit_pupil_of(trial, frames, target)
+            lights = border_light(trial, frames, target)
+            fit = fit_pupil(trial, [light.from_srgb() for light in lights] if encoded else lights)
     if fit is None:
         return EstimatedPupil(layout.camera, {}, _undetermined_note(layout.camera))
     camera = _with_pupil(layout.camera, fit)
@@ -112,10 +119,6 @@ def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target
         metrics["focus_mm"] = Metric(value=camera.focus_mm, unit="mm")
         metrics["focus_sigma_per_m"] = Metric(value=1e3 * fit.inverse_focus_sigma, unit="1/m")
     return EstimatedPupil(camera, metrics, _note(fit, camera))
-
-
-def _fit_pupil_of(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> PupilFit | None:
-    return fit_pupil(layout, border_light(layout, frames, target))
 
 
 def _with_pupil(camera: Camera, fit: PupilFit) -> Camera:
@@ -221,6 +224,11 @@ class PupilFit:
     def is_pinhole(self) -> bool:
         """Whether the squared diameter is within three standard deviations of zero."""
         return self.square_mm2 < 3.0 * self.square_sigma_mm2
+
+    @property
+    def relative_sigma(self) -> float:
+        """Standard deviation of the squared diameter relative to it; infinite if that is not positive."""
+        return self.square_sigma_mm2 / self.square_mm2 if self.square_mm2 > 0.0 else np.inf
 
     @property
     def shows_focus(self) -> bool:

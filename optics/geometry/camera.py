@@ -21,6 +21,7 @@ from mirrorcam.core.bounds import (
 )
 from mirrorcam.core.names import Name
 from mirrorcam.core.values import FloatArray, Shaped, Value
+from mirrorcam.optics.geometry.lateral_colour import LateralColour
 from mirrorcam.optics.geometry.lenses.families import LensName, lens_of
 from mirrorcam.optics.geometry.lenses.lens import Lens
 from mirrorcam.optics.geometry.lenses.spline import LensGrid
@@ -64,6 +65,8 @@ class Camera(Value):
     pupil_walk_mm : float, optional
         Displacement of the pupil towards the scene for rays with x^2 + y^2 = 1, proportional to x^2 + y^2. The lens
         model then holds at the distance in focus. None: the pupil is fixed, and this is not one of the intrinsics.
+    lateral_colour : LateralColour, optional
+        Displacements of red and blue; the lens is that of grey pictures. None: not known, or none.
     body_mm : tuple, optional
         Bounding box of the body: minimum and maximum corner, (x, y, z) each, with the pupil at the origin.
     """
@@ -85,6 +88,7 @@ class Camera(Value):
     pupil_walk_mm: float | None = Field(
         default=None, ge=PUPIL_WALK_MM.min, le=PUPIL_WALK_MM.max, exclude_if=lambda mm: mm is None
     )
+    lateral_colour: LateralColour | None = Field(default=None, exclude_if=lambda colour: colour is None)
     body_mm: tuple[Corner, Corner] | None = Field(default=None, exclude_if=lambda box: box is None)
 
     @field_validator("distortion")
@@ -198,6 +202,15 @@ class Camera(Value):
         if np.isfinite(self.valid_radius):
             pixels = np.where((x * x + y * y <= self.valid_radius**2)[..., None], pixels, np.nan)
         return pixels
+
+    def colour_pixels(self, pixels: FloatArray) -> FloatArray:
+        """Pixels (3, ..., 2) at which red, green and blue show what grey pictures show at pixels (..., 2)."""
+        if self.lateral_colour is None:
+            return np.stack([pixels] * 3)
+        offset = pixels - np.array([self.cx_px, self.cy_px])
+        normalized = offset / np.array([self.fx_px, self.fy_px])
+        shift = self.lateral_colour.against_grey(np.square(normalized).sum(axis=-1))
+        return np.asarray(pixels + shift[..., None] * offset)
 
     def chief_rays(self, points_in_rig: FloatArray) -> FloatArray:
         """Normalized coordinates (..., 2) at which points (..., 3) in mm are seen; NaN for points behind the camera."""

@@ -1,4 +1,5 @@
 """Decoding by one table lookup: undistort, slice and rotate every sub-image into the common view orientation at once.
+Lenses with lateral colour have a table for each colour.
 
 Towards the border of a sub-image, a mirror fills less and less of the lens's pupil; the rest of the pupil sees the gap,
 assumed dark, or another mirror. A vignetted pixel looks from the centroid of the part that its mirror fills, and
@@ -109,11 +110,18 @@ class Decoder:
         pixels, self.weights = sensor_sources(layout, self.views, margin_px, regular_grid_at_mm)
         self._vignetted = np.flatnonzero((self.weights > 0.0) & (self.weights < UNVIGNETTED))
         self._gain = self._brightening(LINEAR)
+        self.tables = self._tables_of(pixels)
+        self.colour_tables = (
+            None if self.camera.lateral_colour is None else [*map(self._tables_of, self.camera.colour_pixels(pixels))]
+        )
+
+    def _tables_of(self, pixels: FloatArray) -> list[Any]:
+        """Return the lookup tables of sensor positions (t, s, v, u, 2), in blocks that cv2.remap accepts."""
         table = pixels.astype(np.float32).reshape(-1, self.views.width_px, 2)
         table[self.weights.reshape(table.shape[:2]) == 0] = OUTSIDE_PX
         rows_per_block = MAX_TABLE_SIDE // self.views.height_px * self.views.height_px
         blocks = [table[start : start + rows_per_block] for start in range(0, len(table), rows_per_block)]
-        self.tables = [cv2.convertMaps(block, np.empty(0, dtype=np.float32), cv2.CV_16SC2) for block in blocks]
+        return [cv2.convertMaps(block, np.empty(0, dtype=np.float32), cv2.CV_16SC2) for block in blocks]
 
     def equalised(self, equalisation: Equalisation) -> Self:
         """Return a decoder that also makes the views equally bright, up to their borders.
@@ -163,10 +171,11 @@ class Decoder:
             )
         if frame.dtype not in (np.uint8, np.float32):
             raise InputError(f"frame is {frame.dtype}, expected uint8 or float32")
-        parts: list[Any] = [
-            cv2.remap(frame, coordinates, fraction, cv2.INTER_LINEAR) for coordinates, fraction in self.tables
-        ]
-        samples = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        if self.colour_tables is None or frame.shape[2:] != (3,):
+            samples = _looked_up(frame, self.tables)
+        else:  # a table for each colour
+            planes = zip(cv2.split(frame), self.colour_tables, strict=True)
+            samples = cv2.merge([_looked_up(plane, tables) for plane, tables in planes])
         samples = samples.reshape(*self.weights.shape, -1)
         if len(self._vignetted):
             self._brighten(samples)
@@ -183,6 +192,12 @@ class Decoder:
         depth = cv2.CV_8U if samples.dtype == np.uint8 else cv2.CV_32F
         bright: Any = cv2.multiply(dark, self._gain[channels], dtype=depth)
         pixels[self._vignetted] = bright.reshape(-1).view(pixels.dtype)
+
+
+def _looked_up(frame: Any, tables: list[Any]) -> Any:
+    """Look up samples (rows, width[, 3]) of a frame (h, w[, 3]) by tables in blocks of rows."""
+    parts = [cv2.remap(frame, coordinates, fraction, cv2.INTER_LINEAR) for coordinates, fraction in tables]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def check_belongs(layout: Layout, identity: str, source: str) -> None:

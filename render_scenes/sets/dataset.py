@@ -16,6 +16,7 @@ from mirrorcam.optics.geometry.camera import SENSOR_PX
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.tolerances import Tolerances
+from mirrorcam.render_scenes.lens import TrueLens
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.settings import RenderSettings
 
@@ -24,9 +25,9 @@ USER_FILES = ("layout.json", "board.toml")
 """Files that the user of a real camera also has, besides the pictures."""
 TRUTH = (
     *("truth/layout.json", "truth/poses.json", "truth/seed.json", "truth/corners.npz"),
-    *("truth/readout.json", "truth/finish.json"),
+    *("truth/readout.json", "truth/finish.json", "truth/lens.json"),
 )
-"""Files of the ground truth except its maps; the last two only if the shutter or the mirrors are not ideal."""
+"""Files of the ground truth except its maps; the last three only if shutter, mirrors or lens are not ideal."""
 
 
 class DepthRange(Value):
@@ -119,6 +120,7 @@ class Dataset(FolderManifest):
 
 TRUE_LAYOUT = "truth/layout.json"
 FINISH = "truth/finish.json"
+LENS = "truth/lens.json"
 
 
 class _Finishes(Value):
@@ -128,12 +130,15 @@ class _Finishes(Value):
 
 
 def true_layout(folder: Path) -> Layout:
-    """Return the true layout of a set, with the bend of each mirror as rendered.
+    """Return the true layout of a set, with the bend of each mirror and the lens as grey pictures show them.
 
     A layout cannot describe ripples; their mean over a mirror is zero. Raises InputError for files that are invalid or
     do not match.
     """
     layout = Layout.load(folder / TRUE_LAYOUT)
+    if (folder / LENS).is_file():
+        lens = read_model(TrueLens, folder / LENS)
+        layout = layout.replaced(camera=lens.camera(layout.camera))
     if not (folder / FINISH).is_file():
         return layout
     finishes = read_model(_Finishes, folder / FINISH, LARGEST_LAYOUT_BYTES).mirrors

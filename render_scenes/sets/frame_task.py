@@ -98,7 +98,6 @@ class _SetRenderer:
                 mirrors=setup.mirrors,
                 finishes=setup.finishes,
                 obstacles=obstacles,
-                pupil=settings.sensor.pupil,
             )
             if settings.maps
             else None

@@ -20,7 +20,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.targets import save_board
-from mirrorcam.render_scenes.lens import true_camera
+from mirrorcam.render_scenes.lens import TrueLens, true_camera, with_pupil_of
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
 from mirrorcam.render_scenes.reference.device_bodies import BodyObstacles, DeviceParts, parts_of, read_device
 from mirrorcam.render_scenes.sets.dataset import Dataset
@@ -38,6 +38,7 @@ def write_truth(
     out: Path,
     projector: CornerProjector,
     finishes: tuple[MirrorFinish, ...],
+    lens: TrueLens | None,
     readouts: FloatArray,
     base_plan: PosePlan,
     seed: int,
@@ -53,6 +54,8 @@ def write_truth(
         write_json(truth / "readout.json", {"poses": readouts.tolist()})
     if finishes:
         write_json(truth / "finish.json", {"mirrors": [finish.model_dump(mode="json") for finish in finishes]})
+    if lens is not None:
+        write_json(truth / "lens.json", lens.model_dump(mode="json"))
     write_json(truth / "seed.json", {"seed": seed})
     corners = {
         "frames_px": frames_px,
@@ -118,8 +121,7 @@ def render_set(
     variant = use_variant(variant)
     layout, settings = request.layout, request.settings
     built = draw_as_built(layout, request.tolerances, request.random(Stream.AS_BUILT))
-    pupil = settings.sensor.pupil
-    built = built.replaced(camera=built.camera.with_pupil(pupil))
+    built = built.replaced(camera=with_pupil_of(built.camera, settings.sensor))
     parts = None if request.parts is None else parts_of(request.parts, layout, built)
     plan, readouts = planned_frames(request)
     base_plan = plan_base_frames(layout, request.target, request.base_frames, request.random(Stream.BASE_POSES))
@@ -129,13 +131,15 @@ def render_set(
     dataset = dataset.added(out, partial(_write_user_files, dataset=dataset, layout=layout))
     finishes = draw_finishes(settings, len(built.mirrors), request.random(Stream.FINISH))
     obstacles = None if parts is None else BodyObstacles(read_device(parts))
+    is_ideal = settings.sensor.lens_waves_px == settings.sensor.lateral_chromatic_percent == 0.0
+    lens = None if is_ideal else TrueLens.of(settings.sensor)
     built_with_true_lens = built.replaced(camera=true_camera(built.camera, settings.sensor))
-    projector = CornerProjector(built_with_true_lens, dataset.target, finishes, obstacles, pupil)
+    projector = CornerProjector(built_with_true_lens, dataset.target, finishes, obstacles)
     dataset = dataset.added(
-        out, lambda folder: write_truth(folder, projector, finishes, readouts, base_plan, request.seed)
+        out, lambda folder: write_truth(folder, projector, finishes, lens, readouts, base_plan, request.seed)
     )
     if (name := dataset.pupil_name) is not None and name not in dataset.files:
-        tracer, path = PupilTracer(built_with_true_lens, pupil, finishes, obstacles), Path(name)
+        tracer, path = PupilTracer(built_with_true_lens, built.camera.pupil, finishes, obstacles), Path(name)
         dataset = dataset.added(out, lambda folder: write_pupil_maps(folder / path, tracer))
     tasks = _tasks(request, dataset, built, finishes, parts, readouts, base_plan, variant)
     return _render_missing(out, dataset, tasks, run or in_this_process, progress)

@@ -31,7 +31,7 @@ from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import choose_views, default_reference_depth_mm
 from mirrorcam.optics.light_field.light_field import Views
-from mirrorcam.render_scenes.lens import true_camera
+from mirrorcam.render_scenes.lens import true_camera, with_pupil_of
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 from mirrorcam.render_scenes.tabletop.objects import SceneObject
@@ -147,7 +147,7 @@ def render_tabletop(request: TabletopRequest, out: Path, *, progress: Progress =
     depths = request.depths_mm or default_depths_mm(layout)
     variant = use_variant(colour=True)
     built = draw_as_built(layout, request.tolerances, _random(request.seed, _AS_BUILT))
-    built = built.replaced(camera=built.camera.with_pupil(request.sensor.pupil))
+    built = built.replaced(camera=with_pupil_of(built.camera, request.sensor))
     seed = int(_random(request.seed, _ARRANGEMENT).integers(2**31))
     tabletop = arrange_tabletop(layout, depths, seed, request.meshes)
     check_meshes(layout, tabletop.objects)
@@ -247,7 +247,7 @@ def _frame(scene: TabletopScene, layout: Layout, request: TabletopRequest) -> tu
     seed = int(_random(request.seed, _FRAME).integers(2**32))
     spp = max(request.spp // _SUBPIXELS**2, 1)
     radiance = scene.photograph(request.sensor.pupil, spp=spp, subpixels=_SUBPIXELS, seed=seed)
-    rays = pixel_rays(scene.layout, mirrors=True, pupil=request.sensor.pupil)
+    rays = pixel_rays(scene.layout, mirrors=True)
     hits = scene.hits(rays.start, rays.direction)
     path = np.where(hits.object_index == NOTHING, np.nan, rays.path_before_mm + hits.path_mm)
     noise = _random(request.seed, _NOISE)

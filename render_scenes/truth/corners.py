@@ -15,7 +15,6 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.boards import poses_at
@@ -90,9 +89,6 @@ class CornerProjector:
         Surface finishes of the mirrors; by default they are flat.
     obstacles
         Bodies around the mirrors, if any.
-    pupil
-        Pupil of the lens; corners are projected through its centre. Pupil walk moves corners, but not the borders of
-        the visible region.
     """
 
     def __init__(
@@ -101,9 +97,8 @@ class CornerProjector:
         target: Target,
         finishes: Sequence[MirrorFinish] = (),
         obstacles: Obstacles | None = None,
-        pupil: Pupil = PINHOLE,
     ) -> None:
-        self.layout, self.target, self._obstacles, self._pupil = layout, target, obstacles, pupil
+        self.layout, self.target, self._obstacles = layout, target, obstacles
         self._finishes = finishes or (None,) * len(layout.mirrors)
         self._windows = [sub_image(layout, index).buffer(-VISIBLE_MARGIN_PX) for index in range(len(layout.mirrors))]
         shapely.prepare(self._windows)
@@ -156,7 +151,7 @@ class CornerProjector:
 
     def _image(self, index: int, points: FloatArray) -> FloatArray:
         """Project points (n, 3) in the rig frame via a mirror to pixels (n, 2); NaN without an image."""
-        return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index], self._pupil)
+        return image_px(self.layout.camera, self.layout.mirrors[index], points, self._finishes[index])
 
     def _is_visible(self, index: int, points: FloatArray, px: FloatArray) -> BoolArray:
         """Return the visibility of points (n, 3) imaged at pixels (n, 2), whichever side the board shows."""
@@ -183,7 +178,7 @@ class CornerProjector:
     def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Project the corners without mirrors: pixels (corners, 2) and visibility (corners,)."""
         points = transform(rig_from_board, self.target.corners_in_board_mm)
-        px = image_px(self.layout.camera, None, points, pupil=self._pupil)
+        px = image_px(self.layout.camera, None, points)
         return px, _on_sensor(self.layout.camera, px) & _is_facing(np.zeros(3), rig_from_board)
 
     def all_via_mirrors(self, readouts: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, radius_mm
 
@@ -138,9 +137,9 @@ def _inside_outline(mirror: Mirror, points: FloatArray) -> NDArray[np.bool_]:
     return inside
 
 
-def chief_rays(camera: Camera, pupil: Pupil, px: FloatArray) -> tuple[FloatArray, FloatArray]:
+def chief_rays(camera: Camera, px: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return start points (..., 3), mm, and unit vectors (..., 3) of the chief rays of pixels (..., 2)."""
-    rays = camera.unproject(px)
+    rays, pupil = camera.unproject(px), camera.pupil
     start = np.zeros_like(rays)
     start[..., 2] = pupil.walk_mm * np.square(rays[..., :2]).sum(axis=-1)
     rays = pupil.focus_mm * rays - start
@@ -152,22 +151,21 @@ def image_px(
     mirror: Mirror | None,
     points_in_rig: FloatArray,
     finish: MirrorFinish | None = None,
-    pupil: Pupil = PINHOLE,
 ) -> FloatArray:
     """Project points (n, 3) in the rig frame, mm, via a mirror or directly to pixels (n, 2); NaN without an image.
 
     Newton's method finds the pixel whose traced chief ray passes through the point. It starts at the image via a flat
-    mirror and a pupil that does not walk.
+    mirror.
     """
     px = camera.project(points_in_rig if mirror is None else mirror.image_of(points_in_rig))
-    if (finish is None or finish.flat) and pupil.walk_mm == 0.0:
+    if (finish is None or finish.flat) and camera.pupil.walk_mm == 0.0:
         return px
     frame = np.eye(4) if mirror is None else mirror.rig_from_plane
     points = (points_in_rig - frame[:3, 3]) @ frame[:3, :3]
 
     def offsets_mm(px: FloatArray) -> FloatArray:
         """Return offsets (..., 2), mm, of the rays of pixels from the points, in the plane z = const. of `frame`."""
-        start, unit = chief_rays(camera, pupil, px)
+        start, unit = chief_rays(camera, px)
         out = _Ray(start, unit, np.zeros(0)) if mirror is None else _trace(mirror, finish or FLAT, unit, start)[1]
         length = (points[:, 2] - out.start[..., 2]) / out.direction[..., 2]
         return (out.start + length[..., None] * out.direction - points)[..., :2]

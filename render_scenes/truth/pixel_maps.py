@@ -15,7 +15,6 @@ import numpy as np
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards import margin_mm
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
@@ -56,9 +55,8 @@ def pixel_rays(
     step: int = 1,
     finishes: Sequence[MirrorFinish] = (),
     obstacles: Obstacles | None = None,
-    pupil: Pupil = PINHOLE,
 ) -> PixelRays:
-    """Trace the rays of a layout's pixels.
+    """Trace the rays of a layout's pixels from the centre of its pupil.
 
     Parameters
     ----------
@@ -72,10 +70,8 @@ def pixel_rays(
         Surface finishes of the mirrors; by default they are flat.
     obstacles
         Bodies around the mirrors, if any.
-    pupil
-        Pupil of the lens; the rays start at its centre.
     """
-    origin, rays = _unit_rays(layout.camera, pupil, step)
+    origin, rays = _unit_rays(layout.camera, step)
     shape = rays.shape[:2]
     if not mirrors:
         zero, infinite = np.zeros(shape), np.full(shape, np.inf)
@@ -104,14 +100,14 @@ def pixel_rays(
     return PixelRays(index, start, direction, path_before_mm, obstacles.distance_to_body_mm(start, direction))
 
 
-def _unit_rays(camera: Camera, pupil: Pupil, step: int) -> tuple[FloatArray, FloatArray]:
+def _unit_rays(camera: Camera, step: int) -> tuple[FloatArray, FloatArray]:
     """Return start points and unit vectors (h, w, 3) of pixel centres; NaN beyond the lens model's domain."""
     x, y = np.arange(0.0, camera.width_px, step), np.arange(0.0, camera.height_px, step)
     start, rays = np.empty((len(y), len(x), 3)), np.empty((len(y), len(x), 3))
     # Batches of rows, because the solver needs many times the memory of its result.
     for row in range(0, len(y), 64):
         pixels = np.stack(np.meshgrid(x, y[row : row + 64]), axis=-1)
-        start[row : row + 64], rays[row : row + 64] = chief_rays(camera, pupil, pixels)
+        start[row : row + 64], rays[row : row + 64] = chief_rays(camera, pixels)
     return start, rays
 
 

@@ -14,7 +14,6 @@ from scipy.special import erf
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.truth.corners import CornerProjector
@@ -83,10 +82,9 @@ def errors_by_mirror(
     rig_from_board: FloatArray,
     *,
     misfit_allowed: float = 0.02,
-    pupil: Pupil = PINHOLE,
 ) -> dict[int, FloatArray]:
     """Located minus projected corners (n, 2) in each mirror's window, px."""
-    projector = CornerProjector(layout, TARGET, pupil=pupil)
+    projector = CornerProjector(layout, TARGET)
     px, visible = projector.via_mirrors(rig_from_board)
     steps = []
     for axis in (0, 1):

@@ -44,6 +44,7 @@ MAX_RADIUS_MM = 3.0
 """Distance of a mirror from a ray, in the pupil's plane, beyond which the mirror adds no light."""
 
 MIN_FRAMES = 6
+WHITE = 255.0
 MIN_VARIANCE = 0.02
 """Minimum variance of the print, from -1 to 1, over the frames, after regression on the neighbour's image."""
 
@@ -95,12 +96,27 @@ class Border:
 class BorderLight:
     """Light of the mirror at the points (s, d) of a border, in grey levels, and its standard deviation.
 
-    NaN, with infinite sigma, where the frames do not determine it.
+    It is half the difference between white and black, `level` is their mean. NaN, with infinite sigma, where the frames
+    do not determine it.
     """
 
     border: Border
     light: FloatArray
     sigma: FloatArray
+    level: FloatArray
+
+    def from_srgb(self) -> BorderLight:
+        """Return the light of pictures whose grey levels are encoded as sRGB, with the noise of the white side."""
+        white, black = (_linear_light(self.level + sign * self.light) for sign in (1.0, -1.0))
+        step = 0.5
+        slope = np.nanmax(_linear_light(self.level + self.light + step) - white, initial=0.0) / step
+        return BorderLight(self.border, (white - black) / 2.0, slope * self.sigma, (white + black) / 2.0)
+
+
+def _linear_light(grey: FloatArray) -> FloatArray:
+    """Decode grey levels of sRGB (IEC 61966-2-1) to light of the same range."""
+    encoded = np.maximum(grey, 0.0) / WHITE
+    return WHITE * np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
 def _aperture(mirror: Mirror) -> Mirror | None:
@@ -274,4 +290,5 @@ class _Sums:
         determined = (self.count >= MIN_FRAMES) & (1.0 / inverse[..., 1, 1] > MIN_VARIANCE * self.count)
         noise = np.sqrt(residual_squares[determined].sum() / max(float((self.count - 3.0)[determined].sum()), 1.0))
         sigma = np.where(determined, noise * np.sqrt(np.maximum(inverse[..., 1, 1], 0.0)), np.inf)
-        return BorderLight(self.border, np.where(determined, coefficients[..., 1], np.nan), sigma)
+        level, light = np.moveaxis(np.where(determined[..., None], coefficients[..., :2], np.nan), -1, 0)
+        return BorderLight(self.border, light, sigma, level)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -132,6 +133,30 @@ class _Fit:
         tolerance = OUTLIER_SIGMAS * np.maximum(self.noise, MIN_SIGMA * np.abs(self.contrast))
         ratio = self.residuals / np.maximum(tolerance, 1e-9).astype(np.float32)[:, None]
         return np.asarray(centre_weights * np.maximum(1.0 - ratio**2, 0.0) ** 2)
+
+
+def colour_shifts(picture: Image, expected: ExpectedCorners, appearance: Appearance) -> FloatArray:
+    """Measure where each colour shows corners, by one step of least squares.
+
+    Parameters
+    ----------
+    picture
+        Colours (h, w, c).
+    expected
+        The corners (n) at pixels that are right to a fraction of a pixel.
+    appearance
+        The print and its blur.
+
+    Returns
+    -------
+    Shifts (c, n, 2) of the corners in each colour from these pixels, px; NaN where a colour shows none.
+    """
+    patches = Patches.around(expected, SAMPLES, half_cells(appearance.target))
+    planes = [sample(plane, shifted(patches.offsets_px, expected.pixels)) for plane in cv2.split(picture)]
+    model = LinearModel.of(expected, patches, appearance, np.mean(planes, axis=0))
+    weights = np.tile(patches.centre_weights, (len(expected.print_xy), 1))
+    fits = [_Fit.of(greys, model.terms, model.scale, weights) for greys in planes]
+    return np.stack([np.where(fit.contrast[:, None] > 0.0, fit.shift_px, np.nan) for fit in fits])
 
 
 def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) -> RefinedCorners:

@@ -22,6 +22,7 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, S
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, points_at_camera
+from mirrorcam.optics.geometry.lateral_colour import LateralColour
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
 
@@ -126,6 +127,19 @@ class Calibration:
             pictures=pictures,
             residual_scale=solution.scale,
         )
+
+    def with_lateral_colour(self, colour: LateralColour | None) -> Self:
+        """Set the lateral colour of the camera, and add its largest displacements to the metrics."""
+        camera = self.layout.camera.replaced(lateral_colour=colour)
+        metrics = dict(self.metrics)
+        if colour is not None:
+            right, bottom = camera.width_px - 1.0, camera.height_px - 1.0
+            corners = np.array([[0.0, 0.0], [right, 0.0], [0.0, bottom], [right, bottom]])
+            red, green, blue = camera.colour_pixels(corners)
+            for name, pixels in (("red", red), ("blue", blue)):
+                largest = float(np.linalg.norm(pixels - green, axis=1).max())
+                metrics[f"lateral_{name}_px"] = Metric(value=largest, unit="px")
+        return replace(self, layout=self.layout.replaced(camera=camera, metrics=metrics), metrics=metrics)
 
     def with_damaged_pictures(self, damaged: Sequence[DamagedPicture]) -> Self:
         """Add a note on each damaged picture that was skipped, and their number to the metrics."""

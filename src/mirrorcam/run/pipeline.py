@@ -24,13 +24,13 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Target, default_board
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.render_scenes.settings import RenderSettings
+from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.run.run_page import read_metrics, write_page, write_pictures
 
 # Index of the frame that the page shows decoded.
 SHOWN_FRAME = 0
 # Maps of all pixels take 18 MB per frame, and no stage reads them.
-SETTINGS = RenderSettings(maps=False)
+SETTINGS = RenderSettings(sensor=SENSORS["webcam"], maps=False)
 
 
 @dataclass(frozen=True)

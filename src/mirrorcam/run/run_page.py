@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import RootModel
 
+from mirrorcam.calibration.error_bounds import bound_name
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
 from mirrorcam.core.figures.figure_texts import TIMES, label_text, number_word, sentence_case, value_text, values_text
 from mirrorcam.core.html.templates import FigureTable, PageFile, PagePicture, Table, Tile, render
@@ -22,7 +23,7 @@ from mirrorcam.render_scenes.sets.dataset import Dataset
 
 TEMPLATES = Path(__file__).parent
 HEADLINES = {
-    "normal_error_max_deg": "is the largest angle between a calibrated and a true mirror normal",
+    "normal_error_between_mirrors_max_deg": "is the largest angle between a calibrated and a true mirror normal",
     "decoded_corner_rms_px": "is the RMS distance of decoded corners from those predicted by the true positions",
 }
 
@@ -92,8 +93,16 @@ def highlights(report: Report) -> list[Tile]:
             tiles.append(Tile(f"{metric.value:.0%}", f"{subject} shows the common scene at {depth}{versus}"))
     for name, text in HEADLINES.items():
         if name in report.truth and report.truth[name].known:
-            tiles.append(Tile(value_text(report.truth[name], digits=2), text))
+            tiles.append(Tile(value_text(report.truth[name], digits=2), text + _bound_text(report.truth, name)))
     return tiles
+
+
+def _bound_text(metrics: Mapping[str, Metric], name: str) -> str:
+    """State the limit of a figure, and the bound from which it was set."""
+    bound, limit = metrics.get(bound_name(name)), metrics[name].limit
+    if bound is None or limit is None:
+        return ""
+    return f"; the calibration states {value_text(bound, digits=2)}, and at most {value_text(bound, limit, 2)} pass"
 
 
 def verdict_text(report: Report) -> str:

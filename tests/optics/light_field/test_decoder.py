@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.lateral_colour import LateralColour
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import PINHOLE
@@ -23,6 +24,7 @@ from mirrorcam.optics.light_field.decoder import (
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus
+from mirrorcam.render_scenes.sets.sensor_model import magnify
 from mirrorcam.render_scenes.truth.light_rays import trace_via_mirror
 from mirrorcam.render_scenes.truth.pupil_maps import PupilTracer, pupil_maps
 from tests.nightly import a_few
@@ -397,6 +399,25 @@ def test_grey_frames_decode_to_one_channel(crooked: Decoder, crooked_layout: Lay
     grey = crooked.decode(np.ascontiguousarray(frame[..., 0]))
     assert grey.samples.shape[-1] == 1
     assert np.array_equal(grey.samples[..., 0], crooked.decode(frame).samples[..., 0])
+
+
+def test_colours_that_a_lens_displaces_coincide_in_views(crooked: Decoder, crooked_layout: Layout) -> None:
+    """Red is magnified by 0.2 %, blue by -0.1 %, about the principal point: up to 1 px."""
+    camera = crooked_layout.camera
+    frame = photographed(crooked_layout, 442.1, waves)[..., 0].astype(np.float32)
+    factors = (1.002, 1.0, 0.999)
+    colours = np.stack([magnify(frame, camera, factor) for factor in factors], axis=-1)
+    numbers = {"red": [0.002, 0.0], "blue": [-0.001, 0.0], "red_sigma": [0.0, 0.0], "blue_sigma": [0.0, 0.0]}
+    corrected = Decoder(crooked_layout.replaced(camera=camera.replaced(lateral_colour=LateralColour(**numbers))))
+    apart: dict[bool, float] = {}
+    for decoder in (crooked, corrected):
+        views = decoder.decode(np.ascontiguousarray(colours))
+        valid = views.weights == 1.0
+        difference = (views.samples[..., 0] - views.samples[..., 2])[valid]
+        apart[decoder is corrected] = float(np.sqrt(np.mean(difference**2)))
+    assert apart[True] < 0.15 * apart[False]
+    grey = np.ascontiguousarray(colours[..., 1])
+    np.testing.assert_array_equal(corrected.decode(grey).samples, crooked.decode(grey).samples)
 
 
 def test_a_frame_with_negative_strides_decodes_to_the_same_values(crooked: Decoder) -> None:

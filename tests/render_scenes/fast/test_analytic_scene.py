@@ -14,7 +14,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fast.analytic_scene import Arithmetic, DrJitArithmetic, FastScene, NumpyArithmetic
-from mirrorcam.render_scenes.lens import true_camera
+from mirrorcam.render_scenes.lens import true_camera, with_pupil_of
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorName
@@ -109,9 +109,9 @@ def test_a_real_lens_moves_corners_as_traced_rays_do(distorted_layout: Layout, f
     """By both renderers: a pupil that walks by 5 mm at 45 degrees, and waves of a pixel."""
     pose = tilted_board(distorted_layout)
     settings = SETTINGS.replaced(sensor=SENSORS["ideal"].replaced(**flaw))
-    real = distorted_layout.replaced(camera=true_camera(distorted_layout.camera, settings.sensor))
-    pupil = settings.sensor.pupil
-    shift = CornerProjector(real, TARGET, pupil=pupil).via_mirrors(pose)[0]
+    camera = with_pupil_of(distorted_layout.camera, settings.sensor)
+    real = distorted_layout.replaced(camera=true_camera(camera, settings.sensor))
+    shift = CornerProjector(real, TARGET).via_mirrors(pose)[0]
     assert np.sqrt(np.nanmean((shift - CornerProjector(distorted_layout, TARGET).via_mirrors(pose)[0]) ** 2)) > 0.7
     fast = FastScene(real.camera, real.mirrors, TARGET, settings)
     reference = BoardScene(real.camera, real.mirrors, TARGET, settings)
@@ -122,7 +122,7 @@ def test_a_real_lens_moves_corners_as_traced_rays_do(distorted_layout: Layout, f
     traced = {k: reference.render(spp=64, seed=1, subpixels=CUT, crop=crops[k]) for k in (0, 2)}
     by_reference = {k: photographed(picture, CUT) for k, picture in traced.items()}
     for pictures, limit in ((by_fast, 0.002), (by_reference, 0.006)):
-        for index, error in errors_by_mirror(pictures, crops, real, pose, pupil=pupil).items():
+        for index, error in errors_by_mirror(pictures, crops, real, pose).items():
             assert len(error) >= 6, index
             assert np.linalg.norm(error.mean(axis=0)) <= limit, (index, error.mean(axis=0))
 

@@ -130,7 +130,7 @@ def small(request: pytest.FixtureRequest) -> Layout:
 def test_pixels_agree_with_the_reference_in_depth_and_roughly_in_colour(small: Layout) -> None:
     found = light_of(small)
     reference = TabletopScene(small, arranged_tabletop(small, 0), 0.92)
-    rays = pixel_rays(small, mirrors=True, pupil=PUPIL)
+    rays = pixel_rays(small, mirrors=True)
     hits = reference.hits(rays.start, rays.direction)
     shown = (hits.object_index != NOTHING) & (rays.mirror == found.mirror)
     # Borders of mirrors are bands in which both are visible.

@@ -35,9 +35,9 @@ def test_the_truth_is_read_back_as_it_was(small_layout: Layout, small_board: Cha
     base = plan_base_frames(small_layout, small_board, 1, random)
     moments = plan_frames(small_layout, small_board, 2, random).poses[:, None]
     projector = CornerProjector(small_layout, small_board)
-    write_truth(tmp_path / "still", projector, (), moments, base, 7)
+    write_truth(tmp_path / "still", projector, (), None, moments, base, 7)
     finishes = uniform_finishes(RenderSettings(), 9)
-    write_truth(tmp_path / "moving", projector, finishes, np.repeat(moments, 3, axis=1), base, 7)
+    write_truth(tmp_path / "moving", projector, finishes, None, np.repeat(moments, 3, axis=1), base, 7)
     for folder, names in (("still", TRUTH[:-2]), ("moving", TRUTH)):
         files = {path.relative_to(tmp_path / folder).as_posix() for path in (tmp_path / folder).rglob("*.*")}
         assert files == set(names)

@@ -136,12 +136,12 @@ def test_points_along_a_traced_ray_are_imaged_where_it_came_from(kind: dict[str,
 
 
 WALKING = Pupil(focus_mm=500.0, walk_mm=0.6)
-LENS = Camera.c920().replaced(distortion=[0.05, -0.1, 0.001, 0.0, 0.0])
+LENS = Camera.c920().replaced(distortion=[0.05, -0.1, 0.001, 0.0, 0.0], focus_mm=500.0, pupil_walk_mm=0.6)
 PLACES_PX = np.array([[960.0, 540.0], [200.0, 900.0], [1850.0, 60.0]])
 
 
 def test_chief_rays_start_on_the_axis_and_meet_the_point_in_focus() -> None:
-    start, unit = chief_rays(LENS, WALKING, PLACES_PX)
+    start, unit = chief_rays(LENS, PLACES_PX)
     x, y = LENS.normalized_from_pixels(PLACES_PX).T
     np.testing.assert_allclose(start, np.column_stack([0.0 * x, 0.0 * y, 0.6 * (x**2 + y**2)]), atol=1e-12)
     along = (500.0 - start[:, 2]) / unit[:, 2]
@@ -152,27 +152,26 @@ def test_chief_rays_start_on_the_axis_and_meet_the_point_in_focus() -> None:
 
 
 def test_points_on_the_ray_of_a_walking_pupil_have_their_image_in_its_pixel() -> None:
-    start, unit = chief_rays(LENS, WALKING, PLACES_PX)
+    start, unit = chief_rays(LENS, PLACES_PX)
     for length in (90.0, 400.0, 2000.0):
-        np.testing.assert_allclose(image_px(LENS, None, start + length * unit, pupil=WALKING), PLACES_PX, atol=1e-6)
+        np.testing.assert_allclose(image_px(LENS, None, start + length * unit), PLACES_PX, atol=1e-6)
 
 
 @pytest.mark.parametrize("kind", [{}, {"surface": "second", "thickness_mm": 2.0, "refractive_index": 1.5}])
 def test_a_mirror_reflects_the_rays_of_a_walking_pupil(kind: dict[str, object]) -> None:
     mirror = square_mirror(**kind)
     px = LENS.project(unit_rays().reshape(-1, 3))
-    origin, unit = chief_rays(LENS, WALKING, px)
+    origin, unit = chief_rays(LENS, px)
     _, start, direction, _ = trace_via_mirror(mirror, unit, origin=origin)
-    found = image_px(LENS, mirror, start + 350.0 * direction, pupil=WALKING)
+    found = image_px(LENS, mirror, start + 350.0 * direction)
     np.testing.assert_allclose(found, px, atol=1e-6)
 
 
 def test_a_pupil_that_walks_far_moves_images_by_the_parallax() -> None:
     """Seen from 0.5 mm nearer, a point at 100 mm is 0.5 % farther from the axis; a point in focus stays."""
-    pupil = Pupil(focus_mm=500.0, walk_mm=2.0)
-    camera = Camera.c920()
+    camera = Camera.c920().replaced(focus_mm=500.0, pupil_walk_mm=2.0)
     for depth, moved in ((500.0, 0.0), (100.0, 0.5 * (1 / 100.0 - 1 / 500.0))):
-        px = image_px(camera, None, np.array([[0.5 * depth, 0.0, depth]]), pupil=pupil)
+        px = image_px(camera, None, np.array([[0.5 * depth, 0.0, depth]]))
         assert px[0, 0] - camera.cx_px == pytest.approx(0.5 * camera.fx_px * (1.0 + moved), rel=1e-4)
 
 

@@ -165,6 +165,8 @@ CALIBRATIONS: Mapping[str, str] = {
     "held_out_outliers": "corners left out as outliers, held-out frames",
     "sigma_px": "noise of a typical corner, per axis",
     "residual_scale": "residuals, relative to the scatter of corners in their views",
+    "lateral_red_px": "lateral colour: red against green in the corners of the picture",
+    "lateral_blue_px": "lateral colour: blue against green in the corners of the picture",
     "held_out_scale": "residuals of held-out frames, standardised, relative to the fit's",
     "iterations": "iterations of the solver",
     "common_turn_sigma_deg": "rotation of all mirrors together, \N{GREEK SMALL LETTER SIGMA}",

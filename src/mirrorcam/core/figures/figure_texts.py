@@ -15,6 +15,8 @@ SIGMA = "\N{GREEK SMALL LETTER SIGMA}"
 NONE = "none"
 MAX_FURTHER_DIGITS = 9
 ROUNDING = 1e-9
+SMALLEST_DECIMAL = 1e-5
+"""Values below it are written with an exponent."""
 TINY, MAX_RATIO = 1e-3, 100.0
 """Values are written with equal decimals if the largest is at least `TINY` and their ratio at most `MAX_RATIO`."""
 UNIT_ENDINGS = ("mm", "mm2", "mm3", "cm3", "um", "px", "deg", "g")
@@ -64,12 +66,15 @@ def number_word(count: int) -> str:
 
 
 def figure_text(value: float, digits: int = 4) -> str:
-    """Format a value with a few significant digits: two if it is tiny, all if above 1000; NaN is "none"."""
+    """Format a value with a few significant digits: two if it is below 1e-4, all if above 1000; NaN is "none"."""
     if math.isnan(value):
         return NONE
     if abs(value) >= 1000:
         return f"{value:.0f}"
-    return f"{value:.{digits}g}" if value == 0 or abs(value) >= 1e-4 else f"{value:.1e}".replace("e-0", "e-")
+    if value == 0 or abs(value) >= 1e-4:
+        return f"{value:.{digits}g}"
+    text = f"{value:.1e}"
+    return f"{float(text):.{1 - int(text[-3:])}f}" if abs(value) >= SMALLEST_DECIMAL else text.replace("e-0", "e-")
 
 
 def equal_decimals(values: Sequence[float], digits: int = 4) -> list[str]:

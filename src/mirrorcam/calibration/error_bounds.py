@@ -1,0 +1,79 @@
+"""Limits on the errors of a validation, from the bounds that the calibration states for them.
+
+A figure's limit is what a calibration with the right covariance exceeds once in a thousand times, so that a good result
+and an honest covariance are both needed to pass. A covariance so wide that it helps nobody does not help here either:
+no limit exceeds `REQUIRED`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import chi2
+
+from mirrorcam.core.values import FloatArray, Metric
+from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import uncertainty_of, worst_sigmas
+from mirrorcam.optics.geometry.layout import Layout
+
+CHANCE = 1e-3
+"""Chance that a right calibration exceeds a limit."""
+REQUIRED = {
+    "normal_error_max_deg": 0.1,
+    "normal_error_between_mirrors_max_deg": 0.005,
+    "distance_error_max_mm": 0.05,
+    "held_out_rms_x_px": 0.06,
+    "held_out_rms_y_px": 0.06,
+    "held_out_spatial_rms_mm": 0.05,
+    "decoded_corner_rms_px": 0.25,
+}
+"""Largest limits: of normals that all mirrors share, a light field takes no harm; of the others it does."""
+
+
+def bounded(metrics: dict[str, Metric], bounds: dict[str, tuple[float, float]]) -> dict[str, Metric]:
+    """Set the limits of figures from their bounds, standard deviation and factor, and add the bounds themselves."""
+    limited = dict(metrics)
+    for name, (sigma, factor) in bounds.items():
+        if name in metrics:
+            limited[name] = metrics[name].replaced(limit=min(factor * sigma, REQUIRED[name]))
+            limited[bound_name(name)] = Metric(value=sigma, unit=metrics[name].unit)
+    return limited
+
+
+def bound_name(name: str) -> str:
+    """Return the name of the bound of a figure: `x_bound_px` for `x_px`."""
+    stem, _, unit = name.rpartition("_")
+    return f"{stem}_bound_{unit}"
+
+
+def mirror_bounds(layout: Layout) -> dict[str, tuple[float, float]]:
+    """Bounds of the errors of mirrors of a calibrated layout: the largest standard deviation of a mirror, and a factor.
+
+    The largest of m errors with k degrees of freedom each is within the factor with the probability 1 - `CHANCE`.
+    """
+    centres = np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
+    covariance = mirror_covariance(uncertainty_of(layout))
+    tilt, distance = normal_and_distance_sigmas(centres, covariance)
+    relative = worst_sigmas(_relative_tilt_covariances(centres, covariance))
+
+    def factor(freedom: int) -> float:
+        return float(np.sqrt(chi2.isf(CHANCE / len(centres), freedom)))
+
+    return {
+        "normal_error_max_deg": (float(np.degrees(tilt.max())), factor(2)),
+        "normal_error_between_mirrors_max_deg": (float(np.degrees(relative.max())), factor(3)),
+        "distance_error_max_mm": (float(distance.max()), factor(1)),
+    }
+
+
+def _relative_tilt_covariances(centres: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Covariances (m, 3, 3) of the rotation vectors of mirrors, rad, without their mean."""
+    count = len(centres)
+    to_tilts = np.zeros((3 * count, 3 * count))
+    for m, centre in enumerate(centres):
+        length = np.linalg.norm(centre)
+        x, y, z = centre / length
+        to_tilts[3 * m : 3 * m + 3, 3 * m : 3 * m + 3] = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) / length
+    without_mean = np.kron(np.eye(count) - 1.0 / count, np.eye(3)) @ to_tilts
+    whole = (without_mean @ covariance @ without_mean.T).reshape(count, 3, count, 3)
+    return np.asarray(whole[np.arange(count), :, np.arange(count)])
