@@ -16,7 +16,7 @@ mirrors' surface and edges, or about the scale.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -363,7 +363,7 @@ def calibration_of(
 
 
 def _scale_doubt(
-    selection: ModelSelection, layout: Layout, calibrated: Layout, edges: Sequence[DetectedEdge]
+    selection: ModelSelection, layout: Layout, calibrated: Layout, edges: Sequence[Mapping[int, DetectedEdge]]
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return alarms and notes about the stated size of the board."""
     side_mm, next_mm = np.diff(selection.model.board.corners_in_board_mm[:3, 0])

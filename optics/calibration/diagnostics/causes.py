@@ -217,7 +217,7 @@ class _ScoreTest:
         rest = _outside(own, frames, r[:, None])[:, 0]
         rest = rest - shared @ (shared.T @ rest)
         mirrors = np.flatnonzero([name.startswith("mirror ") for name in solution.parameters])
-        information = np.linalg.pinv(solution.covariance[np.ix_(mirrors, mirrors)])
+        information = np.asarray(np.linalg.pinv(solution.covariance[np.ix_(mirrors, mirrors)]), dtype=np.float64)
         floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / rows.sigma_px) ** 2))
         intrinsics = len(model.intrinsics)
         return cls(r, rest, frames, d_frame, own, d_global, shared, factor, floor, intrinsics, mirrors, information)
@@ -243,7 +243,7 @@ class _ScoreTest:
         """Predict the effect of changes of shared parameters, with derivatives (2n, k), each from a first frame on."""
         columns = _outside(self.own, self.frames, columns)
         others = (columns, self.shared, self.rest)
-        sums = ([other[part].T @ columns[part] for part in self.frames] for other in others)
+        sums = (np.array([other[part].T @ columns[part] for part in self.frames]) for other in others)
         gram, inside, score = (np.cumsum(parts[::-1], axis=0)[::-1] for parts in sums)
         for first, candidate in zip(firsts, candidates, strict=True):
             yield self._from_sums(candidate, gram[first], inside[first], score[first])
@@ -258,7 +258,7 @@ class _ScoreTest:
         white = vectors[:, determined] / np.sqrt(values[determined])
         explained = white.T @ (score[used] / norms)
         shift = np.linalg.solve(self.factor, inside @ (white @ explained)) if self.factor.size else np.zeros(0)
-        return self._cause(candidate, float(explained @ explained), int(determined.sum()), shift)
+        return self._cause(candidate, float(explained @ explained), int(determined.sum()), np.asarray(shift, float))
 
     def cause_of_frames(self, candidate: _Candidate) -> Cause:
         """Predict the effect of a candidate with parameters of its own for each frame."""

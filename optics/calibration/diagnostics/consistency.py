@@ -66,9 +66,9 @@ def missing_views(
     for name in used:
         listed = [view for view, absent in missing.items() if name in absent and len(absent) <= MAX_LISTED]
         in_mirrors = ", ".join(mirrors[view] for view in listed if view != DIRECT)
-        where = ["the direct view"] * (DIRECT in listed) + [f"mirror {in_mirrors}"] * bool(in_mirrors)
-        if where:
-            notes.append(f"{name}: no board found in {' and '.join(where)}")
+        places = ["the direct view"] * (DIRECT in listed) + [f"mirror {in_mirrors}"] * bool(in_mirrors)
+        if places:
+            notes.append(f"{name}: no board found in {' and '.join(places)}")
     return tuple(notes)
 
 

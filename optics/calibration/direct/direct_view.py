@@ -30,6 +30,7 @@ from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, layout_from_corners
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
+from mirrorcam.optics.calibration.diagnostics.worst_views import with_worst_views
 from mirrorcam.optics.calibration.direct.direct_boards import (
     FLIPPED,
     INVERTED,
@@ -185,6 +186,8 @@ def calibrate_with_direct_view(
         layout = layout_from_corners(estimate, observations.where(flat.solution.inliers))
         fitted, layout, shutter = _fitted(frames, base_corners, layout, target, model, labels)
         result = with_direct_figures(calibration_of(fitted, layout), rotations, shutter)
+        shown_pictures = [*used_pictures, *base]
+        result = with_worst_views(result, lambda frame: shown_pictures[fitted.frames[frame]])
     except UndeterminedError as error:
         more = more_mirrors(boards, names, mirrors)
         raise InputError(f"the pictures do not determine camera and mirrors: {error}{more}") from None

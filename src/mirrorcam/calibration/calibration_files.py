@@ -264,8 +264,12 @@ class CalibrationPictures:
     def without(self, labels: Collection[str]) -> CalibrationPictures:
         """Return all pictures but those with some labels."""
         kept = [number for number, label in enumerate(self.labels) if label not in labels]
-        pictures, names, sources = ([items[n] for n in kept] for items in (self.pictures, self.names, self.sources))
-        return CalibrationPictures(pictures, names, self.max_pictures, sources)
+        return CalibrationPictures(
+            [self.pictures[n] for n in kept],
+            [self.names[n] for n in kept],
+            self.max_pictures,
+            [self.sources[n] for n in kept],
+        )
 
     def read(self) -> list[Grey]:
         """Read all pictures in grey; raises InputError for a file that cannot be read."""

@@ -105,7 +105,9 @@ def view_with_residuals(calibration: Calibration, view: ViewPicture, name: str) 
     """Draw the residuals of a view's corners into its picture, red for outliers; `name` is unique in the page."""
     height, width = view.grey.shape
     scale = HALF / width
-    shown = cv2.resize(view.grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1.0 else view.grey
+    shown = view.grey
+    if scale < 1.0:
+        shown = np.asarray(cv2.resize(shown, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     jpeg = base64.b64encode(encoded_image(shown, ".jpg", JPEG_QUALITY)).decode()
     observations = calibration.observations
     rows = (observations.frame == view.frame) & (observations.view == view.view)

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.stats import chi2
 
 from mirrorcam.core.values import FloatArray, Metric
-from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import uncertainty_of, worst_sigmas
 from mirrorcam.optics.geometry.layout import Layout
