@@ -258,7 +258,7 @@ class _ScoreTest:
         white = vectors[:, determined] / np.sqrt(values[determined])
         explained = white.T @ (score[used] / norms)
         shift = np.linalg.solve(self.factor, inside @ (white @ explained)) if self.factor.size else np.zeros(0)
-        return self._cause(candidate, float(explained @ explained), int(determined.sum()), np.asarray(shift, float))
+        return self._cause(candidate, float(explained @ explained), int(determined.sum()), np.asarray(shift, dtype=np.float64))
 
     def cause_of_frames(self, candidate: _Candidate) -> Cause:
         """Predict the effect of a candidate with parameters of its own for each frame."""
@@ -271,7 +271,8 @@ class _ScoreTest:
         rest = _outside(own, self.frames, self.residuals[:, None])[:, 0]
         step = np.linalg.lstsq(d_global, rest, rcond=1e-12)[0]
         rest = rest - d_global @ step
-        return self._cause(candidate, float(self.rest @ self.rest - rest @ rest), parameters, step)
+        explained = float(self.rest @ self.rest - rest @ rest)
+        return self._cause(candidate, explained, parameters, np.asarray(step, dtype=np.float64))
 
     def cause_of_lens(self, addition: str, lens: Estimate, rows: Observations, board: Board) -> Cause:
         """Predict the effect of a different lens, with an estimate that has the nearest one."""
@@ -286,17 +287,17 @@ class _ScoreTest:
         return self._cause(candidate, explained, max(count - self.intrinsics, 1), np.zeros(len(self.factor)))
 
     def _cause(self, candidate: _Candidate, explained: float, parameters: int, shift: FloatArray) -> Cause:
-        squares = self.squares
-        gain = self.freedom * np.log(squares / (squares - explained)) - parameters * np.log(self.freedom)
+        squares, freedom = float(self.squares), float(self.freedom)
+        gain = freedom * np.log(squares / (squares - explained)) - parameters * np.log(freedom)
         shift = shift[self.mirrors]
         return Cause(
             candidate.kind,
             candidate.mirror,
             candidate.frame,
             candidate.addition,
-            explained / max(squares - self.freedom, explained, 1e-12),
+            explained / max(squares - freedom, explained, 1e-12),
             float(gain - 2.0 * np.log(candidate.alternatives)),
-            float(np.sqrt(max(shift @ self.information @ shift, 0.0) / max(len(shift), 1))),
+            float(np.sqrt(max(float(shift @ self.information @ shift), 0.0) / max(len(shift), 1))),
         )
 
 
