@@ -1,4 +1,4 @@
-"""Calibration of a mirror camera from detected corners and the nominal layout.
+"""Calibration of a mirror camera, or a bare camera, from detected corners and the nominal layout.
 
 1. Corners, views and frames that contradict the others are rejected (`screening`).
 2. The base camera is estimated from the frames without mirrors, and the board poses from the nominal layout
@@ -24,7 +24,12 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray, InvalidValue, Metric
 from mirrorcam.optics.calibration.detection.ghost_images import refine_with_ghosts
-from mirrorcam.optics.calibration.detection.segmentation import Extremes, detected_edges, with_detected_outlines
+from mirrorcam.optics.calibration.detection.segmentation import (
+    DetectedEdge,
+    Extremes,
+    detected_edges,
+    with_detected_outlines,
+)
 from mirrorcam.optics.calibration.diagnostics.board_scale import scale_doubt
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
@@ -39,15 +44,16 @@ from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import UnknownMirrors
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.nested_models import first_fit
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import views_of
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, screen
 from mirrorcam.optics.calibration.diagnostics.worst_views import with_worst_views
 from mirrorcam.optics.calibration.pupil_estimate import BoardPictures, estimated_pupil, unvignetted
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, pair_prior
-from mirrorcam.optics.calibration.solver.residuals import Estimate
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.lenses.families import LensName
 from mirrorcam.optics.geometry.nearest_lens import nearest_lens
@@ -75,7 +81,7 @@ def calibrate_corners(
     mirrored, base
         Observations of each frame with and without mirrors; every element numbers its frame 0.
     layout
-        Nominal layout.
+        Nominal layout; `Layout.bare` of a first estimate of the camera if there are no mirrors.
     corners_in_board_mm
         The board's corners (c, 3) in the board frame as drawn, mm.
     model
@@ -97,14 +103,23 @@ def calibrate_corners(
     InputError
         If the corners do not determine the camera and the mirrors.
     """
-    model.check_mirrored()
-    if not mirrored:
+    if layout.mirrors:
+        model.check_mirrored()
+    else:
+        model.check_plain()
+    if not (mirrored if layout.mirrors else base):
         raise InputError("no pictures given")
-    notes = (*_notes(mirrored, base, layout), *unobserved_rows([*mirrored, *base], corners_in_board_mm), *unknown.notes)
+    if names is None:
+        names = [f"frame {n}" for n in range(len(mirrored))] + [f"base frame {n}" for n in range(len(base))]
+    notes = (*unobserved_rows([*mirrored, *base], corners_in_board_mm), *unknown.notes)
+    if layout.mirrors:
+        notes = (*_notes(mirrored, base, layout), *notes)
+    else:
+        notes = (*(f"{name}: no board found, not used" for name, o in zip(names, base, strict=True) if not len(o)), *notes)
     try:
         start = layout if model.lens is None else _with_lens(layout, model.lens)
         on_step("comparing the pictures with each other")
-        screened = screen(mirrored, base, start, corners_in_board_mm)
+        screened = screen(mirrored, base, start, corners_in_board_mm, None if layout.mirrors else names)
         if pictures is not None and any(mirror.is_second_surface for mirror in layout.mirrors):
             on_step("refining the corners with their ghost images")
             mirrored = _refine_with_ghosts(screened, start, corners_in_board_mm, extremes, pictures)
@@ -112,8 +127,6 @@ def calibrate_corners(
             screened = screen(mirrored, screened.base, start, corners_in_board_mm)
         select = partial(select_model, model=model, prior=pair_prior(layout), on_step=on_step)
         fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
-        if names is None:
-            names = [f"frame {n}" for n in range(len(mirrored))] + [f"base frame {n}" for n in range(len(base))]
         pictures_used = tuple(names[number] for number in fitted.frames)
         notes = (*notes, *screened.dropped, *screened.drift)
         on_step("comparing halves of the pictures")
@@ -123,6 +136,8 @@ def calibrate_corners(
         frames = pictures.frames
         return with_worst_views(calibration, lambda frame: frames[fitted.frames[frame]])
     except UndeterminedError as error:
+        if not layout.mirrors:
+            raise InputError(f"the pictures do not determine the camera: {error}; tilt the board in some") from None
         raise unknown.error_for(f"the frames do not determine camera and mirrors: {error}") from None
     except InvalidValue as error:
         raise unknown.error_for(f"the frames lead to impossible mirrors: {error}") from None
@@ -157,7 +172,7 @@ def _fitted(
     camera = start.camera
     metrics: dict[str, Metric] = {}
     notes: tuple[str, ...] = ()
-    if pictures is not None or camera.aperture_mm > 0.0:
+    if pictures is not None or (camera.aperture_mm > 0.0 and layout.mirrors):
         first, fitted_layout = _first_fit(start, observations, layout, corners_in_board_mm, extremes)
         if pictures is not None:
             mirrored_numbers = [number for number in numbers if number < len(screened.mirrored)]
@@ -179,7 +194,9 @@ def _first_estimate(
     used = {number: o for number, o in enumerate((*screened.mirrored, *screened.base)) if len(o)}
     observations = Observations.join([o.with_frame_offset(index) for index, o in enumerate(used.values())])
     direct = observations.where(observations.frame >= sum(number < len(screened.mirrored) for number in used))
-    camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
+    camera = layout.camera
+    if layout.mirrors:  # a bare camera is a first estimate from these frames already
+        camera = initial_estimates.base_camera(direct, camera, corners_in_board_mm)
     start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
     return tuple(used), observations, start
 
@@ -236,12 +253,10 @@ def _result(
 ) -> Calibration:
     """Return the calibrated layout with diagnostics and metrics; raise InputError if the fit is implausible."""
     selection, observations = fitted.selection, fitted.observations
-    mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
+    measured_frames = len(np.unique(observations.frame[np.isin(observations.view, views_of(layout))]))
     calibrated = _calibrated(selection, layout)
     edges = [] if extremes is None else detected_edges(calibrated, extremes)
-    side_mm, next_mm = np.diff(selection.model.board.corners_in_board_mm[:3, 0])
-    element: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
-    mismatches, doubts = scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), element)
+    mismatches, doubts = _scale_doubt(layout, calibrated, edges, selection.model.board)
     if selection.other_surface is not None:
         mismatches = ()  # plates of another thickness or index also change the scale
     if edges:
@@ -250,11 +265,11 @@ def _result(
     diagnostics = diagnose(selection, observations, calibrated, mismatches=(*unknown.alarms, *mismatches))
     selection = selection.inflated_to(diagnostics.inflation)
     solution = selection.solution
-    notes += (*fitted.notes, *doubts, *check_plausible(solution, layout, mirrored_frames=mirrored_frames))
+    notes += (*fitted.notes, *doubts, *check_plausible(solution, layout, mirrored_frames=measured_frames))
     metrics = fit_metrics(observations, solution)
     spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, selection.model.board)
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
-    metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=mirrored_frames)
+    metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=measured_frames)
     metrics |= diagnostics.metrics | unknown.metrics | fitted.metrics
     return Calibration.of(
         solution,
@@ -265,6 +280,17 @@ def _result(
         diagnostics=diagnostics,
         pictures=pictures,
     )
+
+
+def _scale_doubt(
+    layout: Layout, calibrated: Layout, edges: Sequence[dict[int, DetectedEdge]], board: Board
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Alarms and doubts about the size of the board, which only the places of mirrors reveal."""
+    if not layout.mirrors:
+        return (), ()
+    side_mm, next_mm = np.diff(board.corners_in_board_mm[:3, 0])
+    element: Literal["square", "tag"] = "square" if np.isclose(side_mm, next_mm) or next_mm < 0.0 else "tag"
+    return scale_doubt(layout, calibrated.virtual_centres_in_rig_mm, edges, float(side_mm), element)
 
 
 def _with_lens(layout: Layout, lens: LensName) -> Layout:

@@ -89,7 +89,8 @@ class Cause:
     gain
         Predicted decrease of the Bayesian information criterion.
     bias_sigmas
-        Shift of the mirrors due to it, in their stated standard deviations: rms of all parameters, decorrelated.
+        Shift of the mirrors (of a bare camera, its intrinsics) due to it, in their stated standard deviations: rms of
+        all parameters, decorrelated.
     """
 
     kind: CauseKind
@@ -176,7 +177,8 @@ class _ScoreTest:
     intrinsics
         Number of free intrinsics, which are the first globals.
     mirrors
-        Indices (m,) of the mirrors' parameters among the globals, and their `information` (m, m).
+        Indices (m,) of the mirrors' parameters among the globals (of a bare camera, of its intrinsics), and their
+        `information` (m, m).
     """
 
     residuals: FloatArray
@@ -209,6 +211,8 @@ class _ScoreTest:
         rest = _outside(own, frames, r[:, None])[:, 0]
         rest = rest - shared @ (shared.T @ rest)
         mirrors = np.flatnonzero([name.startswith("mirror ") for name in solution.parameters])
+        if not len(solution.estimate.virtual_centres_in_rig_mm):
+            mirrors = np.arange(len(model.intrinsics))
         information = np.linalg.pinv(solution.covariance[np.ix_(mirrors, mirrors)])
         floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / rows.sigma_px) ** 2))
         intrinsics = len(model.intrinsics)
@@ -309,12 +313,12 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
     direct = np.repeat(rows.view == DIRECT, 2)
     if direct.any() and not direct.all() and not rows.direct_and_mirrored:
         yield _Candidate("focus", np.where(direct[:, None], d_global[:, :4], 0.0))
-    if not model.curvature:
+    if count and not model.curvature:
         yield _Candidate("bend", d_global[:, curvature:sheet], addition="bend")
         for mirror in range(count):
             start = curvature + 3 * mirror
             yield _Candidate("mirror bent", d_global[:, start : start + 3], mirror=mirror, alternatives=count)
-    if not model.thickness:
+    if count and not model.thickness:
         yield _Candidate("plate", _d_plate(estimate, rows, d_global[:, sheet], model.board)[:, None], addition="sheet")
     for kind, indices in modes.items():
         yield _Candidate(kind, d_global[:, [sheet + 1 + mode for mode in indices]], addition="warp" * (kind == "warp"))

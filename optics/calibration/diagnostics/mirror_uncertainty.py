@@ -13,6 +13,7 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     points_at_pixels,
     project_points,
     uncertainty_of,
+    views_of,
     worst_sigmas,
 )
 from mirrorcam.optics.geometry.camera import Camera
@@ -262,7 +263,7 @@ def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple
     derivatives = np.concatenate(
         [
             project_points(layout, view, points_at_pixels(layout, view, grid_px(layout, view), range_mm)).d_parameter
-            for view in range(len(layout.mirrors))
+            for view in views_of(layout)
         ]
     )
     derivatives = derivatives.reshape(-1, derivatives.shape[-1]) / np.sqrt(len(derivatives))

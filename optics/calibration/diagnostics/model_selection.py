@@ -24,6 +24,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     CAMERA_ADDITIONS,
     IN_WORDS,
     LENS_ADDITIONS,
+    PLAIN_ADDITIONS,
     PLATE_INDEX,
     Fitted,
     fit_as,
@@ -137,7 +138,8 @@ def select_model(
     """Fit the requested model and, if it is automatic, extend it by forward selection.
 
     The camera was estimated from the same corners, so only `joint` and larger models have a valid uncertainty. The
-    model `paper`, with fixed intrinsics, is used only on request, or if the corners do not determine the intrinsics.
+    model `paper`, with fixed intrinsics, is used only on request, or if the corners do not determine the intrinsics;
+    without mirrors it would have no parameters, and `joint` is the smallest model.
     Starting from `joint`, the most informative addition is made as long as the data support one: its likelihood ratio
     exceeds noise, and it predicts held-out frames better.
 
@@ -164,6 +166,10 @@ def select_model(
     InputError
         If plates are requested that the layout does not have.
     """
+    if not len(start.virtual_centres_in_rig_mm):
+        on_step("solving for the camera")
+        camera = fit_as("joint", start, observations, joint_model(start.camera, corners_in_board_mm))
+        return _extended(camera, [smallest_model(camera)], observations, PLAIN_ADDITIONS, model, on_step)
     on_step("solving for mirrors and camera")
     paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm, prior))
     comparisons = [smallest_model(paper)]
@@ -180,7 +186,19 @@ def select_model(
         note = "the intrinsics are fixed: no uncertainty includes their errors"
         alarms = [_alarm(current, "joint")] if comparisons[-1].supported else []
         return finished_selection(paper, comparisons, observations, alarms, [note])
-    additions = [name for name in ADDITIONS if not (model.lens is not None and name in LENS_ADDITIONS)]
+    return _extended(current, comparisons, observations, ADDITIONS, model, on_step)
+
+
+def _extended(
+    current: Fitted,
+    comparisons: list[ModelComparison],
+    observations: Observations,
+    additions: Sequence[str],
+    model: RequestedModel,
+    on_step: Step,
+) -> ModelSelection:
+    """Make the additions requested and, if the model is automatic, those that the data support."""
+    additions = [name for name in additions if not (model.lens is not None and name in LENS_ADDITIONS)]
     for name in model.additions:
         on_step(f"fitting {IN_WORDS[name]}")
         larger = fit_with(name, current, observations)
@@ -289,10 +307,11 @@ def finished_selection(
 ) -> ModelSelection:
     """Build the selection of `current`, with the check by free virtual cameras and the correlation of errors."""
     free = None
-    try:
-        free = free_views(current.solution, observations, current.model)
-    except UndeterminedError as error:
-        notes = [*notes, f"no check by free virtual cameras: {error}"]
+    if len(current.solution.estimate.virtual_centres_in_rig_mm):
+        try:
+            free = free_views(current.solution, observations, current.model)
+        except UndeterminedError as error:
+            notes = [*notes, f"no check by free virtual cameras: {error}"]
     if (
         free is not None
         and free.chance < SUPPORTED_CHANCE

@@ -49,6 +49,8 @@ WALK = "walk"
 CAMERA_ADDITIONS = (WALK, *LENS_ADDITIONS)
 MOTION = "motion"
 ADDITIONS = ("sheet", "bend", "warp", "bow", MOTION, *CAMERA_ADDITIONS)
+PLAIN_ADDITIONS = ("warp", "bow", MOTION, *CAMERA_ADDITIONS)
+"""Additions without mirrors."""
 IN_WORDS: Mapping[str, str] = MappingProxyType(
     {
         "sheet": "the thickness of the mirrors' plates",

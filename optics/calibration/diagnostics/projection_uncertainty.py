@@ -61,7 +61,8 @@ class ProjectionMap:
     in_rig
         Covariance (n, 2, 2), px^2, of the pixel of a point fixed in the rig frame.
     against_reference
-        The same for a point fixed in the reference view; zero for the reference view itself.
+        The same for a point fixed in the reference view, for which it is zero; of a bare camera, apart from the
+        rotation of the camera that compensates most of it.
     """
 
     view: int
@@ -125,6 +126,11 @@ def points_at_pixels(layout: Layout, view: int, pixels: FloatArray, range_mm: fl
     return points if view == DIRECT else layout.mirrors[view].apparent.reflect(points)
 
 
+def views_of(layout: Layout) -> tuple[int, ...]:
+    """The views of a layout's mirrors; the direct view for a bare camera."""
+    return tuple(range(len(layout.mirrors))) or (DIRECT,)
+
+
 def outline_px(layout: Layout, view: int) -> FloatArray:
     """Outline (n, 2) of a view's sub-image on the sensor; the complete sensor if DIRECT."""
     if view != DIRECT:
@@ -157,6 +163,22 @@ def derivatives_in_reference(layout: Layout, reference: int, points_in_rig: Floa
     return np.asarray(np.linalg.solve(system, rhs))
 
 
+def relative_derivatives(
+    layout: Layout, reference: int, points_in_rig: FloatArray, projected: ProjectedPoints
+) -> FloatArray:
+    """Derivatives (n, 2, g) of projections of points (n, 3) that are fixed in the reference view.
+
+    A bare camera has no other view to compare with, and its own pictures determine its orientation wherever it is used:
+    the rotation that compensates most of each derivative is removed (after mrcal, for points at infinity).
+    """
+    if layout.mirrors:
+        return projected.d_parameter + projected.d_point @ derivatives_in_reference(layout, reference, points_in_rig)
+    d_rotation = np.einsum("nij,njk->nik", projected.d_point, np.cross(np.eye(3), points_in_rig[:, None, :]).swapaxes(1, 2))
+    basis, _ = np.linalg.qr(d_rotation.reshape(-1, 3))
+    flat = projected.d_parameter.reshape(len(basis), -1)
+    return np.asarray((flat - basis @ (basis.T @ flat)).reshape(projected.d_parameter.shape))
+
+
 def centre_derivatives(layout: Layout, view: int) -> FloatArray:
     """Derivatives (3, g) of a view's virtual centre with respect to the parameters.
 
@@ -178,7 +200,7 @@ def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float
     points = points_at_pixels(layout, view, pixels, range_mm)
     covariance = uncertainty_of(layout).covariance
     projected = project_points(layout, view, points)
-    relative = projected.d_parameter + projected.d_point @ derivatives_in_reference(layout, reference, points)
+    relative = relative_derivatives(layout, reference, points, projected)
     return ProjectionMap(
         view=view,
         range_mm=range_mm,

@@ -18,6 +18,8 @@ from mirrorcam.optics.geometry.lenses.families import LensName
 
 LAYOUT_ADDITIONS = ("sheet", "bend", "warp", "bow", "motion", "prism", "walk")
 """Additions to `joint`, besides lenses, available with a layout."""
+PLAIN_ADDITIONS = ("warp", "bow", "prism", "walk")
+"""The same without mirrors."""
 DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
 """Additions that are tried if frames show their board both directly and in mirrors."""
 SURFACES: dict[str, Literal["first", "second"]] = {"first_surface": "first", "second_surface": "second"}
@@ -85,6 +87,15 @@ class RequestedModel:
         if direct := [name for name in self.additions if name not in LAYOUT_ADDITIONS]:
             raise InputError(
                 f"model: {direct[0]} needs a direct view of the board, expected {', '.join(LAYOUT_ADDITIONS)}"
+            )
+
+    def check_plain(self) -> None:
+        """Raise InputError if a word needs mirrors."""
+        unknown = [name for name in self.additions if name not in PLAIN_ADDITIONS]
+        if unknown or self.paper or self.surface is not None:
+            word = unknown[0] if unknown else "paper" if self.paper else f"{self.surface}_surface"
+            raise InputError(
+                f"model: {word} needs mirrors, expected auto, joint or a lens with any of {', '.join(PLAIN_ADDITIONS)}"
             )
 
     def check_direct(self) -> None:

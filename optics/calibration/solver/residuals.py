@@ -162,7 +162,7 @@ class Estimate:
         """Build the estimate of a camera, a layout's mirrors, and board poses (f, 4, 4)."""
         return cls(
             camera,
-            np.array([mirror.virtual_centre_in_rig_mm for mirror in mirrors]),
+            np.array([mirror.virtual_centre_in_rig_mm for mirror in mirrors]).reshape(-1, 3),
             rig_from_board,
             thickness_mm=np.array([mirror.front_mm for mirror in mirrors]),
             refractive_index=np.array([mirror.refractive_index for mirror in mirrors]),
