@@ -126,7 +126,8 @@ def calibrate_corners(
             notes += (*screened.dropped, *_missing_pictures(screened.mirrored, pictures))
             screened = screen(mirrored, screened.base, start, corners_in_board_mm)
         select = partial(select_model, model=model, prior=pair_prior(layout), on_step=on_step)
-        fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, pictures)
+        of_mirrors = pictures if layout.mirrors else None
+        fitted = _fitted(screened, start, corners_in_board_mm, select, extremes, of_mirrors)
         pictures_used = tuple(names[number] for number in fitted.frames)
         notes = (*notes, *screened.dropped, *screened.drift)
         on_step("comparing halves of the pictures")

@@ -17,6 +17,7 @@ from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.calibration import PictureReader, checked_pictures, chosen_frames
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
@@ -25,6 +26,7 @@ from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.nested_models import joint_model
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
+from mirrorcam.optics.calibration.pupil_estimate import BoardPictures
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, start_robustly
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, Observations
@@ -50,6 +52,7 @@ def calibrate_camera(
     max_pictures: int | None = None,
     names: Sequence[str] | None = None,
     on_frame: Callable[[int], None] = lambda done: None,
+    on_step: Step = no_step,
 ) -> Calibration:
     """Calibrate a camera without mirrors from pictures of a board.
 
@@ -74,6 +77,8 @@ def calibrate_camera(
         Names of the pictures. Default: their paths or numbers.
     on_frame
         Called with the number of pictures searched so far.
+    on_step
+        Called with each step of the solution in words.
 
     Returns
     -------
@@ -118,7 +123,10 @@ def calibrate_camera(
     try:
         camera = first_camera(frames, corners_mm, provisional, model)
         layout = Layout.bare(camera if nominal is None else _with_body(camera, nominal))
-        calibration = calibrate_corners([], frames, layout, corners_mm, model=model, names=names)
+        shown = BoardPictures([reader.base[number] for number in used], target, workers)
+        calibration = calibrate_corners(
+            [], frames, layout, corners_mm, model=model, pictures=shown, names=names, on_step=on_step
+        )
     except InputError:
         # The stated board was found but does not fit: parts of a larger checkerboard can look like it.
         reader.check_board(target, mirrored=False, base=True, fits=False)

@@ -168,8 +168,12 @@ def diagnose(
     reference = reference_of(observations, layout)
     median_px = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
-    halves, notes = splits(solution, observations, selection.model, layout, reference=reference, range_mm=range_mm)
-    inflation = max(selection.inflation, *(split.inflation for split in halves), 1.0)
+    # Boards of paper bow differently in every picture. Such errors contradict mirrors, but not a bare camera.
+    allowed = 1.0 if layout.mirrors else selection.inflation
+    halves, notes = splits(
+        solution, observations, selection.model, layout, reference=reference, range_mm=range_mm, inflation=allowed
+    )
+    inflation = max(selection.inflation, *(allowed * split.inflation for split in halves), 1.0)
     uncertainty = uncertainty_of(layout)
     inflated = uncertainty.replaced(covariance=(inflation / selection.inflation) ** 2 * uncertainty.covariance)
     layout = layout.replaced(uncertainty=inflated)
