@@ -115,7 +115,10 @@ def calibrate_corners(
     if layout.mirrors:
         notes = (*_notes(mirrored, base, layout), *notes)
     else:
-        notes = (*(f"{name}: no board found, not used" for name, o in zip(names, base, strict=True) if not len(o)), *notes)
+        notes = (
+            *(f"{name}: no board found, not used" for name, o in zip(names, base, strict=True) if not len(o)),
+            *notes,
+        )
     try:
         start = layout if model.lens is None else _with_lens(layout, model.lens)
         on_step("comparing the pictures with each other")

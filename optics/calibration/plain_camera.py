@@ -225,9 +225,7 @@ def _starts(views: Sequence[Corners], corners_in_board_mm: FloatArray, size: Cam
         )
 
 
-def _fitted(
-    start: Camera, observations: Observations, corners_in_board_mm: FloatArray
-) -> tuple[float, Camera] | None:
+def _fitted(start: Camera, observations: Observations, corners_in_board_mm: FloatArray) -> tuple[float, Camera] | None:
     """Median residual, px, and camera of a robust fit; None if the start contradicts the corners."""
     if not np.isfinite(start.normalized_from_pixels(observations.pixels)).all():
         return None

@@ -21,6 +21,7 @@ _SENTENCES: dict[CauseKind, str] = {
     "plate": "the mirrors reflect behind a plate of another thickness than in the layout",
     "warp": "the board is warped",
     "bow": "the board is bowed differently in each picture",
+    "print": "the board differs irregularly from its drawing",
     "size": "the print of the board is stretched or sheared",
     "focus": "focus or zoom changed between the pictures with and without mirrors",
 }
@@ -36,6 +37,7 @@ _ADVICE: dict[CauseKind, str] = {
     "plate": "Calibrate again with {addition}, or correct the thickness in the layout.",
     "warp": "Calibrate again with {addition}, or mount the board on a flat plate.",
     "bow": "Calibrate again with {addition}, or mount the board on a stiff plate.",
+    "print": "Calibrate again with {addition}, or glue the print on a flat plate.",
     "size": "Measure the print along both sides: printers may scale them differently.",
     "focus": "Take all pictures again with focus and zoom fixed.",
 }

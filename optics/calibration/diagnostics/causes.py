@@ -46,6 +46,7 @@ CauseKind = Literal[
     "warp",
     "size",
     "bow",
+    "print",
     "focus",
 ]
 KIND_OF_ADDITION: dict[str, CauseKind] = {
@@ -59,6 +60,7 @@ KIND_OF_ADDITION: dict[str, CauseKind] = {
     "warp": "warp",
     "bow": "bow",
     "motion": "shutter",
+    "board": "print",
 }
 """Kind of cause that each addition to a model removes."""
 MAX_CORNERS = 8000
@@ -322,6 +324,11 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
         yield _Candidate("plate", _d_plate(estimate, rows, d_global[:, sheet], model.board)[:, None], addition="sheet")
     for kind, indices in modes.items():
         yield _Candidate(kind, d_global[:, [sheet + 1 + mode for mode in indices]], addition="warp" * (kind == "warp"))
+    if not count and "board" not in additions:
+        free = Board(board.shaped(shape), Board.free(board.corners_in_board_mm).modes)
+        free_shape = replace(estimate, shape=np.zeros(len(free.modes)))
+        columns = _standardised(free_shape, rows, free)[1][:, sheet + 1 :]
+        yield _Candidate("print", columns, addition="board")
     for mirror in range(count):
         frames = np.unique(rows.frame[rows.view == mirror])
         columns = d_global[:, lens + 3 * mirror : lens + 3 * mirror + 3]

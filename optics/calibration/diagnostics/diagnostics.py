@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,8 @@ from mirrorcam.optics.calibration.solver.residuals import points_at_camera
 from mirrorcam.optics.geometry.layout import Layout
 
 MATCHING_PX = 0.1
+MAX_PROJECTION_PX = 1.0
+"""Projection uncertainty of a bare camera above which it should not be used."""
 DISTANCE_FACTORS = np.linspace(0.5, 2.5, 17)
 """Distances at which depth uncertainty is evaluated, in units of the working distance."""
 
@@ -168,15 +171,14 @@ def diagnose(
     reference = reference_of(observations, layout)
     median_px = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
-    # Boards of paper bow differently in every picture. Such errors contradict mirrors, but not a bare camera.
-    allowed = 1.0 if layout.mirrors else selection.inflation
-    halves, notes = splits(
-        solution, observations, selection.model, layout, reference=reference, range_mm=range_mm, inflation=allowed
-    )
-    inflation = max(selection.inflation, *(allowed * split.inflation for split in halves), 1.0)
+    halves, notes = splits(solution, observations, selection.model, layout, reference=reference, range_mm=range_mm)
+    inflation = max(selection.inflation, *(split.inflation for split in halves), 1.0)
     uncertainty = uncertainty_of(layout)
     inflated = uncertainty.replaced(covariance=(inflation / selection.inflation) ** 2 * uncertainty.covariance)
     layout = layout.replaced(uncertainty=inflated)
+    following = None
+    if not layout.mirrors:
+        following = next_picture(selection.inflated_to(inflation).solution, selection.model, layout, range_mm=range_mm)
     return Diagnostics(
         model_name=selection.model_name,
         comparisons=selection.comparisons,
@@ -195,16 +197,23 @@ def diagnose(
             *mismatches,
             *([other.sentence(inflation)] if (other := selection.other_surface) is not None else []),
             *selection.alarms,
-            *(split.alarm for split in halves if split.alarm is not None),
+            *_alarms(halves, following),
         ),
         other_surface=selection.other_surface,
         notes=(*selection.notes, *notes),
         mismatches=mismatches,
         causes=tuple(replace(cause, bias_sigmas=cause.bias_sigmas / inflation) for cause in selection.causes),
         left_out=selection.left_out,
-        next_picture=None
-        if layout.mirrors
-        else next_picture(
-            selection.inflated_to(inflation).solution, selection.model, layout, range_mm=range_mm
-        ),
+        next_picture=following,
     )
+
+
+def _alarms(halves: Sequence[Split], following: NextPicture | None) -> Iterator[str]:
+    """Yield alarms on halves that differ; for a bare camera, whose bounds allow for that, only if these are wide."""
+    if following is None:
+        yield from (split.alarm for split in halves if split.alarm is not None)
+    elif following.sigma_px > MAX_PROJECTION_PX:
+        yield (
+            f"the pictures determine the projection of points only to {following.sigma_px:.2g} px, expected under "
+            f"{MAX_PROJECTION_PX:g} px"
+        )

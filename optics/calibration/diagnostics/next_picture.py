@@ -76,7 +76,6 @@ def next_picture(solution: Solution, model: Model, layout: Layout, *, range_mm: 
         Distance of the points whose projections are compared, mm.
     """
     points = points_at_pixels(layout, DIRECT, grid_px(layout, DIRECT), range_mm)
-    points = points[np.isfinite(points).all(axis=1)]
     derivatives = relative_derivatives(layout, DIRECT, points, project_points(layout, DIRECT, points))
     names = uncertainty_of(layout).parameters
     columns = [solution.parameters.index(name) for name in names]

@@ -139,14 +139,15 @@ def outline_px(layout: Layout, view: int) -> FloatArray:
 
 
 def grid_px(layout: Layout, view: int) -> FloatArray:
-    """Pixels (n, 2) of a uniform grid over a view's sub-image."""
+    """Pixels (n, 2) of a uniform grid over a view's sub-image, where the lens is defined."""
     outline = outline_px(layout, view)
     low, high = outline.min(axis=0), outline.max(axis=0)
     step = (high - low).max() / GRID
     counts = np.maximum(np.rint((high - low) / step), 1).astype(int)
     u, v = (low[k] + (np.arange(counts[k]) + 0.5) * (high[k] - low[k]) / counts[k] for k in range(2))
     pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-    return pixels[contains_xy(Polygon(outline), pixels[:, 0], pixels[:, 1])]
+    pixels = pixels[contains_xy(Polygon(outline), pixels[:, 0], pixels[:, 1])]
+    return np.asarray(pixels[np.isfinite(layout.camera.normalized_from_pixels(pixels)).all(axis=1)])
 
 
 def derivatives_in_reference(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:
@@ -173,7 +174,9 @@ def relative_derivatives(
     """
     if layout.mirrors:
         return projected.d_parameter + projected.d_point @ derivatives_in_reference(layout, reference, points_in_rig)
-    d_rotation = np.einsum("nij,njk->nik", projected.d_point, np.cross(np.eye(3), points_in_rig[:, None, :]).swapaxes(1, 2))
+    d_rotation = np.einsum(
+        "nij,njk->nik", projected.d_point, np.cross(np.eye(3), points_in_rig[:, None, :]).swapaxes(1, 2)
+    )
     basis, _ = np.linalg.qr(d_rotation.reshape(-1, 3))
     flat = projected.d_parameter.reshape(len(basis), -1)
     return np.asarray((flat - basis @ (basis.T @ flat)).reshape(projected.d_parameter.shape))

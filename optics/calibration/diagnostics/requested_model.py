@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.lenses.families import LensName
 
 LAYOUT_ADDITIONS = ("sheet", "bend", "warp", "bow", "motion", "prism", "walk")
 """Additions to `joint`, besides lenses, available with a layout."""
-PLAIN_ADDITIONS = ("warp", "bow", "prism", "walk")
+PLAIN_ADDITIONS = ("warp", "bow", "board", "motion", "prism", "walk")
 """The same without mirrors."""
 DIRECT_ADDITIONS = ("sheet", "turn", "bow", "board")
 """Additions that are tried if frames show their board both directly and in mirrors."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
@@ -124,13 +124,12 @@ def splits(
     *,
     reference: int,
     range_mm: float,
-    inflation: float = 1.0,
 ) -> tuple[tuple[Split, ...], tuple[str, ...]]:
     """Split a calibration's frames into similar halves, and into near and far boards, and compare the halves.
 
-    A wrong model fits near and far boards differently. By default, the predicted difference is for independent corner
-    errors, without the inflation of `layout`'s uncertainties: a larger difference is an error of the model even if they
-    allow for it.
+    A wrong model fits near and far boards differently. The predicted difference is for independent corner errors,
+    without the inflation of `layout`'s uncertainties: a larger difference is an error of the model even if they allow
+    for it.
 
     Parameters
     ----------
@@ -142,8 +141,6 @@ def splits(
         View that the others are measured against: a mirror's index, or DIRECT.
     range_mm
         Distance at which views are compared, mm.
-    inflation
-        Factor on the halves' standard deviations for independent corner errors.
 
     Returns
     -------
@@ -166,9 +163,7 @@ def splits(
             notes.append(f"not split {division}: a half would have under {MIN_HALF} {kind}")
             continue
         try:
-            halves = [
-                _inflated(_half(solution.estimate, rows, model, part == half), inflation) for half in (0, 1)
-            ]
+            halves = [_half(solution.estimate, rows, model, part == half) for half in (0, 1)]
         except UndeterminedError as error:
             unknown = "camera and mirrors" if layout.mirrors else "the camera"
             notes.append(f"not split {division}: a half does not determine {unknown} ({error})")
@@ -180,10 +175,6 @@ def splits(
 def _half(estimate: Estimate, observations: Observations, model: Model, frames: BoolArray) -> Solution:
     rows, start = frames_of(observations, estimate, frames)
     return fit(start, rows, model)
-
-
-def _inflated(solution: Solution, factor: float) -> Solution:
-    return replace(solution, covariance=factor**2 * solution.covariance)
 
 
 def _derivatives(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:

@@ -206,16 +206,6 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
         )
         for split in diagnostics.splits
     ]
-    if (following := diagnostics.next_picture) is not None:
-        checks.append(
-            Check(
-                f"Projection {SIGMA} over the picture, apart from a rotation of the camera",
-                Metric(value=following.sigma_px, unit="px", limit=diagnostics.depth.matching_px),
-                f"the projection of points is uncertain by {following.sigma_px:.2g} px over the picture, more than "
-                f"matching ({diagnostics.depth.matching_px:g} px)",
-                f"Take more pictures: {following.sentence}.",
-            )
-        )
     range_mm = diagnostics.range_mm
     calibration_mm, matching_mm = (
         float(np.interp(range_mm, diagnostics.depth.range_mm, values))
@@ -240,9 +230,14 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
     min_frames_view = min(calibrated, key=lambda view: view.frames)
     normals, mirrored = board_normals(calibration)
     rotation_deg = _largest_rotation_deg(normals[mirrored])
-    spans = {view.name_in_sentence: float(view.distances_mm.max() / view.distances_mm.min()) for view in calibrated if view.frames}
+    spans = {
+        view.name_in_sentence: float(view.distances_mm.max() / view.distances_mm.min())
+        for view in calibrated
+        if view.frames
+    }
     flattest = min(spans, key=lambda name: spans[name])
     return [
+        *_projection_check(calibration.diagnostics),
         Check(
             "Lowest coverage of a view",
             Metric(value=min_coverage_view.coverage, unit="of the view", limit=MIN_COVERAGE, lower_is_better=False),
@@ -271,6 +266,22 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
             f"{flattest} shows boards at nearly one distance",
             f"Hold the board nearer to and farther from {flattest if calibration.layout.mirrors else 'the camera'}.",
         ),
+    ]
+
+
+def _projection_check(diagnostics: Diagnostics | None) -> list[Check]:
+    """Check the projection uncertainty of a bare camera, and recommend the next picture."""
+    if diagnostics is None or diagnostics.next_picture is None:
+        return []
+    sigma_px, matching_px = diagnostics.next_picture.sigma_px, diagnostics.depth.matching_px
+    return [
+        Check(
+            f"Projection {SIGMA} over the picture, apart from a rotation of the camera",
+            Metric(value=sigma_px, unit="px", limit=matching_px),
+            f"the projection of points is uncertain by {sigma_px:.2g} px over the picture, more than matching "
+            f"({matching_px:g} px)",
+            f"Take more pictures: {diagnostics.next_picture.sentence}.",
+        )
     ]
 
 

@@ -46,7 +46,6 @@ from mirrorcam.optics.calibration.diagnostics.view_statistics import (
     frame_figures,
     view_figures,
 )
-from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.drift.drift import can_test_drift
 
 TEMPLATES = Path(__file__).parent
