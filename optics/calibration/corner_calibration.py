@@ -111,14 +111,8 @@ def calibrate_corners(
         raise InputError("no pictures given")
     if names is None:
         names = [f"frame {n}" for n in range(len(mirrored))] + [f"base frame {n}" for n in range(len(base))]
-    notes = (*unobserved_rows([*mirrored, *base], corners_in_board_mm), *unknown.notes)
-    if layout.mirrors:
-        notes = (*_notes(mirrored, base, layout), *notes)
-    else:
-        notes = (
-            *(f"{name}: no board found, not used" for name, o in zip(names, base, strict=True) if not len(o)),
-            *notes,
-        )
+    notes = _notes(mirrored, base, layout) if layout.mirrors else _plain_notes(base, names)
+    notes += (*unobserved_rows([*mirrored, *base], corners_in_board_mm), *unknown.notes)
     try:
         start = layout if model.lens is None else _with_lens(layout, model.lens)
         on_step("comparing the pictures with each other")
@@ -300,6 +294,10 @@ def _scale_doubt(
 def _with_lens(layout: Layout, lens: LensName) -> Layout:
     camera, _ = nearest_lens(layout.camera, lens)
     return layout.replaced(camera=camera)
+
+
+def _plain_notes(pictures: list[Observations], names: Sequence[str]) -> tuple[str, ...]:
+    return tuple(f"{name}: no board found, not used" for name, o in zip(names, pictures, strict=True) if not len(o))
 
 
 def _notes(mirrored: list[Observations], base: list[Observations], layout: Layout) -> tuple[str, ...]:

@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.next_pose import TILTS, indices_inside, position_in_words, tilt_in_words
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
-    grid_px,
-    points_at_pixels,
+    grid_points,
     project_points,
     propagate,
     relative_derivatives,
@@ -58,8 +57,8 @@ class NextPicture:
     def sentence(self) -> str:
         """The recommendation."""
         return (
-            f"the most useful further picture has the board {self.pose}: it would lower the projection uncertainty from "
-            f"{self.sigma_px:.2g} to {self.predicted_px:.2g} px"
+            f"the most useful further picture has the board {self.pose}: it would lower the projection uncertainty "
+            f"from {self.sigma_px:.2g} to {self.predicted_px:.2g} px"
         )
 
 
@@ -75,7 +74,7 @@ def next_picture(solution: Solution, model: Model, layout: Layout, *, range_mm: 
     range_mm
         Distance of the points whose projections are compared, mm.
     """
-    points = points_at_pixels(layout, DIRECT, grid_px(layout, DIRECT), range_mm)
+    _, points = grid_points(layout, DIRECT, range_mm)
     derivatives = relative_derivatives(layout, DIRECT, points, project_points(layout, DIRECT, points))
     names = uncertainty_of(layout).parameters
     columns = [solution.parameters.index(name) for name in names]

@@ -139,15 +139,26 @@ def outline_px(layout: Layout, view: int) -> FloatArray:
 
 
 def grid_px(layout: Layout, view: int) -> FloatArray:
-    """Pixels (n, 2) of a uniform grid over a view's sub-image, where the lens is defined."""
+    """Pixels (n, 2) of a uniform grid over a view's sub-image."""
     outline = outline_px(layout, view)
     low, high = outline.min(axis=0), outline.max(axis=0)
     step = (high - low).max() / GRID
     counts = np.maximum(np.rint((high - low) / step), 1).astype(int)
     u, v = (low[k] + (np.arange(counts[k]) + 0.5) * (high[k] - low[k]) / counts[k] for k in range(2))
     pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
-    pixels = pixels[contains_xy(Polygon(outline), pixels[:, 0], pixels[:, 1])]
-    return np.asarray(pixels[np.isfinite(layout.camera.normalized_from_pixels(pixels)).all(axis=1)])
+    return pixels[contains_xy(Polygon(outline), pixels[:, 0], pixels[:, 1])]
+
+
+def grid_points(layout: Layout, view: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Pixels (n, 2) of a uniform grid over a view's sub-image, and points (n, 3) that they show, as `points_at_pixels`.
+
+    Pixels beyond the limits of the lens model are left out.
+    """
+    pixels = grid_px(layout, view)
+    points = points_at_pixels(layout, view, pixels, range_mm)
+    defined = np.isfinite(points).all(axis=1)
+    defined[defined] = np.isfinite(project_points(layout, view, points[defined]).pixels).all(axis=1)
+    return pixels[defined], points[defined]
 
 
 def derivatives_in_reference(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:
@@ -174,9 +185,7 @@ def relative_derivatives(
     """
     if layout.mirrors:
         return projected.d_parameter + projected.d_point @ derivatives_in_reference(layout, reference, points_in_rig)
-    d_rotation = np.einsum(
-        "nij,njk->nik", projected.d_point, np.cross(np.eye(3), points_in_rig[:, None, :]).swapaxes(1, 2)
-    )
+    d_rotation = projected.d_point @ np.cross(np.eye(3), points_in_rig[:, None, :]).swapaxes(1, 2)
     basis, _ = np.linalg.qr(d_rotation.reshape(-1, 3))
     flat = projected.d_parameter.reshape(len(basis), -1)
     return np.asarray((flat - basis @ (basis.T @ flat)).reshape(projected.d_parameter.shape))
@@ -199,8 +208,7 @@ def centre_derivatives(layout: Layout, view: int) -> FloatArray:
 
 def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float) -> ProjectionMap:
     """Return the projection uncertainty over a view's sub-image, for points `range_mm` from the view's centre."""
-    pixels = grid_px(layout, view)
-    points = points_at_pixels(layout, view, pixels, range_mm)
+    pixels, points = grid_points(layout, view, range_mm)
     covariance = uncertainty_of(layout).covariance
     projected = project_points(layout, view, points)
     relative = relative_derivatives(layout, reference, points, projected)

@@ -17,8 +17,7 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     NEGLIGIBLE_PX,
-    grid_px,
-    points_at_pixels,
+    grid_points,
     project_points,
     relative_derivatives,
     uncertainty_of,
@@ -182,7 +181,7 @@ def _derivatives(layout: Layout, view: int, reference: int, range_mm: float) -> 
 
     A bare camera is compared apart from its rotation (`relative_derivatives`) in both.
     """
-    points = points_at_pixels(layout, view, grid_px(layout, view), range_mm)
+    _, points = grid_points(layout, view, range_mm)
     projected = project_points(layout, view, points)
     relative = relative_derivatives(layout, reference, points, projected)
     return (projected.d_parameter if layout.mirrors else relative), relative

@@ -99,10 +99,10 @@ def _cause_check(calibration: Calibration) -> tuple[Check, ...]:
     if diagnostics is None or not diagnostics.causes:
         return ()
     cause = diagnostics.causes[0]
+    shifted = "mirrors" if calibration.layout.mirrors else "camera"
     return (
         Check(
-            f"Shift of the {'mirrors' if calibration.layout.mirrors else 'camera'} due to the first cause of the misfit, "
-            "relative to its bound",
+            f"Shift of the {shifted} due to the first cause of the misfit, relative to its bound",
             Metric(value=cause.bias_sigmas, unit="1", limit=MAX_BIAS_SIGMAS),
             cause_sentence(cause, calibration),
             cause_advice(cause, calibration),

@@ -41,8 +41,9 @@ def calibrate(
     """Calibrate a device, or a camera without mirrors, from pictures of a board.
 
     Writes layout.json (calibrated: intrinsics and mirror planes, with uncertainties) or camera.json (intrinsics of a
-    camera without mirrors), metrics.json, report.html, residuals.png and corners.csv (the corners used). Detected corners are stored, so that no picture is
-    searched twice. Exit code 1: the diagnostics raise an alarm, because the pictures contradict the model.
+    camera without mirrors), metrics.json, report.html, residuals.png and corners.csv (the corners used). Detected
+    corners are stored, so that no picture is searched twice. Exit code 1: the diagnostics raise an alarm, because the
+    pictures contradict the model.
 
     Examples:
         mirrorcam calibrate through_mirrors/ --base without_mirrors/ --layout layout.json --board board.toml
