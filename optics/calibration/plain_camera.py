@@ -96,6 +96,8 @@ def calibrate_camera(
     cache = None if detections is None else path_of("detections", detections)
     model.check_plain()
     given = list(checked_pictures("pictures", pictures))
+    if not given:
+        raise InputError("no pictures given")
     if names is None:
         names = [item.name if isinstance(item, Path) else f"picture {number}" for number, item in enumerate(given)]
     provisional = _unknown_camera(given) if nominal is None else nominal
@@ -118,7 +120,7 @@ def calibrate_camera(
         raise InputError(
             str(reader.damaged[0])
             if reader.damaged
-            else f"no {target.layout_text} {target.name} found in any of {len(given)} pictures"
+            else f"no {target.cols} x {target.rows} {target.name} found in any of {len(given)} pictures"
         )
     try:
         camera = first_camera(frames, corners_mm, provisional, model)

@@ -36,7 +36,7 @@ from mirrorcam.optics.geometry.layout import Layout
 
 MATCHING_PX = 0.1
 MAX_PROJECTION_PX = 1.0
-"""Projection uncertainty of a bare camera above which it should not be used."""
+"""Median projection uncertainty of a bare camera above which it should not be used."""
 DISTANCE_FACTORS = np.linspace(0.5, 2.5, 17)
 """Distances at which depth uncertainty is evaluated, in units of the working distance."""
 
@@ -176,6 +176,7 @@ def diagnose(
     uncertainty = uncertainty_of(layout)
     inflated = uncertainty.replaced(covariance=(inflation / selection.inflation) ** 2 * uncertainty.covariance)
     layout = layout.replaced(uncertainty=inflated)
+    maps = tuple(projection_map(layout, view, reference=reference, range_mm=range_mm) for view in views)
     following = None
     if not layout.mirrors:
         following = next_picture(selection.inflated_to(inflation).solution, selection.model, layout, range_mm=range_mm)
@@ -186,7 +187,7 @@ def diagnose(
         splits=halves,
         mirrors=mirror_uncertainty(layout, lever_mm=range_mm) if layout.mirrors else None,
         weak=weak_directions(layout, range_mm=range_mm),
-        projection=tuple(projection_map(layout, view, reference=reference, range_mm=range_mm) for view in views),
+        projection=maps,
         depth=depth_uncertainty(
             layout, range_mm * DISTANCE_FACTORS, reference=reference, pixel=median_px, matching_px=MATCHING_PX
         ),
@@ -197,7 +198,7 @@ def diagnose(
             *mismatches,
             *([other.sentence(inflation)] if (other := selection.other_surface) is not None else []),
             *selection.alarms,
-            *_alarms(halves, following),
+            *_alarms(halves, None if layout.mirrors else maps[0]),
         ),
         other_surface=selection.other_surface,
         notes=(*selection.notes, *notes),
@@ -208,12 +209,14 @@ def diagnose(
     )
 
 
-def _alarms(halves: Sequence[Split], following: NextPicture | None) -> Iterator[str]:
+def _alarms(halves: Sequence[Split], bare: ProjectionMap | None) -> Iterator[str]:
     """Yield alarms on halves that differ; for a bare camera, whose bounds allow for that, only if these are wide."""
-    if following is None:
+    if bare is None:
         yield from (split.alarm for split in halves if split.alarm is not None)
-    elif following.sigma_px > MAX_PROJECTION_PX:
+        return
+    sigma_px = float(np.median(bare.against_reference_px))
+    if sigma_px > MAX_PROJECTION_PX:
         yield (
-            f"the pictures determine the projection of points only to {following.sigma_px:.2g} px, expected under "
-            f"{MAX_PROJECTION_PX:g} px"
+            f"the pictures determine the projection of points only to {sigma_px:.2g} px (median over the picture), "
+            f"expected under {MAX_PROJECTION_PX:g} px"
         )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
+from shapely import MultiPoint, contains_xy
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.model_comparison import (
@@ -150,7 +151,7 @@ def splits(
     if solution.sigma_px < NEGLIGIBLE_PX:
         return (), ("not split: the corners have no noise to compare halves by",)
     rows = observations.where(solution.inliers)
-    derivatives = [_derivatives(layout, view, reference, range_mm) for view in views_of(layout)]
+    derivatives = [_derivatives(layout, view, reference, range_mm, rows) for view in views_of(layout)]
     compared, notes = [], []
     for key, division, part in (
         ("halves", "into similar halves", balanced_folds(solution.estimate, rows, model.board, 2)),
@@ -176,15 +177,21 @@ def _half(estimate: Estimate, observations: Observations, model: Model, frames: 
     return fit(start, rows, model)
 
 
-def _derivatives(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
+def _derivatives(
+    layout: Layout, view: int, reference: int, range_mm: float, rows: Observations
+) -> tuple[FloatArray, FloatArray]:
     """Derivatives (n, 2, g) of pixels with respect to the parameters: for points fixed in rig and in the reference.
 
-    A bare camera is compared apart from its rotation (`relative_derivatives`) in both.
+    A bare camera is compared apart from its rotation (`relative_derivatives`) in both, where its pictures show corners.
     """
-    _, points = grid_points(layout, view, range_mm)
+    pixels, points = grid_points(layout, view, range_mm)
+    if not layout.mirrors:
+        points = points[contains_xy(MultiPoint(rows.pixels).convex_hull, pixels[:, 0], pixels[:, 1])]
     projected = project_points(layout, view, points)
     relative = relative_derivatives(layout, reference, points, projected)
-    return (projected.d_parameter if layout.mirrors else relative), relative
+    if not layout.mirrors:
+        return relative, np.zeros_like(relative)
+    return projected.d_parameter, relative
 
 
 def _compare(
