@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import Field
 
 from mirrorcam.core.arguments import AnyPath, path_of
-from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
+from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_bytes, read_model, tables_of, write_text
 from mirrorcam.core.values import Metric, Value
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
@@ -58,3 +58,10 @@ class CalibratedCamera(Value):
     def load(cls, path: AnyPath) -> Self:
         """Read `camera.json`. Raises InputError, with a one-line message, for invalid content."""
         return read_model(cls, path_of("path", path), LARGEST_LAYOUT_BYTES)
+
+
+def is_calibrated_camera(path: AnyPath) -> bool:
+    """Whether a file holds a calibrated camera, by its schema; raises InputError if it cannot be read."""
+    file = path_of("path", path)
+    tables = tables_of(file, read_bytes(file, LARGEST_LAYOUT_BYTES))
+    return isinstance(tables, dict) and tables.get("schema") == "mirrorcam.camera/1"
