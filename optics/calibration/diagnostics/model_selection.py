@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.causes import KIND_OF_ADDITION, Cause, ranked_causes
+from mirrorcam.optics.calibration.diagnostics.consistency import MAX_OUTLIERS
 from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
 from mirrorcam.optics.calibration.diagnostics.left_out import LeftOut, left_out
@@ -279,9 +280,15 @@ def _fit_additions(
         addition = plate_addition if name == "sheet" and not plates else name
         on_step(f"trying {IN_WORDS[name]}")
         try:
-            fits.append(fit_with(addition, current, observations))
+            larger = fit_with(addition, current, observations)
         except UndeterminedError as error:
             notes.append(f"{current.name}+{addition} not tried: {error}")
+            continue
+        outliers = float((~larger.solution.inliers).mean())
+        if outliers > MAX_OUTLIERS:
+            notes.append(f"{larger.name} not used: {outliers:.0%} of the corners do not fit it")
+            continue
+        fits.append(larger)
     return fits, notes
 
 

@@ -224,7 +224,7 @@ def _calibrate_plain(
         detections=detections,
         workers=cores(),
         max_pictures=shown.max_pictures,
-        names=shown.labels,
+        names=shown.names if len(set(shown.names)) == len(shown.names) else shown.labels,
         on_frame=lambda done: progress(done, len(shown.pictures)),
         on_step=on_step,
     )
