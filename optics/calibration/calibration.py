@@ -126,7 +126,7 @@ def calibrate(
         mirrored_detected = number_jointly(mirrored_detected, base_detected, layout, target)
     size = target.corners_in_board_mm, layout.camera.width_px
     chosen = [
-        _chosen(detected, number, *size)
+        chosen_frames(detected, number, *size)
         for detected, number in zip((mirrored_detected, base_detected), max_pictures, strict=True)
     ]
     mirrored, base = (
@@ -173,10 +173,10 @@ def calibrate(
     return calibration.with_damaged_pictures(reader.damaged)
 
 
-def _chosen(
+def chosen_frames(
     detected: Sequence[DetectedFrame], max_pictures: int | None, corners_in_board_mm: FloatArray, width_px: int
 ) -> Sequence[int]:
-    """Numbers of the pictures to use."""
+    """Numbers of the pictures to use: all, or the most informative ones if there are more than `max_pictures`."""
     if max_pictures is None or len(detected) <= max_pictures:
         return range(len(detected))
     boards = [
@@ -209,6 +209,8 @@ def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[
 class PictureReader:
     """Reads pictures one at a time and collects damaged files, the first pictures, and extremes of the mirrored ones.
 
+    They must have the size of `camera`, which messages call `owner`.
+
     Attributes
     ----------
     damaged
@@ -220,13 +222,13 @@ class PictureReader:
         iterator when `MAX_KEPT` arrays are kept.
     """
 
-    def __init__(self, camera: Camera) -> None:
+    def __init__(self, camera: Camera, owner: str = "the layout's camera") -> None:
         self.damaged: list[DamagedPicture] = []
         self.extremes = Extremes()
         self.mirrored: list[Grey | Path | None] = []
         self.base: list[Grey | Path | None] = []
         self._arrays = 0
-        self._camera = camera
+        self._camera, self._owner = camera, owner
         self._first: dict[bool, list[Grey]] = {True: [], False: []}
 
     def read(self, pictures: Iterable[Grey | Path], *, mirrored: bool) -> Iterator[Grey | None]:
@@ -276,5 +278,5 @@ class PictureReader:
             self.damaged.append(error)
             return None
         size = (self._camera.width_px, self._camera.height_px)
-        check_size(picture, (grey.shape[1], grey.shape[0]), size, "the layout's camera")
+        check_size(picture, (grey.shape[1], grey.shape[0]), size, self._owner)
         return grey

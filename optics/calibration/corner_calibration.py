@@ -1,4 +1,4 @@
-"""Calibration of a mirror camera from detected corners and the nominal layout.
+"""Calibration of a mirror camera, or a bare camera, from detected corners and the nominal layout.
 
 1. Corners, views and frames that contradict the others are rejected (`screening`).
 2. The base camera is estimated from the frames without mirrors, and the board poses from the nominal layout
@@ -53,6 +53,7 @@ from mirrorcam.optics.calibration.diagnostics.diagnostics import diagnose
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import UnknownMirrors
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.nested_models import first_fit
+from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import views_of
 from mirrorcam.optics.calibration.diagnostics.readout import readout
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.diagnostics.screening import ScreenedFrames, frame_names, screen
@@ -60,7 +61,7 @@ from mirrorcam.optics.calibration.diagnostics.worst_views import with_worst_view
 from mirrorcam.optics.calibration.pupil_estimate import BoardPictures, estimated_pupil, unvignetted
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
-from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import PAIR_DEG, prior_of
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.layout import Layout
@@ -90,7 +91,7 @@ def calibrate_corners(
     mirrored, base
         Observations of each frame with and without mirrors; every element numbers its frame 0.
     layout
-        Nominal layout.
+        Nominal layout; `Layout.bare` of a first estimate of the camera if there are no mirrors.
     corners_in_board_mm
         The board's corners (c, 3) in the board frame as drawn, mm.
     model
@@ -112,8 +113,11 @@ def calibrate_corners(
     InputError
         If the corners do not determine the camera and the mirrors.
     """
-    model.check_mirrored()
-    if not mirrored:
+    if layout.mirrors:
+        model.check_mirrored()
+    else:
+        model.check_plain()
+    if not (mirrored if layout.mirrors else base):
         raise InputError("no pictures given")
     try:
         fitted = fit_corners(
@@ -134,6 +138,8 @@ def calibrate_corners(
         frames = pictures.frames
         return with_worst_views(calibration, lambda frame: frames[fitted.frames[frame]])
     except UndeterminedError as error:
+        if not layout.mirrors:
+            raise InputError(f"the pictures do not determine the camera: {error}; tilt the board in some") from None
         raise unknown.error_for(f"the frames do not determine camera and mirrors: {error}") from None
     except InvalidValue as error:
         raise unknown.error_for(f"the frames lead to impossible mirrors: {error}") from None
@@ -216,7 +222,7 @@ def fit_corners(
     frames, observations, estimate = _first_estimate(screened, start, corners_in_board_mm)
     metrics: dict[str, Metric] = {}
     pupil_notes: tuple[str, ...] = ()
-    if pictures is not None or estimate.camera.aperture_mm > 0.0:
+    if layout.mirrors and (pictures is not None or estimate.camera.aperture_mm > 0.0):
         first, fitted_layout = _first_fit(estimate, observations, start, corners_in_board_mm, extremes)
         if pictures is not None:
             mirrored_numbers = [number for number in frames if number < len(mirrored)]
@@ -254,7 +260,9 @@ def _first_estimate(
     used = {number: o for number, o in enumerate((*screened.mirrored, *screened.base)) if len(o)}
     observations = Observations.join([o.with_frame_offset(index) for index, o in enumerate(used.values())])
     direct = observations.where(observations.frame >= sum(number < len(screened.mirrored) for number in used))
-    camera = initial_estimates.base_camera(direct, layout.camera, corners_in_board_mm)
+    camera = layout.camera
+    if layout.mirrors:  # a bare camera is a first estimate from these frames already
+        camera = initial_estimates.base_camera(direct, camera, corners_in_board_mm)
     start = initial_estimates.first_estimate(observations, camera, layout, corners_in_board_mm)
     return tuple(used), observations, start
 
@@ -325,30 +333,32 @@ def calibration_of(
         If the fit is implausible.
     """
     selection, observations = fitted.selection, fitted.observations
-    mirrored_frames = len(np.unique(observations.frame[observations.view != DIRECT]))
+    measured_frames = len(np.unique(observations.frame[np.isin(observations.view, views_of(layout))]))
     calibrated = _calibrated(fitted, layout)
     notes = (*unknown.notes, *fitted.notes)
     mismatches: tuple[str, ...] = ()
-    if fitted.is_designed:
+    if fitted.is_designed and layout.mirrors:
         edges = [] if extremes is None else detected_edges(calibrated, extremes)
         mismatches, doubts = _scale_doubt(selection, layout, calibrated, edges)
         if edges:
             calibrated, outline_notes = with_detected_outlines(calibrated, edges)
             notes += outline_notes
-        notes += (*doubts, *check_plausible(selection.solution, layout, mirrored_frames=mirrored_frames))
+        notes += doubts
+    if fitted.is_designed:
+        notes += check_plausible(selection.solution, layout, mirrored_frames=measured_frames)
     else:
         refuse_implausible(selection.solution, layout.mirror_names)
-        notes += pose_notes(selection.solution.estimate.rig_from_board[:mirrored_frames])
+        notes += pose_notes(selection.solution.estimate.rig_from_board[:measured_frames])
     diagnostics = diagnose(selection, observations, calibrated, mismatches=(*unknown.alarms, *mismatches))
     selection = selection.inflated_to(diagnostics.inflation)
     solution, board = selection.solution, selection.model.board
     metrics = fit_metrics(observations, solution) | board_metrics(solution, board)
     spatial = spatial_rms_mm(solution.estimate, observations, solution.inliers, board)
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
-    metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=mirrored_frames)
+    metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=measured_frames)
     metrics |= diagnostics.metrics | unknown.metrics | fitted.metrics
     size_mm = float(np.ptp(selection.model.board.corners_in_board_mm, axis=0).max())
-    if (shutter := readout(solution.estimate, fitted.frames[:mirrored_frames], size_mm)) is not None:
+    if (shutter := readout(solution.estimate, fitted.frames[:measured_frames], size_mm)) is not None:
         metrics["shutter_readout"] = Metric(value=shutter.periods, unit="1")
         metrics["shutter_readout_sigma"] = Metric(value=shutter.sigma, unit="1")
     return Calibration.of(
@@ -381,7 +391,7 @@ def _with_lens(layout: Layout, lens: LensName) -> Layout:
 def _notes(mirrored: list[Observations], base: list[Observations], layout: Layout) -> tuple[str, ...]:
     """Notes on what no frame determines, if none shows the board directly and in a mirror."""
     notes = []
-    if any(rows.direct_and_mirrored for rows in mirrored):
+    if not layout.mirrors or any(rows.direct_and_mirrored for rows in mirrored):
         return ()
     if len(layout.mirrors) == 2:
         notes.append(

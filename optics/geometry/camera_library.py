@@ -208,7 +208,7 @@ def named_camera(name: str) -> Camera:
 
 
 def read_camera(name: str) -> Camera:
-    """Optics of a library camera by name, or from a TOML or JSON file of a `CameraProfile` or a `Camera`.
+    """Optics of a library camera by name, or from a TOML or JSON file of a profile, a camera, or a calibrated camera.
 
     Raises InputError for an unknown name, an invalid file, and a camera without optics.
     """
@@ -216,6 +216,10 @@ def read_camera(name: str) -> Camera:
         return named_camera(name)
     path = _path(name, ".toml", ".json")
     raw = read_bytes(path, LARGEST_TEXT_BYTES)
+    if "camera" in keys_of(path, raw):
+        from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera  # it imports this module
+
+        return model_of(CalibratedCamera, path, raw).camera
     return model_of(CameraProfile, path, raw).camera if _is_profile(path, raw) else model_of(Camera, path, raw)
 
 

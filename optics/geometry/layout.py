@@ -13,6 +13,7 @@ from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.bounds import GRID
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
 from mirrorcam.core.disk.fingerprint import value_digest
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Matrix3, Metric, SquareMatrix, Value
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
@@ -53,7 +54,7 @@ class Layout(Value):
     kind : str
         `nominal`, `as-built` or `calibrated`.
     rows, cols : int
-        Number of mirrors along t and s; for a pattern, 1 and the number of mirrors.
+        Number of mirrors along t and s; for a pattern, 1 and the number of mirrors; 0 and 0 for a bare camera.
     pattern : Pattern or None
         Positions of views that do not form a rectangular grid, in the order of the mirrors.
     camera : Camera
@@ -76,8 +77,8 @@ class Layout(Value):
 
     schema_id: Literal["mirrorcam.layout/1"] = Field(default="mirrorcam.layout/1", alias="schema")
     kind: Literal["nominal", "as-built", "calibrated"] = "nominal"
-    rows: int = GRID.field()
-    cols: int = GRID.field()
+    rows: int = GRID.narrowed(min=0).field()
+    cols: int = GRID.narrowed(min=0).field()
     pattern: Pattern | None = Field(default=None, exclude_if=lambda pattern: pattern is None)
     camera: Camera
     mirrors: tuple[Mirror, ...]
@@ -92,11 +93,13 @@ class Layout(Value):
     def _check(self) -> Self:
         if len(self.mirrors) != self.rows * self.cols:
             raise ValueError(f"{len(self.mirrors)} mirrors, expected rows x cols = {self.rows * self.cols}")
+        if (self.rows == 0) != (self.cols == 0):
+            raise ValueError(f"{self.rows} x {self.cols} mirrors, expected 1 x 1 or more, or a bare camera with 0 x 0")
         _ = self.arrangement
         rotation = self.view_from_rig
         if not np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-9) or np.linalg.det(rotation) < 0:
             raise ValueError("view_from_rig is not a rotation")
-        polygons = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in self.mirrors])
+        polygons = np.array([Polygon(mirror.apparent.outline_normalized) for mirror in self.mirrors], dtype=object)
         touching = STRtree(polygons).query(polygons, predicate="intersects").T
         for i, j in sorted(pair for pair in touching.tolist() if pair[0] < pair[1]):
             shared = polygons[i].intersection(polygons[j]).area
@@ -105,6 +108,11 @@ class Layout(Value):
                 pair = f"{self.mirror_names[i]} and {self.mirror_names[j]}"
                 raise ValueError(f"outlines of mirrors {pair} overlap in the image, expected a gap")
         return self
+
+    @classmethod
+    def bare(cls, camera: Camera) -> Self:
+        """A camera without mirrors, whose view axes are its own: the form in which it is calibrated."""
+        return cls(kind="calibrated", rows=0, cols=0, camera=camera, mirrors=(), view_from_rig=np.eye(3))
 
     @cached_property
     def identity(self) -> str:
@@ -119,7 +127,7 @@ class Layout(Value):
     @cached_property
     def virtual_centres_in_rig_mm(self) -> FloatArray:
         """Virtual camera centres (rows*cols, 3) of the apparent mirrors (see `Mirror.apparent`)."""
-        return np.array([mirror.apparent.virtual_centre_in_rig_mm for mirror in self.mirrors])
+        return np.array([mirror.apparent.virtual_centre_in_rig_mm for mirror in self.mirrors]).reshape(-1, 3)
 
     @cached_property
     def virtual_centres_in_view_mm(self) -> FloatArray:
@@ -185,8 +193,11 @@ class Layout(Value):
 
     @classmethod
     def load(cls, path: AnyPath) -> Self:
-        """Read `layout.json`. Raises InputError, with a one-line message, for invalid content."""
-        return read_model(cls, path_of("path", path), LARGEST_LAYOUT_BYTES)
+        """Read `layout.json`. Raises InputError, with a one-line message, for invalid content or without mirrors."""
+        layout = read_model(cls, path_of("path", path), LARGEST_LAYOUT_BYTES)
+        if not layout.mirrors:
+            raise InputError(f"{path}: no mirrors, expected a layout with 1 x 1 or more")
+        return layout
 
 
 def working_distance_mm(layout: Layout) -> float | None:

@@ -29,7 +29,9 @@ EITHER = "expected --layout FILE, or --direct-view N"
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ("", EITHER),
+        ("--base base.png", "--base needs --layout FILE or --direct-view N"),
+        ("--model joint+bend", "model: bend needs mirrors"),
+        ("--layout layout.json --camera c920", "--camera is of pictures without mirrors"),
         ("--direct-view 2 --layout layout.json", EITHER),
         ("--layout layout.json --model joint+turn", "model: turn needs a direct view"),
         ("--layout layout.json --model pinhole", "unknown word 'pinhole' of a model, expected auto"),

@@ -168,8 +168,8 @@ def detect_frames(
         for number, grey in enumerate(pictures):
             if grey is not None and grey.shape != expected:
                 height, width = grey.shape[:2]
-                camera = f"the layout's camera {expected[1]}x{expected[0]}"
-                raise InputError(f"frame {number} is {width}x{height} px, {camera}")
+                owner = "the layout's camera" if layout.mirrors else "others"
+                raise InputError(f"frame {number} is {width}x{height} px, {owner} {expected[1]}x{expected[0]}")
             yield grey
 
     detected: list[DetectedFrame] = []

@@ -59,7 +59,8 @@ def cause_advice(cause: Cause, calibration: Calibration) -> str:
     before, after = left_out.rms_px
     return (
         f"Calibrate again with {leave_out_option(left_out, calibration)}: residuals fall from {before:.2g} to "
-        f"{after:.2g} px, and the error bounds of the mirrors to {left_out.sigma_ratio:.0%}."
+        f"{after:.2g} px, and the error bounds of the {'mirrors' if calibration.layout.mirrors else 'camera'} to "
+        f"{left_out.sigma_ratio:.0%}."
     )
 
 

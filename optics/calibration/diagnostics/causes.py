@@ -97,7 +97,8 @@ class Cause:
     gain
         Predicted decrease of the Bayesian information criterion.
     bias_sigmas
-        Shift of the mirrors due to it, in their stated standard deviations: rms of all parameters, decorrelated.
+        Shift of the mirrors (of a bare camera, its intrinsics) due to it, in their stated standard deviations: rms of
+        all parameters, decorrelated.
     """
 
     kind: CauseKind
@@ -184,7 +185,8 @@ class _ScoreTest:
     intrinsics
         Number of free intrinsics, which are the first globals.
     mirrors
-        Indices (m,) of the mirrors' parameters among the globals, and their `information` (m, m).
+        Indices (m,) of the mirrors' parameters among the globals (of a bare camera, of its intrinsics), and their
+        `information` (m, m).
     """
 
     residuals: FloatArray
@@ -217,6 +219,8 @@ class _ScoreTest:
         rest = _outside(own, frames, r[:, None])[:, 0]
         rest = rest - shared @ (shared.T @ rest)
         mirrors = np.flatnonzero([name.startswith("mirror ") for name in solution.parameters])
+        if not len(solution.estimate.virtual_centres_in_rig_mm):
+            mirrors = np.arange(len(model.intrinsics))
         information = np.asarray(np.linalg.pinv(solution.covariance[np.ix_(mirrors, mirrors)]), dtype=np.float64)
         floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / rows.sigma_px) ** 2))
         intrinsics = len(model.intrinsics)
@@ -257,8 +261,10 @@ class _ScoreTest:
         determined = values > MIN_EIGENVALUE
         white = vectors[:, determined] / np.sqrt(values[determined])
         explained = white.T @ (score[used] / norms)
-        shift = np.linalg.solve(self.factor, inside @ (white @ explained)) if self.factor.size else np.zeros(0)
-        return self._cause(candidate, float(explained @ explained), int(determined.sum()), np.asarray(shift, dtype=np.float64))
+        shift: FloatArray = np.zeros(0)
+        if self.factor.size:
+            shift = np.asarray(np.linalg.solve(self.factor, inside @ (white @ explained)), dtype=np.float64)
+        return self._cause(candidate, float(explained @ explained), int(determined.sum()), shift)
 
     def cause_of_frames(self, candidate: _Candidate) -> Cause:
         """Predict the effect of a candidate with parameters of its own for each frame."""
@@ -324,7 +330,7 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
     """Yield all causes whose parameters the frames share, and those of single frames."""
     solution, model = fitted.solution, fitted.model
     estimate, additions = solution.estimate, fitted.name.split("+")
-    board, modes = _deformable(model.board, free=rows.direct_and_mirrored)
+    board, modes = _deformable(model.board, free=rows.direct_and_mirrored or not (rows.view != DIRECT).any())
     shape = np.concatenate([estimate.shape, np.zeros(len(board.modes) - len(estimate.shape))])
     _, d_global, _ = _standardised(replace(estimate, shape=shape), rows, board)
     intrinsics = estimate.camera.intrinsic_names
@@ -338,13 +344,13 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
     bare = np.repeat(~np.isin(rows.frame, rows.frame[rows.view != DIRECT]), 2)
     if bare.any() and not bare.all():
         yield _Candidate("focus", np.where(bare[:, None], d_global[:, :4], 0.0))
-    if not model.curvature:
+    if count and not model.curvature:
         yield _Candidate("bend", d_global[:, curvature:sheet], addition="bend")
         for mirror in range(count):
             start = curvature + 3 * mirror
             columns = d_global[:, start : start + 3]
             yield _Candidate("mirror bent", columns, mirror=mirror, addition="bend", alternatives=count)
-    if not model.thickness:
+    if count and not model.thickness:
         yield _Candidate("plate", _d_plate(estimate, rows, d_global[:, sheet], model.board)[:, None], addition="sheet")
     for kind, part in modes.items():
         addition = kind if kind in KIND_OF_ADDITION else ""

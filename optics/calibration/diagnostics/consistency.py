@@ -30,6 +30,7 @@ MAX_OUTLIERS = 0.1  # fraction of all corners
 MAX_NORMAL_DEG, MAX_DISTANCE = 1.0, 0.05  # sigmas above which linear error bounds are invalid
 MIN_TILT_DEG = 5.0
 MAX_FOCAL_DIFFERENCE = 0.05  # relative
+MAX_FOCAL_SIGMA = 0.05  # relative, of a bare camera, above which linear error bounds are invalid
 
 
 def check_mirror_counts(mirrored: Observations, frames: int, mirrors: Sequence[str]) -> None:
@@ -316,8 +317,8 @@ def refuse_implausible(solution: Solution, mirrors: Sequence[str]) -> None:
     outliers = float((~solution.inliers).mean())
     if outliers > MAX_OUTLIERS:
         raise InputError(
-            f"{outliers:.0%} of the corners fit neither mirrors nor camera, expected under {MAX_OUTLIERS:.0%}: are "
-            "all pictures of one device, one camera and one board?"
+            f"{outliers:.0%} of the corners fit {'neither mirrors nor' if mirrors else 'no'} camera, expected under "
+            f"{MAX_OUTLIERS:.0%}: are all pictures of one {'device, one ' if mirrors else ''}camera and one board?"
         )
     for m, centre in enumerate(solution.estimate.virtual_centres_in_rig_mm):
         rows = [
@@ -335,6 +336,17 @@ def refuse_implausible(solution: Solution, mirrors: Sequence[str]) -> None:
                 f"of its distance, expected under {MAX_NORMAL_DEG:g} deg and {MAX_DISTANCE:g}: show it the board "
                 "tilted and nearer"
             )
+
+
+def _refuse_unknown_focal_length(solution: Solution) -> None:
+    """Raise InputError if the focal length of a bare camera is too uncertain for linear error bounds."""
+    index = solution.parameters.index("fx_px")
+    sigma = float(np.sqrt(solution.covariance[index, index])) / solution.estimate.camera.fx_px
+    if not sigma < MAX_FOCAL_SIGMA:
+        raise InputError(
+            f"the pictures determine the focal length only to {sigma:.0%}, expected under {MAX_FOCAL_SIGMA:.0%}: take "
+            "more of the board, tilted by 30 deg about both axes"
+        )
 
 
 def check_plausible(solution: Solution, layout: Layout, *, mirrored_frames: int) -> tuple[str, ...]:
@@ -361,6 +373,8 @@ def check_plausible(solution: Solution, layout: Layout, *, mirrored_frames: int)
     """
     refuse_implausible(solution, layout.mirror_names)
     estimate = solution.estimate
+    if not layout.mirrors:
+        _refuse_unknown_focal_length(solution)
     return (
         *pose_notes(estimate.rig_from_board[:mirrored_frames]),
         *camera_note(layout, estimate.camera),

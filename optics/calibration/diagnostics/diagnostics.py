@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import (
 )
 from mirrorcam.optics.calibration.diagnostics.model_comparison import ModelComparison
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, OtherSurface
+from mirrorcam.optics.calibration.diagnostics.next_picture import NextPicture, next_picture
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     DepthUncertainty,
     ProjectionMap,
@@ -25,6 +27,7 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     median_distance_mm,
     projection_map,
     uncertainty_of,
+    views_of,
 )
 from mirrorcam.optics.calibration.diagnostics.split_half import Split, splits
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
@@ -32,6 +35,8 @@ from mirrorcam.optics.calibration.solver.residuals import points_at_camera
 from mirrorcam.optics.geometry.layout import Layout
 
 MATCHING_PX = 0.1
+MAX_PROJECTION_PX = 1.0
+"""Median projection uncertainty of a bare camera above which it should not be used."""
 DISTANCE_FACTORS = np.linspace(0.5, 2.5, 17)
 """Distances at which depth uncertainty is evaluated, in units of the working distance."""
 
@@ -51,7 +56,7 @@ class Diagnostics:
     splits
         Agreement of halves of the frames.
     mirrors
-        Standard deviations of the mirrors' planes.
+        Standard deviations of the mirrors' planes; None for a bare camera.
     weak
         The least determined directions.
     projection
@@ -76,13 +81,15 @@ class Diagnostics:
         What the model does not explain, the most probable cause first.
     left_out
         What is gained by leaving out pictures, if they are the first cause.
+    next_picture
+        The most useful further picture for a bare camera.
     """
 
     model_name: str
     comparisons: tuple[ModelComparison, ...]
     free_views: FreeViews | None
     splits: tuple[Split, ...]
-    mirrors: MirrorUncertainty
+    mirrors: MirrorUncertainty | None
     weak: tuple[WeakDirection, ...]
     projection: tuple[ProjectionMap, ...]
     depth: DepthUncertainty
@@ -95,21 +102,26 @@ class Diagnostics:
     mismatches: tuple[str, ...] = ()
     causes: tuple[Cause, ...] = ()
     left_out: LeftOut | None = None
+    next_picture: NextPicture | None = None
 
     @property
     def metrics(self) -> dict[str, Metric]:
         """The metrics stored with a calibrated layout."""
         mirrors = self.mirrors
-        figures: dict[str, tuple[float, str]] = {
-            "common_turn_sigma_deg": (float(np.linalg.norm(mirrors.common_rotation_deg)), "deg"),
-            "common_shift_sigma_mm": (float(np.linalg.norm(mirrors.common_shift_mm)), "mm"),
-            "mirror_to_mirror_normal_sigma_deg": (float(mirrors.relative_normal_deg.max()), "deg"),
-            "mirror_to_mirror_distance_sigma_mm": (float(mirrors.relative_distance_mm.max()), "mm"),
+        figures: dict[str, tuple[float, str]] = {}
+        compared = self.projection
+        if mirrors is not None:
+            figures = {
+                "common_turn_sigma_deg": (float(np.linalg.norm(mirrors.common_rotation_deg)), "deg"),
+                "common_shift_sigma_mm": (float(np.linalg.norm(mirrors.common_shift_mm)), "mm"),
+                "mirror_to_mirror_normal_sigma_deg": (float(mirrors.relative_normal_deg.max()), "deg"),
+                "mirror_to_mirror_distance_sigma_mm": (float(mirrors.relative_distance_mm.max()), "mm"),
+            }
+            compared = tuple(view for view in self.projection if view.view != self.reference)
+        relative = "against_reference" if mirrors is not None else "apart_from_rotation"
+        figures |= {
             "projection_sigma_px": (_rms([view.in_rig_px for view in self.projection]), "px"),
-            "projection_against_reference_sigma_px": (
-                _rms([view.against_reference_px for view in self.projection if view.view != self.reference]),
-                "px",
-            ),
+            f"projection_{relative}_sigma_px": (_rms([view.against_reference_px for view in compared]), "px"),
             "working_distance_mm": (self.range_mm, "mm"),
             "uncertainty_widened": (self.inflation, "1"),
             "alarms": (float(len(self.alarms)), "1"),
@@ -129,8 +141,8 @@ def _rms(parts: list[FloatArray]) -> float:
 
 
 def reference_of(observations: Observations, layout: Layout) -> int:
-    """The direct view if a frame shows its board both directly and in a mirror, else the central mirror's view."""
-    return DIRECT if observations.direct_and_mirrored else layout.central_index
+    """The direct view if a frame shows its board in it and in a mirror, or none has one; else the central mirror's."""
+    return DIRECT if observations.direct_and_mirrored or not layout.mirrors else layout.central_index
 
 
 def diagnose(
@@ -153,9 +165,9 @@ def diagnose(
         Earlier alarms about the board or the nominal layout.
     """
     solution = selection.solution
-    mirrored = observations.view != DIRECT
+    measured = np.isin(observations.view, views_of(layout))
     _, in_rig, _ = points_at_camera(solution.estimate, observations, selection.model.board)
-    range_mm = median_distance_mm(layout, in_rig[mirrored], observations.view[mirrored])
+    range_mm = median_distance_mm(layout, in_rig[measured], observations.view[measured])
     reference = reference_of(observations, layout)
     median_px = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
@@ -164,14 +176,18 @@ def diagnose(
     uncertainty = uncertainty_of(layout)
     inflated = uncertainty.replaced(covariance=(inflation / selection.inflation) ** 2 * uncertainty.covariance)
     layout = layout.replaced(uncertainty=inflated)
+    maps = tuple(projection_map(layout, view, reference=reference, range_mm=range_mm) for view in views)
+    following = None
+    if not layout.mirrors:
+        following = next_picture(selection.inflated_to(inflation).solution, selection.model, layout, range_mm=range_mm)
     return Diagnostics(
         model_name=selection.model_name,
         comparisons=selection.comparisons,
         free_views=selection.free_views,
         splits=halves,
-        mirrors=mirror_uncertainty(layout, lever_mm=range_mm),
+        mirrors=mirror_uncertainty(layout, lever_mm=range_mm) if layout.mirrors else None,
         weak=weak_directions(layout, range_mm=range_mm),
-        projection=tuple(projection_map(layout, view, reference=reference, range_mm=range_mm) for view in views),
+        projection=maps,
         depth=depth_uncertainty(
             layout, range_mm * DISTANCE_FACTORS, reference=reference, pixel=median_px, matching_px=MATCHING_PX
         ),
@@ -182,11 +198,25 @@ def diagnose(
             *mismatches,
             *([other.sentence(inflation)] if (other := selection.other_surface) is not None else []),
             *selection.alarms,
-            *(split.alarm for split in halves if split.alarm is not None),
+            *_alarms(halves, None if layout.mirrors else maps[0]),
         ),
         other_surface=selection.other_surface,
         notes=(*selection.notes, *notes),
         mismatches=mismatches,
         causes=tuple(replace(cause, bias_sigmas=cause.bias_sigmas / inflation) for cause in selection.causes),
         left_out=selection.left_out,
+        next_picture=following,
     )
+
+
+def _alarms(halves: Sequence[Split], bare: ProjectionMap | None) -> Iterator[str]:
+    """Yield alarms on halves that differ; for a bare camera, whose bounds allow for that, only if these are wide."""
+    if bare is None:
+        yield from (split.alarm for split in halves if split.alarm is not None)
+        return
+    sigma_px = float(np.median(bare.against_reference_px))
+    if sigma_px > MAX_PROJECTION_PX:
+        yield (
+            f"the pictures determine the projection of points only to {sigma_px:.2g} px (median over the picture), "
+            f"expected under {MAX_PROJECTION_PX:g} px"
+        )

@@ -29,7 +29,8 @@ class LeftOut:
     rms_px
         RMS residual of the fit with all pictures and without these, of both axes.
     sigma_ratio
-        Standard deviations of the mirrors without these pictures, relative to those with all.
+        Standard deviations of the mirrors (of a bare camera, its intrinsics) without these pictures, relative to those
+        with all.
     """
 
     frames: tuple[int, ...]
@@ -64,7 +65,7 @@ def left_out(fitted: Fitted, causes: Sequence[Cause], observations: Observations
         causes = ranked_causes(current, rows)
     if not left:
         return None
-    ratio = _mirror_sigma(current, rows) / _mirror_sigma(fitted, observations)
+    ratio = _typical_sigma(current, rows) / _typical_sigma(fitted, observations)
     return LeftOut(tuple(left), (_rms_px(fitted), _rms_px(current)), ratio)
 
 
@@ -72,9 +73,15 @@ def _rms_px(fitted: Fitted) -> float:
     return float(np.sqrt(np.mean(np.square(fitted.solution.rms_px))))
 
 
-def _mirror_sigma(fitted: Fitted, observations: Observations) -> float:
-    """RMS standard deviation of the mirrors' parameters, with correlated errors of corners taken into account."""
+def _typical_sigma(fitted: Fitted, observations: Observations) -> float:
+    """RMS standard deviation of the mirrors' parameters, with correlated errors of corners taken into account.
+
+    For a bare camera, the geometric mean of those of the intrinsics, which differ in unit.
+    """
     solution = fitted.solution
     mirrors = [name.startswith("mirror ") for name in solution.parameters]
     inflation = correlated_errors(solution, observations, fitted.model).inflation
+    if not any(mirrors):
+        variances = np.diag(solution.covariance)[: len(fitted.model.intrinsics)]
+        return inflation * float(np.exp(0.5 * np.mean(np.log(variances))))
     return inflation * float(np.sqrt(np.mean(np.diag(solution.covariance)[mirrors])))

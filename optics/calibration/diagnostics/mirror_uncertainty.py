@@ -9,10 +9,10 @@ import numpy as np
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
-    grid_px,
-    points_at_pixels,
+    grid_points,
     project_points,
     uncertainty_of,
+    views_of,
     worst_sigmas,
 )
 from mirrorcam.optics.geometry.camera import Camera
@@ -260,10 +260,7 @@ def weak_directions(layout: Layout, *, range_mm: float, count: int = 3) -> tuple
     `motions_of`.
     """
     derivatives = np.concatenate(
-        [
-            project_points(layout, view, points_at_pixels(layout, view, grid_px(layout, view), range_mm)).d_parameter
-            for view in range(len(layout.mirrors))
-        ]
+        [project_points(layout, view, grid_points(layout, view, range_mm)[1]).d_parameter for view in views_of(layout)]
     )
     derivatives = derivatives.reshape(-1, derivatives.shape[-1]) / np.sqrt(len(derivatives))
     scale = np.linalg.norm(derivatives, axis=0)

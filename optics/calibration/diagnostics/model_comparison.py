@@ -293,8 +293,9 @@ def _held_out_folds(
 
 
 def is_mirrored(observations: Observations, frames: int) -> BoolArray:
-    """Mask (f,) of the frames with a mirrored view."""
-    return np.isin(np.arange(frames), observations.frame[observations.view != DIRECT])
+    """Mask (f,) of the frames with a mirrored view; all frames of a bare camera, which has none."""
+    mirrored = np.isin(np.arange(frames), observations.frame[observations.view != DIRECT])
+    return mirrored if mirrored.any() else np.ones(frames, dtype=bool)
 
 
 def balanced_folds(estimate: Estimate, observations: Observations, board: Board, parts: int) -> IntArray:

@@ -10,6 +10,7 @@ import numpy as np
 from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.causes import Cause, ranked_causes
+from mirrorcam.optics.calibration.diagnostics.consistency import MAX_OUTLIERS
 from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
 from mirrorcam.optics.calibration.diagnostics.left_out import LeftOut, left_out
@@ -27,6 +28,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     CAMERA_ADDITIONS,
     IN_WORDS,
     LENS_ADDITIONS,
+    PLAIN_ADDITIONS,
     PLATE_INDEX,
     Fitted,
     fit_as,
@@ -143,7 +145,8 @@ def select_model(
     """Fit the requested model and, if it is automatic, extend it by forward selection.
 
     The camera was estimated from the same corners, so only `joint` and larger models have a valid uncertainty. The
-    model `paper`, with fixed intrinsics, is used only on request, or if the corners do not determine the intrinsics.
+    model `paper`, with fixed intrinsics, is used only on request, or if the corners do not determine the intrinsics;
+    without mirrors it would have no parameters, and `joint` is the smallest model.
     Starting from `joint`, the most informative addition is made as long as the data support one: its likelihood ratio
     exceeds noise, and it predicts held-out frames better.
 
@@ -191,10 +194,8 @@ def _some_frames(observations: Observations) -> BoolArray:
     count = int(observations.frame.max()) + 1
     mirrored = np.isin(np.arange(count), observations.frame[observations.view != DIRECT])
     chosen = np.zeros(count, dtype=bool)
-    for numbers, most in (
-        (np.flatnonzero(mirrored), MAX_MIRRORED_FRAMES),
-        (np.flatnonzero(~mirrored), MAX_DIRECT_FRAMES),
-    ):
+    max_direct = MAX_DIRECT_FRAMES if mirrored.any() else MAX_MIRRORED_FRAMES
+    for numbers, most in ((np.flatnonzero(mirrored), MAX_MIRRORED_FRAMES), (np.flatnonzero(~mirrored), max_direct)):
         step = max(len(numbers) / most, 1.0)
         chosen[numbers[np.arange(0.0, len(numbers), step).astype(int)]] = True
     return chosen
@@ -210,6 +211,10 @@ def _selected(
     on_step: Step,
 ) -> tuple[Fitted, list[ModelComparison], list[Alarm], list[str]]:
     """Return the selected model fitted to some frames, the comparisons made, alarms and notes."""
+    if not len(start.virtual_centres_in_rig_mm):
+        on_step("solving for the camera")
+        camera = fit_as("joint", start, observations, joint_model(start.camera, corners_in_board_mm))
+        return _extended(camera, [smallest_model(camera)], observations, PLAIN_ADDITIONS, model, surface_known, on_step)
     on_step("solving for mirrors and camera")
     paper = fit_as("paper", start, observations, paper_model(corners_in_board_mm, prior))
     comparisons = [smallest_model(paper)]
@@ -229,7 +234,20 @@ def _selected(
     if model.paper:
         alarms = [_alarm(current, "joint")] if comparisons[-1].supported else []
         return paper, comparisons, alarms, ["the intrinsics are fixed: no uncertainty includes their errors"]
-    additions = [name for name in ADDITIONS if not (model.lens is not None and name in LENS_ADDITIONS)]
+    return _extended(current, comparisons, observations, ADDITIONS, model, surface_known, on_step)
+
+
+def _extended(
+    current: Fitted,
+    comparisons: list[ModelComparison],
+    observations: Observations,
+    additions: Sequence[str],
+    model: RequestedModel,
+    surface_known: bool,
+    on_step: Step,
+) -> tuple[Fitted, list[ModelComparison], list[Alarm], list[str]]:
+    """Make the additions requested and, if the model is automatic, those that the data support."""
+    additions = [name for name in additions if not (model.lens is not None and name in LENS_ADDITIONS)]
     if observations.direct_and_mirrored:
         additions += DIRECT_ADDITIONS
     first_plates = "glass" if surface_known else "plates"
@@ -319,7 +337,10 @@ def _fit_additions(
         except UndeterminedError as error:
             notes.append(f"{current.name}+{addition} not tried: {error}")
             continue
-        if addition != "glass" or _has_thick_plates(larger):
+        outliers = float((~larger.solution.inliers).mean())
+        if outliers > MAX_OUTLIERS:
+            notes.append(f"{larger.name} not used: {outliers:.0%} of the corners do not fit it")
+        elif addition != "glass" or _has_thick_plates(larger):
             fits.append(larger)
     return fits, notes
 
@@ -345,10 +366,11 @@ def _finished_selection(
 ) -> ModelSelection:
     """Build the selection of `current`, with the check by free virtual cameras and the correlation of errors."""
     free = None
-    try:
-        free = free_views(current.solution, observations, current.model)
-    except UndeterminedError as error:
-        notes = [*notes, f"no check by free virtual cameras: {error}"]
+    if len(current.solution.estimate.virtual_centres_in_rig_mm):
+        try:
+            free = free_views(current.solution, observations, current.model)
+        except UndeterminedError as error:
+            notes = [*notes, f"no check by free virtual cameras: {error}"]
     if (
         free is not None
         and free.chance < SUPPORTED_CHANCE

@@ -3,9 +3,9 @@
 `paper`: virtual centres and board poses, with the camera fixed. `joint`: intrinsics as well. Further additions, in any
 order: `sheet`: the plate thickness of second-surface mirrors. `bend`: the curvature of each mirror. `warp`: two bows of
 the board. `bow`: a bow of the board in each frame. `motion`: a motion of the board in each frame, while a rolling
-shutter reads it. `turn`: a rotation of the camera in each frame. `board`: free corners of the board. `turn` and `board`
-need frames that show the board both directly and in mirrors. `rational`, `prism`: further lens parameters; `spline`: a
-field over the view; `fisheye`: a different lens (`LENS_ADDITIONS`).
+shutter reads it. `turn`: a rotation of the camera in each frame. `board`: free corners of the board. `turn` needs
+frames that show the board both directly and in mirrors; `board` needs these, or frames without mirrors. `rational`,
+`prism`: further lens parameters; `spline`: a field over the view; `fisheye`: a different lens (`LENS_ADDITIONS`).
 `walk`: the pupil walks along the axis (`Camera.pupil_walk_mm`).
 """
 
@@ -49,6 +49,8 @@ WALK = "walk"
 CAMERA_ADDITIONS = (WALK, *LENS_ADDITIONS)
 MOTION = "motion"
 ADDITIONS = ("sheet", "bend", "warp", "bow", MOTION, *CAMERA_ADDITIONS)
+PLAIN_ADDITIONS = ("warp", "bow", "board", MOTION, *CAMERA_ADDITIONS)
+"""Additions without mirrors."""
 IN_WORDS: Mapping[str, str] = MappingProxyType(
     {
         "sheet": "the thickness of the mirrors' plates",
@@ -146,7 +148,9 @@ def fit_with(addition: str, smaller: Fitted, observations: Observations) -> Fitt
         estimate = as_second_surface(estimate, PLATE_FRACTION * distance, GLASS_INDEX)
     model = extended(smaller.model, addition)
     if len(model.board.modes) != len(estimate.shape):
-        estimate = replace(estimate, shape=np.zeros(len(model.board.modes)))
+        bent = smaller.model.board.shaped(estimate.shape) - model.board.corners_in_board_mm
+        # Free modes are orthonormal, and include the bows of a warped board.
+        estimate = replace(estimate, shape=np.tensordot(model.board.modes, bent, axes=2))
     return fit_as(name, estimate, observations, model)
 
 

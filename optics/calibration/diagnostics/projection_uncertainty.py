@@ -61,7 +61,8 @@ class ProjectionMap:
     in_rig
         Covariance (n, 2, 2), px^2, of the pixel of a point fixed in the rig frame.
     against_reference
-        The same for a point fixed in the reference view; zero for the reference view itself.
+        The same for a point fixed in the reference view, for which it is zero; of a bare camera, apart from the
+        rotation of the camera that compensates most of it.
     """
 
     view: int
@@ -125,6 +126,11 @@ def points_at_pixels(layout: Layout, view: int, pixels: FloatArray, range_mm: fl
     return points if view == DIRECT else layout.mirrors[view].apparent.reflect(points)
 
 
+def views_of(layout: Layout) -> tuple[int, ...]:
+    """The views of a layout's mirrors; the direct view for a bare camera."""
+    return tuple(range(len(layout.mirrors))) or (DIRECT,)
+
+
 def outline_px(layout: Layout, view: int) -> FloatArray:
     """Outline (n, 2) of a view's sub-image on the sensor; the complete sensor if DIRECT."""
     if view != DIRECT:
@@ -143,6 +149,18 @@ def grid_px(layout: Layout, view: int) -> FloatArray:
     return pixels[contains_xy(Polygon(outline), pixels[:, 0], pixels[:, 1])]
 
 
+def grid_points(layout: Layout, view: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
+    """Pixels (n, 2) of a uniform grid over a view's sub-image, and points (n, 3) that they show, as `points_at_pixels`.
+
+    Pixels beyond the limits of the lens model are left out.
+    """
+    pixels = grid_px(layout, view)
+    points = points_at_pixels(layout, view, pixels, range_mm)
+    defined = np.isfinite(points).all(axis=1)
+    defined[defined] = np.isfinite(project_points(layout, view, points[defined]).pixels).all(axis=1)
+    return pixels[defined], points[defined]
+
+
 def derivatives_in_reference(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:
     """Derivatives (n, 3, g), mm, of points (n, 3) fixed in the reference view, with respect to the parameters.
 
@@ -155,6 +173,22 @@ def derivatives_in_reference(layout: Layout, reference: int, points_in_rig: Floa
     system = np.concatenate([projected.d_point, line_of_sight[:, None, :]], axis=1)
     rhs = np.concatenate([-projected.d_parameter, np.einsum("ni,ig->ng", line_of_sight, d_centre)[:, None, :]], axis=1)
     return np.asarray(np.linalg.solve(system, rhs))
+
+
+def relative_derivatives(
+    layout: Layout, reference: int, points_in_rig: FloatArray, projected: ProjectedPoints
+) -> FloatArray:
+    """Derivatives (n, 2, g) of projections of points (n, 3) that are fixed in the reference view.
+
+    A bare camera has no other view to compare with, and its own pictures determine its orientation wherever it is used:
+    the rotation that compensates most of each derivative is removed (after mrcal, for points at infinity).
+    """
+    if layout.mirrors:
+        return projected.d_parameter + projected.d_point @ derivatives_in_reference(layout, reference, points_in_rig)
+    d_rotation = projected.d_point @ np.cross(np.eye(3), points_in_rig[:, None, :]).swapaxes(1, 2)
+    basis, _ = np.linalg.qr(d_rotation.reshape(-1, 3))
+    flat = projected.d_parameter.reshape(len(basis), -1)
+    return np.asarray((flat - basis @ (basis.T @ flat)).reshape(projected.d_parameter.shape))
 
 
 def centre_derivatives(layout: Layout, view: int) -> FloatArray:
@@ -174,11 +208,10 @@ def centre_derivatives(layout: Layout, view: int) -> FloatArray:
 
 def projection_map(layout: Layout, view: int, *, reference: int, range_mm: float) -> ProjectionMap:
     """Return the projection uncertainty over a view's sub-image, for points `range_mm` from the view's centre."""
-    pixels = grid_px(layout, view)
-    points = points_at_pixels(layout, view, pixels, range_mm)
+    pixels, points = grid_points(layout, view, range_mm)
     covariance = uncertainty_of(layout).covariance
     projected = project_points(layout, view, points)
-    relative = projected.d_parameter + projected.d_point @ derivatives_in_reference(layout, reference, points)
+    relative = relative_derivatives(layout, reference, points, projected)
     return ProjectionMap(
         view=view,
         range_mm=range_mm,

@@ -19,6 +19,8 @@ DIRECT_ADDITIONS = ("turn", "board")
 """Additions that need frames which show their board both directly and in mirrors."""
 ADDITIONS = ("sheet", "bend", "warp", "bow", "motion", "prism", "walk", *DIRECT_ADDITIONS)
 """Additions to `joint`, besides lenses."""
+PLAIN_ADDITIONS = ("warp", "bow", "board", "motion", "prism", "walk")
+"""The same without mirrors."""
 SURFACES: dict[str, Literal["first", "second"]] = {"first_surface": "first", "second_surface": "second"}
 
 
@@ -78,6 +80,15 @@ class RequestedModel:
         if direct := [name for name in self.additions if name in DIRECT_ADDITIONS]:
             others = [name for name in ADDITIONS if name not in DIRECT_ADDITIONS]
             raise InputError(f"model: {direct[0]} needs a direct view of the board, expected {', '.join(others)}")
+
+    def check_plain(self) -> None:
+        """Raise InputError if a word needs mirrors."""
+        unknown = [name for name in self.additions if name not in PLAIN_ADDITIONS]
+        if unknown or self.paper or self.surface is not None:
+            word = unknown[0] if unknown else "paper" if self.paper else f"{self.surface}_surface"
+            raise InputError(
+                f"model: {word} needs mirrors, expected auto, joint or a lens with any of {', '.join(PLAIN_ADDITIONS)}"
+            )
 
 
 AUTO = RequestedModel(auto=True)

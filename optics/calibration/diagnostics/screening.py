@@ -23,6 +23,7 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS,
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model, prior_of
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 
 
@@ -64,7 +65,7 @@ def screen(
     mirrored, base
         Corners by frame, with and without mirrors.
     layout
-        The nominal layout.
+        The nominal layout; without mirrors for a bare camera.
     corners_in_board_mm
         The board's corners (c, 3) in the board frame as drawn, mm.
     names
@@ -94,6 +95,11 @@ def screen(
     notes += consistency.board_notes(rows, off_plane, names, layout.mirror_names)
     rows = rows.where(~off_plane)
 
+    if not layout.mirrors:
+        free = joint_model(layout.camera, corners_in_board_mm)
+        rows = with_view_noise(rows, _direct_residuals(rows.renumbered(), layout.camera, layout, free))
+        frames = [rows.where(rows.frame == number).with_frame_offset(-number) for number in range(len(frames))]
+        return ScreenedFrames([], frames, tuple(notes), (), 1.0)
     is_mirrored = rows.frame < len(mirrored)
     consistency.check_mirror_counts(rows.where(is_mirrored), len(mirrored), layout.mirror_names)
     consistent, direct, inflation, inconsistent, drift = _consistent_views(
@@ -136,16 +142,16 @@ def _consistent_views(
     mirrored = with_view_noise(mirrored.where(kept), errors[kept])
     if not len(direct):
         return mirrored, direct, 1.0, notes, ()
-    direct = with_view_noise(direct, _direct_residuals(direct.renumbered(), estimate, layout, free))
+    direct = with_view_noise(direct, _direct_residuals(direct.renumbered(), estimate.camera, layout, free))
     remaining = np.isin(numbers, mirrored.frame)
     estimate = estimate.of_frames(remaining)
     ratio, focal_px = _camera_disagreement(estimate, mirrored.renumbered(), direct.renumbered(), layout, free)
     return mirrored, direct, ratio, notes, consistency.drift_note(ratio, focal_px)
 
 
-def _direct_residuals(direct: Observations, estimate: Estimate, layout: Layout, free: Model) -> FloatArray:
-    """Residuals (n, 2), px, of frames without mirrors to their own robust fit, started from an estimate's camera."""
-    start = initial_estimates.first_estimate(direct, estimate.camera, layout, free.board.corners_in_board_mm)
+def _direct_residuals(direct: Observations, camera: Camera, layout: Layout, free: Model) -> FloatArray:
+    """Residuals (n, 2), px, of frames without mirrors to their own robust fit, started from a camera."""
+    start = initial_estimates.first_estimate(direct, camera, layout, free.board.corners_in_board_mm)
     direct_fit, _ = start_robustly(start, direct, replace(free, mirrors=False))
     return residuals(direct_fit, direct, free.board)
 

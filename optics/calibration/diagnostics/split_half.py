@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
+from shapely import MultiPoint, contains_xy
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.model_comparison import (
@@ -17,11 +18,11 @@ from mirrorcam.optics.calibration.diagnostics.model_comparison import (
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     NEGLIGIBLE_PX,
-    derivatives_in_reference,
-    grid_px,
-    points_at_pixels,
+    grid_points,
     project_points,
+    relative_derivatives,
     uncertainty_of,
+    views_of,
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution, UndeterminedError, fit
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -45,8 +46,8 @@ class Split:
         Name of the split in metrics.
     division
         How the frames are split, as text for messages.
-    mirrors
-        Names of the mirrors (m).
+    views
+        Names of the views (m): the mirrors, or the picture of a bare camera.
     frames
         Number of frames in each half.
     difference_px, predicted_px, chance
@@ -60,7 +61,7 @@ class Split:
 
     key: str
     division: str
-    mirrors: tuple[str, ...]
+    views: tuple[str, ...]
     frames: tuple[int, int]
     difference_px: FloatArray
     predicted_px: FloatArray
@@ -94,7 +95,7 @@ class Split:
             (" against the reference view", self.relative_ratio, self.relative_chance, self.relative_difference_px),
         ):
             worst = int(np.argmax(np.nan_to_num(ratios_by_view)))
-            description = f"mirror {self.mirrors[worst]} differs by {differences[worst]:.2g} px{suffix}"
+            description = f"{self.views[worst]} differs by {differences[worst]:.2g} px{suffix}"
             ratios.append((float(np.nan_to_num(ratios_by_view[worst])), bool(chances[worst] < max_chance), description))
         alarming = [
             (ratio, description) for ratio, is_unlikely, description in ratios if ratio > ALARM_RATIO and is_unlikely
@@ -150,7 +151,7 @@ def splits(
     if solution.sigma_px < NEGLIGIBLE_PX:
         return (), ("not split: the corners have no noise to compare halves by",)
     rows = observations.where(solution.inliers)
-    derivatives = [_derivatives(layout, view, reference, range_mm) for view in range(len(layout.mirrors))]
+    derivatives = [_derivatives(layout, view, reference, range_mm, rows) for view in views_of(layout)]
     compared, notes = [], []
     for key, division, part in (
         ("halves", "into similar halves", balanced_folds(solution.estimate, rows, model.board, 2)),
@@ -158,12 +159,14 @@ def splits(
     ):
         mirrored = is_mirrored(rows, len(part))
         if min(np.sum(mirrored & (part == half)) for half in (0, 1)) < MIN_HALF:
-            notes.append(f"not split {division}: a half would have under {MIN_HALF} mirrored frames")
+            kind = "mirrored frames" if layout.mirrors else "pictures"
+            notes.append(f"not split {division}: a half would have under {MIN_HALF} {kind}")
             continue
         try:
             halves = [_half(solution.estimate, rows, model, part == half) for half in (0, 1)]
         except UndeterminedError as error:
-            notes.append(f"not split {division}: a half does not determine camera and mirrors ({error})")
+            unknown = "camera and mirrors" if layout.mirrors else "the camera"
+            notes.append(f"not split {division}: a half does not determine {unknown} ({error})")
             continue
         compared.append(_compare((key, division), halves, layout, derivatives))
     return tuple(compared), tuple(notes)
@@ -174,13 +177,21 @@ def _half(estimate: Estimate, observations: Observations, model: Model, frames: 
     return fit(start, rows, model)
 
 
-def _derivatives(layout: Layout, view: int, reference: int, range_mm: float) -> tuple[FloatArray, FloatArray]:
-    """Derivatives (n, 2, g) of pixels with respect to the parameters: for points fixed in rig and in the reference."""
-    points = points_at_pixels(layout, view, grid_px(layout, view), range_mm)
+def _derivatives(
+    layout: Layout, view: int, reference: int, range_mm: float, rows: Observations
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (n, 2, g) of pixels with respect to the parameters: for points fixed in rig and in the reference.
+
+    A bare camera is compared apart from its rotation (`relative_derivatives`) in both, where its pictures show corners.
+    """
+    pixels, points = grid_points(layout, view, range_mm)
+    if not layout.mirrors:
+        points = points[contains_xy(MultiPoint(rows.pixels).convex_hull, pixels[:, 0], pixels[:, 1])]
     projected = project_points(layout, view, points)
-    return projected.d_parameter, projected.d_parameter + projected.d_point @ derivatives_in_reference(
-        layout, reference, points
-    )
+    relative = relative_derivatives(layout, reference, points, projected)
+    if not layout.mirrors:
+        return relative, np.zeros_like(relative)
+    return projected.d_parameter, relative
 
 
 def _compare(
@@ -200,7 +211,7 @@ def _compare(
     return Split(
         key=split[0],
         division=split[1],
-        mirrors=layout.mirror_names,
+        views=tuple(f"mirror {name}" for name in layout.mirror_names) or ("the picture",),
         frames=(len(a.estimate.rig_from_board), len(b.estimate.rig_from_board)),
         difference_px=rig_figures[0],
         predicted_px=rig_figures[1],

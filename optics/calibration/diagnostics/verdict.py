@@ -21,6 +21,7 @@ from mirrorcam.optics.calibration.diagnostics.view_statistics import (
     CellMeans,
     ViewFigures,
     board_normals,
+    calibrated_views,
     cell_means,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT
@@ -98,9 +99,10 @@ def _cause_check(calibration: Calibration) -> tuple[Check, ...]:
     if diagnostics is None or not diagnostics.causes:
         return ()
     cause = diagnostics.causes[0]
+    shifted = "mirrors" if calibration.layout.mirrors else "camera"
     return (
         Check(
-            "Shift of the mirrors due to the first cause of the misfit, relative to its bound",
+            f"Shift of the {shifted} due to the first cause of the misfit, relative to its bound",
             Metric(value=cause.bias_sigmas, unit="1", limit=MAX_BIAS_SIGMAS),
             cause_sentence(cause, calibration),
             cause_advice(cause, calibration),
@@ -223,25 +225,34 @@ def _diagnostic_checks(calibration: Calibration) -> list[Check]:
 
 
 def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> list[Check]:
-    mirrors = [view for view in views if view.view != DIRECT]
-    min_coverage_view = min(mirrors, key=lambda view: view.coverage)
-    min_frames_view = min(mirrors, key=lambda view: view.frames)
+    calibrated = calibrated_views(views)
+    min_coverage_view = min(calibrated, key=lambda view: view.coverage)
+    min_frames_view = min(calibrated, key=lambda view: view.frames)
     normals, mirrored = board_normals(calibration)
     rotation_deg = _largest_rotation_deg(normals[mirrored])
-    spans = {view.name: float(view.distances_mm.max() / view.distances_mm.min()) for view in mirrors if view.frames}
+    spans = {
+        view.name_in_sentence: float(view.distances_mm.max() / view.distances_mm.min())
+        for view in calibrated
+        if view.frames
+    }
     flattest = min(spans, key=lambda name: spans[name])
     return [
+        *_projection_check(calibration.diagnostics),
         Check(
             "Lowest coverage of a view",
             Metric(value=min_coverage_view.coverage, unit="of the view", limit=MIN_COVERAGE, lower_is_better=False),
-            f"corners fill {min_coverage_view.coverage:.0%} of {min_coverage_view.name}",
-            f"Show the board {empty_region(min_coverage_view)} of {min_coverage_view.name}, as seen in the picture.",
+            f"corners fill {min_coverage_view.coverage:.0%} of {min_coverage_view.name_in_sentence}",
+            f"Show the board {empty_region(min_coverage_view)} of {min_coverage_view.name_in_sentence}"
+            f"{', as seen in the picture' if min_coverage_view.view != DIRECT else ''}.",
         ),
         Check(
             "Fewest frames with a board in a view",
             Metric(value=min_frames_view.frames, unit="1", limit=MIN_FRAMES, lower_is_better=False),
-            f"{min_frames_view.name} shows the board in {min_frames_view.frames} frames",
-            f"Take {MIN_FRAMES - min_frames_view.frames} more pictures with the board in {min_frames_view.name}.",
+            f"{min_frames_view.name_in_sentence} shows the board in {min_frames_view.frames} frames"
+            if min_frames_view.view != DIRECT
+            else f"{min_frames_view.frames} pictures show the board",
+            f"Take {MIN_FRAMES - min_frames_view.frames} more pictures with the board"
+            f"{f' in {min_frames_view.name}' if min_frames_view.view != DIRECT else ''}.",
         ),
         Check(
             "Largest rotation between two boards",
@@ -253,8 +264,24 @@ def _picture_checks(calibration: Calibration, views: Sequence[ViewFigures]) -> l
             "Smallest ratio of farthest to nearest board in a view",
             Metric(value=spans[flattest], unit="1", limit=MIN_DISTANCE_RATIO, lower_is_better=False),
             f"{flattest} shows boards at nearly one distance",
-            f"Hold the board nearer to and farther from {flattest}.",
+            f"Hold the board nearer to and farther from {flattest if calibration.layout.mirrors else 'the camera'}.",
         ),
+    ]
+
+
+def _projection_check(diagnostics: Diagnostics | None) -> list[Check]:
+    """Check the projection uncertainty of a bare camera, and recommend the next picture."""
+    if diagnostics is None or diagnostics.next_picture is None:
+        return []
+    sigma_px, matching_px = diagnostics.next_picture.sigma_px, diagnostics.depth.matching_px
+    return [
+        Check(
+            f"Projection {SIGMA} over the picture, apart from a rotation of the camera",
+            Metric(value=sigma_px, unit="px", limit=matching_px),
+            f"the projection of points is uncertain by {sigma_px:.2g} px over the picture, more than matching "
+            f"({matching_px:g} px)",
+            f"Take more pictures: {diagnostics.next_picture.sentence}.",
+        )
     ]
 
 
@@ -319,4 +346,6 @@ def advice_on_cells(cells: Sequence[CellMeans], views: Sequence[ViewFigures]) ->
     ]
     if 0 < len(systematic_views) <= len(views) / 2.0:
         return f"See the red arrows of {', '.join(systematic_views)}: a mirror there may be bent or displaced."
+    if not any(view.view != DIRECT for view in views):
+        return "See the red arrows: the board may be bent, or the lens beyond its model."
     return "See the red arrows, which are in most views: the board may be bent, or the lens beyond its model."

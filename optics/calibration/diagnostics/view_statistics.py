@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,8 +29,8 @@ class ViewFigures:
     view
         Mirror index, or DIRECT.
     name
-        "mirror 1-2"; for DIRECT, "direct view" if a picture shows the board both directly and in a mirror, else "bare
-        camera".
+        "mirror 1-2"; for DIRECT, "direct view" if a picture shows the board both directly and in a mirror, "picture"
+        without mirrors, else "bare camera".
     corners, outliers, frames
         Number of inliers, of outliers, and of frames with a board in the view.
     rms_px, rms_sigmas
@@ -81,6 +82,11 @@ def view_figures(calibration: Calibration) -> tuple[ViewFigures, ...]:
     if (calibration.observations.view == DIRECT).any():
         views.append(DIRECT)
     return tuple(_figures(calibration, view) for view in views)
+
+
+def calibrated_views(views: Sequence[ViewFigures]) -> list[ViewFigures]:
+    """The views of the mirrors; for a bare camera, its pictures."""
+    return [view for view in views if view.view != DIRECT] or list(views)
 
 
 def _figures(calibration: Calibration, view: int) -> ViewFigures:
@@ -156,6 +162,8 @@ def _rms(residuals: FloatArray) -> FloatArray:
 def _name(calibration: Calibration, view: int) -> str:
     if view != DIRECT:
         return f"mirror {calibration.layout.mirror_names[view]}"
+    if not calibration.layout.mirrors:
+        return "picture"
     return "direct view" if calibration.observations.direct_and_mirrored else "bare camera"
 
 
@@ -190,10 +198,11 @@ def _distance_and_tilt(calibration: Calibration, view: int, pixels: FloatArray, 
 def board_normals(calibration: Calibration) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Unit normals (f, 3) of every frame's board, pointing into the print, and a mask (f,) of the mirrored frames.
 
-    Normals of mirrored frames are in view axes, the others in the camera's axes.
+    Normals of mirrored frames are in view axes, the others in the camera's axes. For a bare camera, the mask holds all.
     """
     observations = calibration.observations
-    mirrored = np.isin(np.arange(len(calibration.rig_from_board)), observations.frame[observations.view != DIRECT])
+    shown = (observations.view != DIRECT) | (not calibration.layout.mirrors)
+    mirrored = np.isin(np.arange(len(calibration.rig_from_board)), observations.frame[shown])
     normals = calibration.rig_from_board[:, :3, 2]
     return np.where(mirrored[:, None], normals @ calibration.layout.view_from_rig.T, normals), mirrored
 

@@ -62,9 +62,7 @@ def intrinsics(
         If there are fewer than three views, or they do not determine the camera.
     """
     if len(views) < MIN_VIEWS:
-        raise InputError(
-            f"{len(views)} views show the board, expected at least {MIN_VIEWS} to estimate the camera's intrinsics"
-        )
+        raise InputError(f"{len(views)} pictures show the board, expected {MIN_VIEWS} or more to estimate the camera")
     flags = 0 if full_distortion else cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
     objects = [corners_in_board_mm[view.ids].astype(np.float32) for view in views]
     images = [view.pixels.astype(np.float32)[:, None] for view in views]

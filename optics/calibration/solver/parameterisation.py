@@ -179,12 +179,12 @@ def prior_of(layout: Layout, observations: Observations) -> CentresPrior | None:
 
 
 def pair_prior(layout: Layout, sigma_deg: float = PAIR_DEG) -> CentresPrior | None:
-    """Return a prior that keeps the common rotation near a layout's; None for more than two mirrors.
+    """Return a prior that keeps the common rotation near a layout's; None for more than two mirrors, or none.
 
     Raises InputError for one mirror, which pictures cannot determine, and for parallel mirrors, whose planes do not
     meet.
     """
-    if len(layout.mirrors) > 2:
+    if len(layout.mirrors) > 2 or not layout.mirrors:
         return None
     if len(layout.mirrors) < 2:
         raise InputError("one mirror without a direct view of the board, expected two or more mirrors")

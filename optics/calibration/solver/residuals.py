@@ -28,6 +28,9 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_arrays import ImageDerivatives, MirrorArrays
 from mirrorcam.optics.geometry.mirror_imaging import images
 
+MAX_FREE_CORNERS = 120
+DEGREE = 5
+
 
 def global_names(intrinsics: Sequence[str], mirrors: int, modes: int) -> tuple[str, ...]:
     """Names of all global parameters of a calibration, those common to its frames, in the order of `Estimate.moved`.
@@ -66,7 +69,9 @@ class Board:
     def free(cls, corners_in_board_mm: FloatArray) -> Board:
         """Return a board with every corner free in x, y and z, except for the board's six rigid motions and its scale.
 
-        After Strobl and Hirzinger, "More accurate pinhole camera calibration with imperfect planar target" (2011).
+        After Strobl and Hirzinger, "More accurate pinhole camera calibration with imperfect planar target" (2011). A
+        board of more than `MAX_FREE_CORNERS` deforms smoothly, as polynomials of `DEGREE`: the time of a fit grows with
+        the square of the number of modes.
         """
         count = len(corners_in_board_mm)
         centred = corners_in_board_mm - corners_in_board_mm.mean(axis=0)
@@ -75,8 +80,16 @@ class Board:
         gauge += [np.cross(axis, centred) for axis in axes]
         gauge += [centred]
         directions = np.array(gauge).reshape(7, -1)
-        _, _, rows = np.linalg.svd(directions)
-        return cls(corners_in_board_mm, rows[7:].reshape(-1, count, 3))
+        if count <= MAX_FREE_CORNERS:
+            _, _, rows = np.linalg.svd(directions)
+            return cls(corners_in_board_mm, rows[7:].reshape(-1, count, 3))
+        x, y = cls.rigid(corners_in_board_mm).corners_from_centre.T
+        terms = [x**power * y ** (total - power) for total in range(DEGREE + 1) for power in range(total + 1)]
+        smooth = np.einsum("tc,ij->ticj", np.array(terms), axes).reshape(-1, 3 * count)
+        gauge_basis = np.linalg.qr(directions.T)[0]
+        smooth = smooth - (smooth @ gauge_basis) @ gauge_basis.T
+        _, _, rows = np.linalg.svd(smooth, full_matrices=False)
+        return cls(corners_in_board_mm, rows[: len(smooth) - 7].reshape(-1, count, 3))
 
     @cached_property
     def bows(self) -> FloatArray:
@@ -162,7 +175,7 @@ class Estimate:
         """Build the estimate of a camera, a layout's mirrors, and board poses (f, 4, 4)."""
         return cls(
             camera,
-            np.array([mirror.virtual_centre_in_rig_mm for mirror in mirrors]),
+            np.array([mirror.virtual_centre_in_rig_mm for mirror in mirrors]).reshape(-1, 3),
             rig_from_board,
             thickness_mm=np.array([mirror.front_mm for mirror in mirrors]),
             refractive_index=np.array([mirror.refractive_index for mirror in mirrors]),

@@ -103,8 +103,9 @@ def opencv_yaml(views: tuple[VirtualCamera, ...]) -> str:
     file = cv2.FileStorage(".yaml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML)
     file.write("image_width", views[0].camera.width_px)
     file.write("image_height", views[0].camera.height_px)
-    file.write("flip_code", 1 if flip == "left-right" else 0)
-    file.writeComment(f"cv2.flip(frame, flip_code) is the image of every view: {flip}")
+    if flip != "none":
+        file.write("flip_code", 1 if flip == "left-right" else 0)
+        file.writeComment(f"cv2.flip(frame, flip_code) is the image of every view: {flip}")
     file.write("unit", "mm")
     if views[0].camera.lens_model == "fisheye":
         file.writeComment("distortion_coefficients are those of cv2.fisheye.projectPoints")

@@ -33,7 +33,9 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout, working_range_mm
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
-Flip = Literal["left-right", "top-bottom"]
+Flip = Literal["left-right", "top-bottom", "none"]
+BARE = "camera"
+"""Name of a camera without mirrors."""
 POINTS_PER_EDGE = 16
 GRID = 12  # samples along x and y of a sub-image
 DISTANCES_MM = (300.0, 1000.0)
@@ -69,7 +71,7 @@ class VirtualCamera:
     ----------
     name : name of the view.
     row, column : position of the mirror in the layout.
-    flip : flip of the frame.
+    flip : flip of the frame; none without a mirror.
     camera : intrinsics for the entire flipped frame.
     camera_from_rig : rigid transform (4, 4), mm.
     outline_px : outline (n, 2) of the mirror's image in the flipped frame.
@@ -120,6 +122,8 @@ class VirtualCamera:
 
     def flipped(self, frame: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Flip a frame (h, w, ...) to match `camera`."""
+        if self.flip == "none":
+            return frame
         return np.flip(frame, axis=1 if self.flip == "left-right" else 0)
 
     def project(self, points_in_rig: FloatArray) -> FloatArray:
@@ -130,6 +134,12 @@ class VirtualCamera:
 def view_name(row: int, column: int) -> str:
     """Name of the camera of a mirror."""
     return f"view_{row}_{column}"
+
+
+def bare_camera(camera: Camera) -> VirtualCamera:
+    """A camera without mirrors, which sees the complete frame."""
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [camera.width_px - 1, camera.height_px - 1]
+    return VirtualCamera(BARE, 0, 0, "none", camera, np.eye(4), corners.astype(np.float64), 0.0)
 
 
 def virtual_cameras(layout: Layout) -> tuple[VirtualCamera, ...]:

@@ -29,11 +29,14 @@ from mirrorcam.optics.camera_files.write.pose_cameras import (
     stereo_params,
 )
 from mirrorcam.optics.camera_files.write.virtual_cameras import (
+    BARE,
     VirtualCamera,
+    bare_camera,
     fitted_distances_mm,
     view_name,
     virtual_cameras,
 )
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sfm_rigs import rig_config, sparse_model
 
@@ -45,6 +48,13 @@ FILES = (
     *(f"colmap/sparse/{name}.txt" for name in ("cameras", "rigs", "frames", "images", "points3D")),
 )
 """Exported files that describe all cameras."""
+PLAIN_FILES = {
+    "OpenCV": "opencv.yaml",
+    "ROS": f"ros/{BARE}.yaml",
+    "Kalibr": "kalibr_camchain.yaml",
+    "Anipose": "anipose/calibration.toml",
+}
+"""Exported files of a camera without mirrors, by the tool that they are for."""
 
 
 def picture_names(pictures: Sequence[Path]) -> list[str]:
@@ -109,6 +119,38 @@ def write_exports(layout: Layout, folder: Path, pictures: Sequence[Path] = ()) -
             if index == 0:
                 write_image(nerfstudio / "images" / f"{view.name}.png", flipped[view.sub_image.slices])
     write_text(folder / "README.md", readme(layout, views))
+
+
+def write_plain_exports(camera: Camera, folder: Path) -> None:
+    """Export a camera without mirrors for OpenCV, ROS, Kalibr and Anipose, with a README.md.
+
+    Parameters
+    ----------
+    camera : the camera.
+    folder : the folder to write to.
+    """
+    view = bare_camera(camera)
+    write_text(folder / "opencv.yaml", opencv_yaml((view,)))
+    write_text(folder / "kalibr_camchain.yaml", camchain_yaml((view,)))
+    write_text(folder / "ros" / f"{view.name}.yaml", camera_info_yaml(view))
+    anipose = pose_cameras(Layout.bare(camera), ())
+    write_text(folder / "anipose" / "calibration.toml", calibration_toml(anipose))
+    errors = {name: FORMATS[name].of(view).error_px for name in ("OpenCV", "ROS", "Kalibr")}
+    errors["Anipose"] = anipose[0].error_px
+    rows = "".join(f"| {name} | `{PLAIN_FILES[name]}` | {error:.2g} |\n" for name, error in errors.items())
+    write_text(
+        folder / "README.md",
+        f"""# A camera for other tools
+
+{camera.name}, {camera.width_px} x {camera.height_px} px; pixel (0, 0) is the centre of the top-left pixel.
+
+A tool whose lens model lacks parameters of the one here ({camera.lens_model}) gets the nearest lens; the largest error
+over the picture is stated. No file holds a pupil that moves with the angle.
+
+| tool | file | error, px |
+|---|---|---|
+{rows}""",
+    )
 
 
 def _frame(path: Path, layout: Layout) -> NDArray[np.uint8]:

@@ -22,7 +22,8 @@ def calibrate(
         tuple[Path, ...],
         Parameter(
             name="PICTURE...",
-            help="pictures or videos of the board in the mirrors, or folders of pictures (or --corners)",
+            help="pictures or videos of the board in the mirrors (without --layout and --direct-view, of a camera "
+            "without mirrors), or folders of pictures (or --corners)",
         ),
     ] = (),
     /,
@@ -38,17 +39,18 @@ def calibrate(
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/calibrated"),
     force: Force = False,
 ) -> int:
-    """Calibrate a device from pictures of a board.
+    """Calibrate a device, or a camera without mirrors, from pictures of a board.
 
-    Writes layout.json (calibrated: intrinsics and mirror planes, with uncertainties), metrics.json, report.html,
-    residuals.png and corners.csv (the corners used; from labels: labels.csv, and points.csv with the points in
-    space). Detected corners are stored, so that no picture is searched twice. Exit code 1: the diagnostics raise an
-    alarm, because the pictures contradict the model.
+    Writes layout.json (calibrated: intrinsics and mirror planes, with uncertainties) or camera.json (intrinsics of a
+    camera without mirrors), metrics.json, report.html, residuals.png and corners.csv (the corners used; from labels:
+    labels.csv, and points.csv with the points in space). Detected corners are stored, so that no picture is searched
+    twice. Exit code 1: the diagnostics raise an alarm, because the pictures contradict the model.
 
     Examples:
         mirrorcam calibrate through_mirrors/ --base without_mirrors/ --layout layout.json --board board.toml
         mirrorcam calibrate through_mirrors/ --layout layout.json --board board.toml --model fisheye+bend
         mirrorcam calibrate clip.mp4 --board board.toml --direct-view 2
+        mirrorcam calibrate without_mirrors/ --board board.toml --camera c920
         mirrorcam calibrate --labels labels.csv --camera camera.yaml --known-length nose tail 95
     """
     if request is None:
@@ -57,7 +59,7 @@ def calibrate(
         if live_hint:
             raise InputError("--live-hint works only with pictures of a board, expected no --labels")
         return _calibrate_from_labels(pictures, request, out, force=force)
-    from mirrorcam.calibration.calibration_files import FILES, calibrate_files, write_calibration
+    from mirrorcam.calibration.calibration_files import FILES, calibrate_files, result_name, write_calibration
     from mirrorcam.core.disk.output_folder import output_folder, results_folder
     from mirrorcam.optics.calibration.diagnostics.verdict import STATES, check_solution
     from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
@@ -66,7 +68,8 @@ def calibrate(
         say("calibrate", f"{picture}: {hint.sentence}")
 
     with output_folder(out, "calibrate", force=force) as output:
-        output.refuse_others(*FILES)
+        result = result_name(plain=request.is_plain)
+        output.refuse_others(result, *FILES)
         with long_work("calibrate", "finding corners" if pictures else "solving", "pictures") as advance:
             calibration = calibrate_files(
                 pictures,
@@ -77,7 +80,7 @@ def calibrate(
                 on_note=lambda sentence: say("calibrate", sentence),
                 on_step=lambda step: say("calibrate", f"{step} ..."),
             )
-        with output.staged(result="layout.json") as folder:
+        with output.staged(result=result) as folder:
             write_calibration(calibration, folder, command="mirrorcam calibrate")
     printed: dict[str, Metric] = {n: m for n, m in calibration.metrics.items() if not n.startswith("mirror_")}
     print_metrics({"calibrated": printed})
@@ -90,7 +93,7 @@ def calibrate(
         say("calibrate", f"alarm: {reason}" if alarms else reason)
     for advice in verdict.advice:
         say("calibrate", f"next: {advice}")
-    say("calibrate", f"{STATES[verdict.state]}: {out / 'layout.json'} and {out / 'report.html'} written")
+    say("calibrate", f"{STATES[verdict.state]}: {out / result} and {out / 'report.html'} written")
     return 1 if alarms else 0
 
 

@@ -34,13 +34,16 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibrat
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.view_statistics import ARROWS_ACROSS, cell_means
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
+from mirrorcam.optics.calibration.plain_camera import calibrate_camera
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Target, load_board
 
-FILES = ("layout.json", "metrics.json", "report.html", "residuals.png", "corners.csv")
-"""Names of the files that a calibration writes."""
+FILES = ("metrics.json", "report.html", "residuals.png", "corners.csv")
+"""Names of the files that a calibration writes besides its result (`result_name`)."""
 MAX_FRAMES, MAX_BASE_FRAMES = 30, 15
 """Maximum numbers of video frames that a calibration uses, with and without mirrors."""
 SEARCHED_FRAMES = 60
@@ -90,6 +93,10 @@ def calibrate_files(
     if request.board is None:
         raise InputError("expected --board FILE")
     target = load_board(request.board)
+    if request.is_plain:
+        if on_hint is not None:
+            raise InputError("--live-hint needs --layout or --direct-view; else the next pose is always recommended")
+        return _calibrate_plain(pictures, request, target, detections, progress, on_note, on_step)
     if request.direct_view is not None:
         return _calibrate_directly(pictures, request, request.direct_view, target, progress, on_hint, on_note)
     if request.layout is None:
@@ -200,6 +207,31 @@ def _calibrate_directly(
     )
 
 
+def _calibrate_plain(
+    pictures: Sequence[Path],
+    request: CalibrationRequest,
+    target: Target,
+    detections: Path | None,
+    progress: Progress,
+    on_note: Callable[[str], None],
+    on_step: Step,
+) -> Calibration:
+    camera = None if request.camera is None else read_camera(request.camera)
+    shown, _ = _all_pictures(pictures, request, camera, on_note)
+    return calibrate_camera(
+        shown.pictures,
+        target,
+        nominal=camera,
+        model=request.model,
+        detections=detections,
+        workers=cores(),
+        max_pictures=shown.max_pictures,
+        names=shown.names if len(set(shown.names)) == len(shown.names) else shown.labels,
+        on_frame=lambda done: progress(done, len(shown.pictures)),
+        on_step=on_step,
+    )
+
+
 def _all_pictures(
     pictures: Sequence[Path], request: CalibrationRequest, camera: Camera | None, on_note: Callable[[str], None]
 ) -> tuple[CalibrationPictures, CalibrationPictures]:
@@ -228,12 +260,20 @@ def _left_out(leave_out: Sequence[str], labels: Sequence[str]) -> set[str]:
     return left_out
 
 
+def result_name(*, plain: bool) -> str:
+    """Name of the file with the calibrated layout, or with the camera if there are no mirrors."""
+    return "camera.json" if plain else "layout.json"
+
+
 def write_calibration(calibration: Calibration, folder: Path, *, command: str) -> None:
-    """Write layout.json, metrics.json, report.html, residuals.png and corners.csv into a folder, each atomically.
+    """Write layout.json (or camera.json), metrics.json, report.html, residuals.png and corners.csv, each atomically.
 
     The report states `command`.
     """
-    calibration.layout.save(folder / "layout.json")
+    if calibration.layout.mirrors:
+        calibration.layout.save(folder / result_name(plain=False))
+    else:
+        CalibratedCamera.of(calibration.layout).save(folder / result_name(plain=True))
     write_metrics(folder / "metrics.json", calibration.metrics)
     save_corners(folder / "corners.csv", calibration)
     residual_figure(calibration, folder / "residuals.png")

@@ -36,15 +36,16 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibrat
 from mirrorcam.optics.calibration.diagnostics.cause_texts import cause_sentence
 from mirrorcam.optics.calibration.diagnostics.causes import Cause
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import MirrorUncertainty
 from mirrorcam.optics.calibration.diagnostics.model_comparison import SUPPORTED_CHANCE, ModelComparison
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, Verdict, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import (
     ViewFigures,
     board_normals,
+    calibrated_views,
     frame_figures,
     view_figures,
 )
-from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.drift.drift import can_test_drift
 
 TEMPLATES = Path(__file__).parent
@@ -85,14 +86,14 @@ def report_html(calibration: Calibration, *, command: str) -> str:
         advice=verdict.advice,
         weakest=diagnostics.weak[0].description if diagnostics is not None and diagnostics.weak else None,
         tiles=_tiles(calibration),
-        mirrors=count_text(len(calibration.layout.mirrors), "mirror"),
+        mirrors=count_text(len(calibration.layout.mirrors), "mirror") if calibration.layout.mirrors else None,
         camera=f"{camera.name}, {camera.width_px} {TIMES} {camera.height_px} px",
         checks=_checks(calibration, verdict),
         views=view_table(views),
         frames=frame_tables(calibration),
         worst=_worst_views(calibration, views),
         causes=None if diagnostics is None else cause_table(calibration, diagnostics.causes),
-        mirror_table=mirror_table(calibration),
+        mirror_table=mirror_table(calibration) if calibration.layout.mirrors else None,
         camera_table=camera_table(calibration),
         cards=_cards(calibration, views),
         notes=notes,
@@ -112,8 +113,12 @@ def _tiles(calibration: Calibration) -> list[Tile]:
             break
     if diagnostics is not None:
         tiles.append(Tile(diagnostics.model_name.replace("+", " +\N{NO-BREAK SPACE}"), "selected model"))
-        normal = float(np.max(diagnostics.mirrors.normal_deg))
-        tiles.append(Tile(f"{figure_text(normal, 2)}°", f"{SIGMA} of the least certain mirror normal"))
+        if diagnostics.mirrors is not None:
+            normal = float(np.max(diagnostics.mirrors.normal_deg))
+            tiles.append(Tile(f"{figure_text(normal, 2)}°", f"{SIGMA} of the least certain mirror normal"))
+        if diagnostics.next_picture is not None:
+            sigma_px = figure_text(diagnostics.next_picture.sigma_px, 2)
+            tiles.append(Tile(f"{sigma_px} px", f"projection {SIGMA}, RMS over the picture"))
         depth = float(np.interp(diagnostics.range_mm, diagnostics.depth.range_mm, diagnostics.depth.total_mm))
         if np.isfinite(depth):
             tiles.append(Tile(f"{figure_text(depth, 2)} mm", f"{SIGMA} of depth at {diagnostics.range_mm:.0f} mm"))
@@ -129,8 +134,8 @@ def _checks(calibration: Calibration, verdict: Verdict) -> FigureTable:
 
 def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, Card | None]:
     """The drawings of every calibration; that of the direct view is None if there is no such view."""
-    mirrors = [view for view in views if view.view != DIRECT]
-    direct = [view for view in views if view.view == DIRECT]
+    mirrors = calibrated_views(views)
+    direct = [view for view in views if view not in mirrors]
     tilt_caption = "Tilt of the boards, a dot per frame"
     if not board_normals(calibration)[1].all():
         tilt_caption += f": filled, via the mirrors; open, {direct[0].name}"
@@ -156,7 +161,8 @@ def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequ
     has_depth = np.isfinite(diagnostics.depth.total_mm).sum() >= 2
     free = diagnostics.free_views
     return {
-        "common": common_table(diagnostics),
+        "common": None if diagnostics.mirrors is None else common_table(diagnostics.mirrors),
+        "next": None if diagnostics.next_picture is None else full_stop(diagnostics.next_picture.sentence),
         "tilt": figure_text(HARDWARE.mount.tilt_deg, 2),
         "weak": weak_table(diagnostics) if diagnostics.weak else None,
         "projection": _projection(calibration, diagnostics, views),
@@ -176,15 +182,22 @@ def _diagnostics(calibration: Calibration, diagnostics: Diagnostics, views: Sequ
 
 
 def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Sequence[ViewFigures]) -> list[Card]:
-    """Maps of the standard deviation of projected points, in the rig frame and relative to the reference view."""
-    maps = [projection_map for projection_map in diagnostics.projection if projection_map.view != DIRECT]
-    direct = [projection_map.in_rig_px for projection_map in diagnostics.projection if projection_map.view == DIRECT]
+    """Maps of the standard deviation of projected points, in the rig frame and relative to the reference view.
+
+    Those of a bare camera are in its own frame, and apart from its rotation.
+    """
+    shown = [view.view for view in calibrated_views(views)]
+    maps = [projection_map for projection_map in diagnostics.projection if projection_map.view in shown]
+    direct = [view.in_rig_px for view in diagnostics.projection if view.view not in shown]
     direct_note = ""
     if direct:
         direct_note = (
             f" The direct view, not shown, has a median of {np.median(direct):.2g} px over the complete picture."
         )
     reference = next(view.name_in_sentence for view in views if view.view == diagnostics.reference)
+    relative = f"of a point fixed where {reference} shows it, which determines depth"
+    if diagnostics.mirrors is None:
+        relative = "of a point fixed in front of the camera, apart from a rotation of the camera"
     cards = []
     for name, values, description, suffix in (
         (
@@ -196,7 +209,7 @@ def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Seque
         (
             "reference",
             [projection_map.against_reference_px for projection_map in maps],
-            f"of a point fixed where {reference} shows it, which determines depth",
+            relative,
             "",
         ),
     ):
@@ -255,7 +268,8 @@ def cause_table(calibration: Calibration, causes: Sequence[Cause]) -> Table | No
         )
         for cause in causes[:SHOWN_CAUSES]
     ]
-    return Table(("Cause", "Gain", f"Shift of the mirrors, {SIGMA}"), rows, "plain words")
+    shifted = "mirrors" if calibration.layout.mirrors else "camera"
+    return Table(("Cause", "Gain", f"Shift of the {shifted}, {SIGMA}"), rows, "plain words")
 
 
 def _worst_views(calibration: Calibration, views: Sequence[ViewFigures]) -> list[Card]:
@@ -274,7 +288,7 @@ def mirror_table(calibration: Calibration) -> Table:
     """Distance and direction of every mirror with their sigmas; with diagnostics, also relative to the others."""
     heads = ["Mirror", "Distance mm", f"{SIGMA} mm", f"{SIGMA} of direction °"]
     mirrors, diagnostics = calibration.layout.mirrors, calibration.diagnostics
-    if diagnostics is None:
+    if diagnostics is None or diagnostics.mirrors is None:
         sigmas: list[tuple[float, ...]] = [
             (distance, float(np.degrees(tilt))) for tilt, distance in mirror_sigmas(calibration.layout)
         ]
@@ -296,9 +310,8 @@ def mirror_table(calibration: Calibration) -> Table:
     return Table(heads, rows, FIGURES)
 
 
-def common_table(diagnostics: Diagnostics) -> Table:
+def common_table(uncertainty: MirrorUncertainty) -> Table:
     """Sigmas of the common rotation and translation of all mirrors."""
-    uncertainty = diagnostics.mirrors
     rows = [
         ("rotation, °", *(sigma_text(float(value)) for value in uncertainty.common_rotation_deg)),
         ("shift, mm", *(sigma_text(float(value)) for value in uncertainty.common_shift_mm)),

@@ -20,14 +20,25 @@ def _parsed(model: Any) -> Any:
 
 @Parameter(name="*")
 class CalibrationRequest(Value):
-    """Inputs of a calibration from files, besides the pictures via the mirrors, and the model to fit."""
+    """Inputs of a calibration from files, besides the pictures, and the model to fit.
+
+    Without a layout and a direct view, the pictures are of a camera without mirrors.
+    """
 
     board: Path | None = Field(default=None, description="board.toml of the target (or --labels)")
-    layout: Path | None = Field(default=None, description="layout.json of the design, to start from")
+    layout: Path | None = Field(
+        default=None,
+        description="layout.json of the design, to start from; without it and --direct-view, no mirrors are expected",
+    )
     direct_view: int | None = Bounds(1, 144).field(
         None,
         "number of mirrors, where each picture shows the board directly too: no layout is needed",
-        unset="a layout",
+        unset="a layout, or no mirrors",
+    )
+    camera: Annotated[str | None, Parameter(metavar="NAME|FILE")] = Field(
+        default=None,
+        description="without mirrors: the camera as in `mirrorcam design`, whose name, body and pupil are kept; with "
+        "--labels: the camera as calibrated (OpenCV, ROS, Kalibr or layout.json), or a published one [default: unknown]",
     )
     base: tuple[Path, ...] = Field(
         default=(), description="pictures or videos of the board without mirrors, or folders of pictures"
@@ -47,11 +58,6 @@ class CalibrationRequest(Value):
         description="with --labels: names of the views, the direct one first, as labels begin or end with them "
         "(paw_side); or one for each table",
     )
-    camera: str | None = Field(
-        default=None,
-        description="with --labels: the camera as calibrated (OpenCV, ROS, Kalibr or layout.json), or a published one "
-        "of the library by name or TOML",
-    )
     field_of_view: tuple[float, float] | None = Field(
         default=None,
         description="with --labels and a picture: angle of the camera's view across the picture and its standard "
@@ -68,20 +74,30 @@ class CalibrationRequest(Value):
         default=AUTO,
         description="model to fit, words joined by +: auto (what the pictures support), joint (with the layout's "
         "lens) or a lens (brown_conrady, rational, thin_prism, fisheye, spline) with any of sheet, bend, warp, bow, "
-        "motion, prism and walk (with --direct-view also turn and board), paper, first_surface, second_surface: "
-        "docs/calibration.md. [default: auto]",
+        "motion, prism and walk (with --direct-view also turn and board; without mirrors warp, bow, board, motion, "
+        "prism and walk), paper, first_surface, second_surface: docs/calibration.md. [default: auto]",
     )
 
     @model_validator(mode="after")
     def _check(self) -> Self:
         if self.labels:
             return self._checked_for_labels()
-        if self.views or self.camera or self.field_of_view or self.known_length:
-            raise ValueError("--views, --camera, --field-of-view and --known-length go with --labels only")
+        if self.views or self.field_of_view or self.known_length:
+            raise ValueError("--views, --field-of-view and --known-length go with --labels only")
         if self.board is None:
             raise ValueError("expected --board FILE, or --labels FILE without a board")
-        if (self.layout is None) == (self.direct_view is None):
-            raise ValueError("expected --layout FILE, or --direct-view N with the number of mirrors")
+        if self.layout is not None and self.direct_view is not None:
+            raise ValueError("expected --layout FILE, or --direct-view N with the number of mirrors, not both")
+        if self.is_plain:
+            if self.base or self.corners:
+                raise ValueError(
+                    f"{'--base' if self.base else '--corners'} needs --layout FILE or --direct-view N; of a camera "
+                    "without mirrors, give the pictures alone"
+                )
+            self.model.check_plain()
+            return self
+        if self.camera is not None:
+            raise ValueError("--camera is of pictures without mirrors, expected it without --layout and --direct-view")
         if self.corners and (self.base or self.direct_view is not None):
             raise ValueError("--corners goes without --base and --direct-view")
         if self.direct_view is None:
@@ -101,3 +117,8 @@ class CalibrationRequest(Value):
         if self.known_length is not None and not LENGTH_MM.min <= self.known_length[2] <= LENGTH_MM.max:
             raise ValueError(f"--known-length {self.known_length[2]:g}: expected {LENGTH_MM} mm")
         return self
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether the pictures are of a camera without mirrors."""
+        return self.layout is None and self.direct_view is None

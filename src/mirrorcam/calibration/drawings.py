@@ -20,6 +20,7 @@ from mirrorcam.optics.calibration.diagnostics.view_statistics import (
     ARROWS_ACROSS,
     ViewFigures,
     board_normals,
+    calibrated_views,
     cell_means,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT
@@ -64,7 +65,7 @@ def _outlines(views: Sequence[ViewFigures], window: _Window) -> str:
 
 
 def _tags(views: Sequence[ViewFigures], window: _Window, *, label: Callable[[ViewFigures], str]) -> str:
-    """Labels in the top left corner of every mirror's sub-image, to be drawn last."""
+    """Labels in the top left corner of every mirror's sub-image, to be drawn last; none for the complete sensor."""
     parts = []
     for view in views:
         if view.view != DIRECT:
@@ -178,8 +179,9 @@ def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
 
     Cells are clipped to the outline of their view, and opaque, so that overlapping views do not add up.
     """
-    mirrors = [view for view in views if view.view != DIRECT]
-    window = _window(layout, mirrors, WIDTH)
+    mirrors = calibrated_views(views)
+    width = WIDTH if layout.mirrors else HALF
+    window = _window(layout, mirrors, width)
     max_value = max(int(view.cell_counts.max()) for view in mirrors)
     parts = []
     for view in mirrors:
@@ -197,7 +199,7 @@ def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
     parts.append(_outlines(mirrors, window))
     parts.append(_tags(mirrors, window, label=lambda view: f"{view.name}: {view.coverage:.0%}"))
     parts.append(_corners_legend(max_value, window.height + 10))
-    return drawing(WIDTH, window.height + 30, "".join(parts), "Coverage of every view by corners")
+    return drawing(width, window.height + 30, "".join(parts), "Coverage of every view by corners")
 
 
 def _corners_shade(count: int, max_value: int, style: str = "cell") -> str:
@@ -291,7 +293,7 @@ def projection_sigmas(
     *,
     name: str,
 ) -> str:
-    """Draw standard deviations of projected points in every mirror's view, darker where they are larger.
+    """Draw standard deviations of projected points in several views, darker where they are larger.
 
     Parameters
     ----------
@@ -300,7 +302,7 @@ def projection_sigmas(
     views
         Figures of the views, with their outlines.
     maps
-        The pixels at which points were projected, for each view; the view without a mirror is left out.
+        The pixels at which points were projected, for each view.
     values
         Standard deviations (n,) in px, at the pixels of each map.
     max_value
@@ -309,12 +311,10 @@ def projection_sigmas(
         Beginning of the identifiers in the drawing, unique in the page.
     """
     outlines = {view.view: view for view in views}
-    visible = [outlines[projection_map.view] for projection_map in maps if projection_map.view != DIRECT]
+    visible = [outlines[projection_map.view] for projection_map in maps]
     window = _window(layout, visible, HALF)
     parts = []
     for projection_map, sigmas in zip(maps, values, strict=True):
-        if projection_map.view == DIRECT:
-            continue
         clip = f"{name}-{projection_map.view}"
         outline = window(outlines[projection_map.view].outline_px)
         parts.append(

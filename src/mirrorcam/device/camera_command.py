@@ -70,7 +70,10 @@ def new(
 
 @app.command
 def export(
-    layout: Annotated[Path, Parameter(name="LAYOUT", help="layout.json, calibrated if possible")],
+    layout: Annotated[
+        Path,
+        Parameter(name="LAYOUT|CAMERA", help="layout.json, calibrated if possible, or camera.json of a bare camera"),
+    ],
     /,
     *,
     pictures: Annotated[
@@ -80,9 +83,10 @@ def export(
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/cameras"),
     force: Force = False,
 ) -> int:
-    """Export every mirror as a camera for other tools.
+    """Export every mirror, or a camera without mirrors, as a camera for other tools.
 
-    Writes files for OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut; README.md explains them.
+    Writes files for OpenCV, ROS, Kalibr, COLMAP, nerfstudio, URDF, Anipose and DeepLabCut (of a camera without
+    mirrors, for OpenCV, ROS, Kalibr and Anipose); README.md explains them.
 
     Examples:
         mirrorcam camera export calibrated/layout.json --pictures through_mirrors/
@@ -90,9 +94,25 @@ def export(
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.core.images.picture_data import EXPECTED
     from mirrorcam.core.images.pictures import is_picture, pictures_in
-    from mirrorcam.optics.camera_files.write.write_exports import export_names, write_exports
+    from mirrorcam.optics.camera_files.write.write_exports import (
+        PLAIN_FILES,
+        export_names,
+        write_exports,
+        write_plain_exports,
+    )
+    from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera, is_calibrated_camera
     from mirrorcam.optics.geometry.layout import Layout
 
+    if is_calibrated_camera(layout):
+        if pictures:
+            raise InputError("--pictures needs a layout, expected none with a camera without mirrors")
+        camera = CalibratedCamera.load(layout).camera
+        with output_folder(out, "cameras", force=force) as output:
+            output.refuse_others("README.md", *PLAIN_FILES.values())
+            with output.staged() as folder:
+                write_plain_exports(camera, folder)
+        say("camera", f"files for {', '.join(PLAIN_FILES)} written to {out}")
+        return 0
     device, paths = Layout.load(layout), pictures_in(pictures, lambda line: say("camera", line))
     for path in paths:
         if not is_picture(path):

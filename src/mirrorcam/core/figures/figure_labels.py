@@ -174,6 +174,9 @@ CALIBRATIONS: Mapping[str, str] = {
     "mirror_to_mirror_normal_sigma_deg": "mirror normals to each other, largest \N{GREEK SMALL LETTER SIGMA}",
     "mirror_to_mirror_distance_sigma_mm": "mirror distances to each other, largest \N{GREEK SMALL LETTER SIGMA}",
     "projection_sigma_px": "projected point, \N{GREEK SMALL LETTER SIGMA}, RMS over all views",
+    "projection_apart_from_rotation_sigma_px": (
+        "the same apart from a rotation of the camera, \N{GREEK SMALL LETTER SIGMA}, RMS over the picture"
+    ),
     "projection_against_reference_sigma_px": (
         "projected point against the reference view, \N{GREEK SMALL LETTER SIGMA}, RMS over the other views"
     ),
