@@ -38,7 +38,8 @@ class CalibrationRequest(Value):
     camera: Annotated[str | None, Parameter(metavar="NAME|FILE")] = Field(
         default=None,
         description="without mirrors: the camera as in `mirrorcam design`, whose name, body and pupil are kept; with "
-        "--labels: the camera as calibrated (OpenCV, ROS, Kalibr or layout.json), or a published one [default: unknown]",
+        "--labels: the camera as calibrated (OpenCV, ROS, Kalibr or layout.json), or a published one "
+        "[default: unknown]",
     )
     base: tuple[Path, ...] = Field(
         default=(), description="pictures or videos of the board without mirrors, or folders of pictures"
