@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mirrorcam import cli
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.device.board_files import print_board
 from mirrorcam.device.board_print import (
     EDGE_MM,
     FOOTER_MM,
@@ -29,7 +30,7 @@ from mirrorcam.device.board_print import (
     write_board,
 )
 from mirrorcam.optics.geometry.marker_dictionaries import NAMES, modules
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target, save_board
+from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target, load_board, save_board
 from tests.command_line import results
 from tests.hostile_names import ACCEPTED, REFUSED
 from tests.nightly import a_few
@@ -49,6 +50,8 @@ BOARDS = [
         Charuco(cols=cols, rows=rows, square_mm=8.0, marker_mm=6.0, legacy=True, first_marker=7)
         for cols, rows in ((5, 4), (4, 5), (6, 4))
     ),
+    Charuco(cols=5, rows=4, square_mm=8.0, marker_mm=6.0, inverted=True),
+    Checkerboard(cols=5, rows=5, square_mm=7.5, inverted=True),
 ]
 
 
@@ -232,7 +235,7 @@ def test_ink_is_where_the_picture_is_black(board: Checkerboard | Charuco) -> Non
     np.testing.assert_array_equal(inked, picture == 0)
 
 
-@pytest.mark.parametrize("board", BOARDS[:2], ids=["checkerboard", "charuco"])
+@pytest.mark.parametrize("board", [*BOARDS[:2], *BOARDS[-2:]])
 def test_no_polygon_overlaps_or_touches_another_along_an_edge(board: Checkerboard | Charuco) -> None:
     ink = ink_in_board_mm(board)
     assert ink.area == pytest.approx(shapely.union_all(ink).area, rel=1e-12)
@@ -260,3 +263,15 @@ def test_ink_of_an_aprilgrid_is_where_its_picture_is_black() -> None:
     picture = board.image(40)
     y, x = (np.mgrid[: picture.shape[0], : picture.shape[1]] + 0.5) / 4.0
     np.testing.assert_array_equal(shapely.contains_xy(ink_in_board_mm(board), x, y), picture == 0)
+
+
+def test_a_board_of_another_program_is_printed_with_its_board_toml(tmp_path: Path) -> None:
+    (tmp_path / "charuco.toml").write_text(
+        'columns = 5\nrows = 4\ndictionary = "DICT_4X4_50"\nsquare_size_override_cm = 3.0\ninverted = true\n'
+    )
+    printed_board = print_board(tmp_path / "page" / "mine.pdf", tmp_path / "charuco.toml")
+    assert printed_board.description == tmp_path / "page" / "mine.toml"
+    assert load_board(printed_board.description) == load_board(tmp_path / "charuco.toml")
+    again = print_board(tmp_path / "again.pdf", printed_board.description)
+    assert again.description == printed_board.description
+    assert not (tmp_path / "again.toml").exists()

@@ -43,7 +43,6 @@ MAX_UNEXPLAINED_RATIO = 0.7  # of the variances unexplained with and without mot
 SAMPLE_CORNERS = 20  # approximate number of corners used to measure blur and to detect motion blur
 MIN_BLUR_PX, SHARP_PX = 0.4, 0.75  # sigma of edges: lowest estimate, and below which interpolation does not hold
 SOFTENING_PX = 1.0  # sigma of the blur applied to sharp or sharpened pictures
-SOFTENED_NOISE = 2.0 * np.sqrt(np.pi) * SOFTENING_PX  # factor by which it reduces white noise, but no smooth mean of it
 MAX_BLUR_CHANGE, MAX_BLUR_ROUNDS = 1.2, 5  # ratio of two estimates that counts as the same blur; largest number of them
 # Limits relative to the board's median: standard deviation, and unexplained variance with an offset.
 MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED_OFFSET = 2.5, 3.0, 0.01
@@ -115,16 +114,16 @@ def _visible_corners(
         return Corners.empty()
     expected = warp.expected(corners[ids], corner_pixels[ids])
     typical = expected.where(np.arange(len(ids)) % max(len(ids) // SAMPLE_CORNERS, 1) == 0)
-    blur_px, noise_gain = _measured_blur_px(picture, typical, replace(rough, rough=False)), 1.0
+    blur_px = _measured_blur_px(picture, typical, replace(rough, rough=False))
     if blur_px < min(SHARP_PX, rough.blur_px / MAX_BLUR_CHANGE):
         # The rough refinement samples the picture too sparsely: its corners are off by up to a pixel, and not smooth.
         ids, expected = grown_ids, warp.expected(corners[grown_ids], corner_pixels[grown_ids])
         picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENING_PX), dtype=np.float32)
-        rough, noise_gain = replace(rough, blur_px=float(np.hypot(blur_px, SOFTENING_PX))), SOFTENED_NOISE
+        rough = replace(rough, blur_px=float(np.hypot(blur_px, SOFTENING_PX)))
     fine = replace(rough, rough=False, motion=_is_blurred_by_motion(picture, typical, rough))
     ids, refined = _confirmed(picture, ids, expected, fine, mirrored=mirrored)
     valid = _similar_contrast(corners[ids], refined.contrast) & _typical_quality(refined)
-    board = Corners(ids.astype(np.int64), refined.pixels, noise_gain * refined.sigma_px).where(valid)
+    board = Corners(ids.astype(np.int64), refined.pixels, refined.sigma_px).where(valid)
     return board.where(on_smooth_surface(corners[board.ids], board.pixels, target.longest_step))
 
 

@@ -25,7 +25,10 @@ class CalibrationRequest(Value):
     Without a layout and a direct view, the pictures are of a camera without mirrors.
     """
 
-    board: Path | None = Field(default=None, description="board.toml of the target (or --labels)")
+    board: Path | None = Field(
+        default=None,
+        description="board.toml, or the file of Anipose, caliscope or Kalibr that describes the board (or --labels)",
+    )
     layout: Path | None = Field(
         default=None,
         description="layout.json of the design, to start from; without it and --direct-view, no mirrors are expected",

@@ -75,6 +75,20 @@ def test_a_board_that_the_camera_sharpened_is_found() -> None:
     assert rms(corners.pixels - seen(PLAIN.corners_in_board_mm, DIRECT_POSE, None)[corners.ids]) < 0.1
 
 
+@pytest.mark.parametrize("square_mm", [30.0, 40.0])
+@pytest.mark.parametrize("amount", [0.0, 3.0, 8.0])
+def test_large_squares_are_found_exactly_however_sharp_their_edges_are(amount: float, square_mm: float) -> None:
+    """Cells of 40 to 60 px: the samples of the first refinement are farther apart than the edges are wide."""
+    target = Checkerboard(cols=7, rows=6, square_mm=square_mm)
+    pose = posed(target, np.array([5.0, -8.0, 420.0]), np.array([25.0, -30.0, 8.0]), direct=True)
+    soft = render(CAMERA, None, target, pose, blur_px=0.3, noise_grey=1.0).astype(np.float64)
+    overshot = soft + amount * (soft - cv2.GaussianBlur(soft, (0, 0), 2.0))
+    (grid,) = find_checkerboards(np.clip(np.rint(overshot), 0, 255).astype(np.uint8), target)
+    (corners,) = grid.numberings(target, mirrored=False)
+    assert len(corners) == 30
+    assert rms(corners.pixels - seen(target.corners_in_board_mm, pose, None)[corners.ids]) < 0.03
+
+
 @pytest.mark.parametrize("name", ["sharp_checkerboard_missed", "fisheye_checkerboard"])
 def test_photographed_boards_are_found_where_opencv_finds_them(name: str) -> None:
     folder = Path(__file__).parents[5] / "shared" / "data" / "tried" / name
@@ -249,6 +263,31 @@ def test_all_corners_are_found_under_strong_distortion(*, flipped: bool) -> None
     off = min(float(np.abs(one.pixels - truth[one.ids]).max()) for one in numberings)
     assert off < 0.5
     assert len(grid) == 24
+
+
+def test_two_boards_are_found_under_strong_distortion() -> None:
+    shown = [through_fisheye(flipped=flipped)[0] for flipped in (False, True)]
+    together = np.concatenate(shown, axis=1)
+    grids = find_checkerboards(together, UPRIGHT)
+    assert [len(grid) for grid in grids] == [24, 24]
+    assert sorted(float(grid.corners.pixels[:, 0].mean()) > SIZE for grid in grids) == [False, True]
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_an_inverted_board_is_numbered_as_its_corners_are(*, mirrored: bool) -> None:
+    """With an odd number of columns and rows, no turn of the other print looks the same."""
+    target = Checkerboard(cols=9, rows=7, square_mm=18.0, inverted=True)
+    layout = one_mirror() if mirrored else None
+    place = np.array([0.0, 330.0, 80.0]) if mirrored else np.array([5.0, -8.0, 330.0])
+    pose = posed(target, place, np.array([12.0, -10.0, 8.0]), direct=not mirrored)
+    picture = render(CAMERA, layout, target, pose, noise_grey=1.0)
+    (grid,) = find_checkerboards(picture, target)
+    truth = seen(target.corners_in_board_mm, pose, layout)
+    numberings = grid.numberings(target, mirrored=mirrored)
+    assert min(rms(corners.pixels - truth[corners.ids]) for corners in numberings) < 0.05
+    assert not grid.numberings(target.replaced(inverted=False), mirrored=mirrored)
+    assert len(confirm(picture, truth, target)) == 48
+    assert not len(confirm(picture, truth, target.replaced(inverted=False)))
 
 
 def test_a_board_that_is_partly_hidden_or_of_another_size_is_not_complete() -> None:

@@ -231,11 +231,13 @@ def test_the_other_pattern_is_named(cols: int, rows: int, *, mirrored: bool) -> 
     a_few(
         4,
         [
+            sized(7, 5).replaced(inverted=True),
             sized(6, 6).replaced(legacy=True),
             sized(5, 8).replaced(legacy=True, first_marker=30),
             sized(8, 6).replaced(dictionary="DICT_APRILTAG_36h11", first_marker=500),
             sized(7, 5).replaced(dictionary="DICT_ARUCO_ORIGINAL"),
             sized(7, 5).replaced(dictionary="DICT_7X7_50"),
+            sized(8, 6).replaced(inverted=True, legacy=True, first_marker=10),
         ],
     ),
     ids=lambda board: f"{board.dictionary} {board.cols} x {board.rows}",
