@@ -24,6 +24,7 @@ from mirrorcam.core.values import Metric
 from mirrorcam.designs.design_files import DesignRequest
 from mirrorcam.designs.sweep_files import SweepRequest
 from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CameraProfile
 from mirrorcam.optics.geometry.layout import Layout
@@ -39,6 +40,7 @@ from mirrorcam.simulation.render_request import PosesFile
 FOLDER = Path(__file__).with_name("schemas")
 FILES: dict[str, Any] = {
     "board": Target,
+    "calibrated_camera": CalibratedCamera,
     "camera": Camera,
     "camera_profile": CameraProfile,
     "dataset": Dataset,

@@ -24,6 +24,7 @@ from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
+from mirrorcam.optics.calibration.diagnostics.consistency import repeated_frames
 from mirrorcam.optics.calibration.diagnostics.nested_models import joint_model
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
 from mirrorcam.optics.calibration.pupil_estimate import BoardPictures
@@ -184,7 +185,9 @@ def first_camera(
     InputError
         If too few pictures show the board, or they do not determine the camera.
     """
-    views = [Corners(rows.corner, rows.pixels) for rows in frames if len(rows) >= MIN_CORNERS]
+    repeats = repeated_frames(frames)
+    different = [rows for number, rows in enumerate(frames) if len(rows) >= MIN_CORNERS and number not in repeats]
+    views = [Corners(rows.corner, rows.pixels) for rows in different]
     rows = Observations.join(
         [Observations.of_view(frame, -1, view.ids, view.pixels) for frame, view in enumerate(views)]
     )

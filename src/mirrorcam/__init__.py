@@ -26,6 +26,7 @@ __all__ = [
     "SetRequest",
     "build_parts",
     "calibrate",
+    "calibrate_camera",
     "design",
     "estimate_depth",
     "open_light_field",
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from mirrorcam.core.images.pictures import read_image
     from mirrorcam.optics.calibration.calibration import calibrate
     from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
+    from mirrorcam.optics.calibration.plain_camera import calibrate_camera
     from mirrorcam.optics.design.optimise import design
     from mirrorcam.optics.geometry.camera import Camera
     from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -71,6 +73,7 @@ else:
         "SetRequest": "render_scenes.sets.set_request",
         "build_parts": "cad.build",
         "calibrate": "optics.calibration.calibration",
+        "calibrate_camera": "optics.calibration.plain_camera",
         "design": "optics.design.optimise",
         "estimate_depth": "optics.light_field.depth.estimate",
         "open_light_field": "optics.light_field.io.formats.registry",

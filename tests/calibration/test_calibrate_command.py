@@ -6,22 +6,27 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from mirrorcam import cli
 from mirrorcam.core.disk.output_folder import results_folder
 from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, default_board, save_board
+from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, default_board, save_board
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
 from tests.command_line import assert_refused_here
 from tests.optics.calibration.sound_calibration import nominal_layout, sound_calibration
 from tests.optics.layouts import faceted_parabola
+from tests.optics.synthetic import posed
 
 EITHER = "expected --layout FILE, or --direct-view N"
 
@@ -145,3 +150,50 @@ def test_a_layout_of_four_mirrors_for_a_device_of_six_ends_with_1(
     metrics = json.loads((tmp_path / "out" / "metrics.json").read_text(encoding="utf-8"))
     assert metrics["alarms"]["value"] >= 1
     assert metrics["frames_with_unknown_mirrors"]["value"] == 7
+
+
+def board_picture(board: Checkerboard, pose: FloatArray) -> NDArray[np.uint8]:
+    """A picture of a board by a pinhole camera of 640 x 480 px, by its homography."""
+    per_square = 40
+    sheet = cv2.copyMakeBorder(board.image(per_square), 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=255)
+    mm_per_px = board.square_mm / per_square
+    # The middle of the sheet's pixel (40, 40) is half a pixel inside the print's outer corner.
+    board_from_sheet = np.array([[mm_per_px, 0, -39.5 * mm_per_px], [0, mm_per_px, -39.5 * mm_per_px], [0, 0, 1]])
+    matrix = np.array([[600.0, 0, 319.5], [0, 600.0, 239.5], [0, 0, 1]])
+    homography = matrix @ pose[:3, [0, 1, 3]] @ board_from_sheet
+    grey = cv2.warpPerspective(sheet, homography, (640, 480), flags=cv2.INTER_AREA, borderValue=128)
+    return np.asarray(cv2.GaussianBlur(grey, (0, 0), 0.7), dtype=np.uint8)
+
+
+def test_a_camera_without_mirrors_is_calibrated_from_its_pictures(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    board, random = Checkerboard(cols=8, rows=5, square_mm=20.0), np.random.default_rng(2)
+    save_board(tmp_path / "board.toml", board)
+    for number in range(8):
+        centre = np.array([*random.uniform(-45.0, 45.0, 2), random.uniform(220.0, 320.0)])
+        pose = posed(board, centre, random.uniform(-30.0, 30.0, 3), direct=True)
+        write_image(tmp_path / "pictures" / f"{number}.png", board_picture(board, pose))
+    box = ((-20.0, -15.0, -10.0), (20.0, 15.0, 3.0))
+    nominal = Camera(width_px=640, height_px=480, fx_px=500.0, fy_px=500.0, cx_px=320.0, cy_px=240.0, body_mm=box)
+    (tmp_path / "nominal.json").write_text(nominal.model_dump_json())
+    options = "--board board.toml --model joint --camera nominal.json --out mine"
+    code = cli.main(["calibrate", "pictures", *options.split()])
+    printed = capfd.readouterr().out
+    assert code in (0, 1), printed
+    assert {path.name for path in (tmp_path / "mine").iterdir()} >= {"camera.json", "report.html", "corners.csv"}
+    camera = CalibratedCamera.load(tmp_path / "mine" / "camera.json").camera
+    assert (camera.fx_px, camera.cx_px) == (pytest.approx(600.0, rel=0.01), pytest.approx(319.5, abs=6.0))
+    assert camera.body_mm == box
+    assert "Uncertainty of the camera" in (tmp_path / "mine" / "report.html").read_text()
+    assert cli.main(["camera", "export", "mine/camera.json", "--out", "exported"]) == 0
+    exported = cv2.FileStorage(str(tmp_path / "exported" / "opencv.yaml"), cv2.FILE_STORAGE_READ)
+    matrix = exported.getNode("views").at(0).getNode("camera_matrix").mat()
+    np.testing.assert_allclose(matrix, camera.matrix)
+    capfd.readouterr()
+    few = ["calibrate", "pictures/0.png", "pictures/1.png", "--board", "board.toml", "--out", "few"]
+    assert_refused_here(few, capfd, "seen in 2 different views, expected 3 or more")
+    same = ["calibrate", "pictures/0.png", "pictures/0.png", "pictures/0.png", "--board", "board.toml", "--out", "same"]
+    assert_refused_here(same, capfd, "seen in 1 different view, expected 3 or more")
+    assert_refused_here(["camera", "export", "mine/camera.json", "--pictures", "pictures"], capfd, "needs a layout")

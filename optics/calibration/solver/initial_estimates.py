@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
@@ -62,7 +63,10 @@ def intrinsics(
         If there are fewer than three views, or they do not determine the camera.
     """
     if len(views) < MIN_VIEWS:
-        raise InputError(f"{len(views)} pictures show the board, expected {MIN_VIEWS} or more to estimate the camera")
+        raise InputError(
+            f"the board is seen in {count_text(len(views), 'different view')}, expected {MIN_VIEWS} or more to "
+            "estimate the camera"
+        )
     flags = 0 if full_distortion else cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
     objects = [corners_in_board_mm[view.ids].astype(np.float32) for view in views]
     images = [view.pixels.astype(np.float32)[:, None] for view in views]

@@ -117,6 +117,8 @@ def _tiles(calibration: Calibration) -> list[Tile]:
             normal = float(np.max(diagnostics.mirrors.normal_deg))
             tiles.append(Tile(f"{figure_text(normal, 2)}°", f"{SIGMA} of the least certain mirror normal"))
         if diagnostics.next_picture is not None:
+            _, focal_px, focal_sigma_px = _camera_rows(calibration)[0]
+            tiles.append(Tile(f"{focal_px} ± {focal_sigma_px} px", "focal length fx"))
             sigma_px = figure_text(diagnostics.next_picture.sigma_px, 2)
             tiles.append(Tile(f"{sigma_px} px", f"projection {SIGMA}, RMS over the picture"))
         depth = float(np.interp(diagnostics.range_mm, diagnostics.depth.range_mm, diagnostics.depth.total_mm))
@@ -149,7 +151,10 @@ def _cards(calibration: Calibration, views: Sequence[ViewFigures]) -> dict[str, 
         if direct
         else None,
         "coverage": Card(
-            coverage_map(calibration.layout, views), "Number of corners per cell, and the coverage of every view."
+            coverage_map(calibration.layout, views),
+            "Number of corners per cell, and the coverage of every view."
+            if calibration.layout.mirrors
+            else f"Number of corners per cell; corners fill {views[0].coverage:.0%} of the picture.",
         ),
         "distances": Card(board_distances(views), "Distance of the board, a dot per frame."),
         "turns": Card(board_tilts(calibration), f"{tilt_caption}."),
@@ -214,10 +219,11 @@ def _projection(calibration: Calibration, diagnostics: Diagnostics, views: Seque
         ),
     ):
         max_sigma = float(np.max(np.concatenate(values)))
+        medians = "medians" if diagnostics.mirrors is not None else f"the median is {np.median(values[0]):.2g} px"
         cards.append(
             Card(
                 projection_sigmas(calibration.layout, views, maps, values, max_sigma, name=f"sigma-{name}"),
-                f"{SIGMA} px {description}, {diagnostics.range_mm:.0f} mm away: medians; the strongest colour is "
+                f"{SIGMA} px {description}, {diagnostics.range_mm:.0f} mm away: {medians}; the strongest colour is "
                 f"{max_sigma:.2g} px.{suffix}",
             )
         )
@@ -278,7 +284,7 @@ def _worst_views(calibration: Calibration, views: Sequence[ViewFigures]) -> list
     return [
         Card(
             view_with_residuals(calibration, view, f"worst-{number}"),
-            f"{calibration.picture_names[view.frame]}, {names[view.view]}",
+            f"{calibration.picture_names[view.frame]}{', ' + names[view.view] if len(views) > 1 else ''}",
         )
         for number, view in enumerate(calibration.worst_views)
     ]
@@ -334,7 +340,10 @@ def _amount(name: str, value: float, unit: str) -> str:
 
 def camera_table(calibration: Calibration) -> Table:
     """The intrinsics of the camera and its pupil with their sigmas."""
-    return Table(("Number", "Value", SIGMA), [*_camera_rows(calibration), *_pupil_rows(calibration)], FIGURES)
+    rows = _camera_rows(calibration)
+    if calibration.layout.mirrors or calibration.layout.camera.aperture_mm > 0.0:  # else nothing is known of the pupil
+        rows += _pupil_rows(calibration)
+    return Table(("Number", "Value", SIGMA), rows, FIGURES)
 
 
 def _camera_rows(calibration: Calibration) -> list[list[str]]:

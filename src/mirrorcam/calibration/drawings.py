@@ -198,7 +198,8 @@ def coverage_map(layout: Layout, views: Sequence[ViewFigures]) -> str:
         parts.append("</g>")
     parts.append(_outlines(mirrors, window))
     parts.append(_tags(mirrors, window, label=lambda view: f"{view.name}: {view.coverage:.0%}"))
-    parts.append(_corners_legend(max_value, window.height + 10))
+    counts = {0, 1, (max_value + 1) // 2, max_value} if layout.mirrors else {0, 1, max_value}
+    parts.append(_corners_legend(counts, window.height + 10))
     return drawing(width, window.height + 30, "".join(parts), "Coverage of every view by corners")
 
 
@@ -206,12 +207,12 @@ def _corners_shade(count: int, max_value: int, style: str = "cell") -> str:
     return f'class="{style}" fill-opacity="{0.12 + 0.75 * count / max_value:.2f}"' if count else f'class="{style} none"'
 
 
-def _corners_legend(max_value: int, top: float) -> str:
+def _corners_legend(counts: set[int], top: float) -> str:
     """Swatches of cells: without a corner, with one corner, and up to the largest count."""
     parts, x = [], 2.0
-    for count in sorted({0, 1, (max_value + 1) // 2, max_value}):
+    for count in sorted(counts):
         parts.append(f'<rect x="{coordinate(x)}" y="{coordinate(top)}" width="24" height="14" ')
-        parts.append(f"{_corners_shade(count, max_value, 'key')}/>")
+        parts.append(f"{_corners_shade(count, max(counts), 'key')}/>")
         label = "no corner in the cell" if count == 0 else count_text(count, "corner")
         parts.append(text(x + 31, top + 12, label, anchor="start", style="tick"))
         x += 60 + 7.5 * len(label)
@@ -277,7 +278,7 @@ def board_distances(views: Sequence[ViewFigures]) -> str:
         text(
             (x.start + x.end) / 2,
             bottom + 42,
-            "distance from the virtual camera, or from the camera, mm",
+            "distance from the virtual camera, or from the camera, mm" if len(views) > 1 else "distance, mm",
             style="name",
         )
     )

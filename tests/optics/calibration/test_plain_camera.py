@@ -46,7 +46,7 @@ NOISE_PX = 0.05
 def pictures(
     truth: Camera, count: int = 12, *, tilt_deg: float = 30.0, seed: int = 0, board_mm: FloatArray = CORNERS_MM
 ) -> list[Observations]:
-    """Corners of boards at two to three distances, as frame 0 each; `board_mm` are the printed ones."""
+    """Corners of boards over the picture, as frame 0 each; `board_mm` are the corners as printed."""
     random, frames = np.random.default_rng(seed), []
     half = np.array([truth.width_px, truth.height_px]) / truth.fx_px / 2.0
     target = _Printed(board_mm)
@@ -151,7 +151,7 @@ def test_one_pose_does_not_determine_a_camera() -> None:
 
 
 def test_two_pictures_are_too_few() -> None:
-    with pytest.raises(InputError, match="2 pictures show the board, expected 3 or more"):
+    with pytest.raises(InputError, match="seen in 2 different views, expected 3 or more"):
         calibrated(pictures(WEBCAM, 2), WEBCAM)
 
 

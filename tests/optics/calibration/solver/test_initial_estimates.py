@@ -54,7 +54,7 @@ def test_intrinsics_are_those_that_projected_the_corners() -> None:
     views = [seen(pose) for pose in direct_poses(BOARD, 8, tilt_deg=30.0, seed=0)]
     found = intrinsics(views, CORNERS, width_px=CAMERA.width_px, height_px=CAMERA.height_px, full_distortion=False)
     np.testing.assert_allclose(found.intrinsics[:4], CAMERA.intrinsics[:4], atol=0.05)
-    with pytest.raises(InputError, match="2 pictures show the board, expected 3 or more"):
+    with pytest.raises(InputError, match="seen in 2 different views, expected 3 or more"):
         intrinsics(views[:2], CORNERS, width_px=1920, height_px=1080, full_distortion=False)
 
 
