@@ -10,6 +10,7 @@ from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_bytes, read_model, tables_of, write_text
 from mirrorcam.core.values import Metric, Value
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import CALIBRATED_SCHEMA
 from mirrorcam.optics.geometry.layout import Layout, Uncertainty
 
 
@@ -64,4 +65,4 @@ def is_calibrated_camera(path: AnyPath) -> bool:
     """Whether a file holds a calibrated camera, by its schema; raises InputError if it cannot be read."""
     file = path_of("path", path)
     tables = tables_of(file, read_bytes(file, LARGEST_LAYOUT_BYTES))
-    return isinstance(tables, dict) and tables.get("schema") == "mirrorcam.camera/1"
+    return isinstance(tables, dict) and tables.get("schema") == CALIBRATED_SCHEMA

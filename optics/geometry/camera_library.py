@@ -14,7 +14,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, model_validator
 
 from mirrorcam.core.bounds import DEPTH_OR_INF_MM, Bounds
-from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, keys_of, model_of, read_bytes
+from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, keys_of, model_from, model_of, read_bytes, tables_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import Line, Name
@@ -23,6 +23,8 @@ from mirrorcam.optics.geometry.camera import SENSOR_PX, Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody, ViewAngle
 
 CAMERAS = Path(__file__).parent / "cameras"
+CALIBRATED_SCHEMA = "mirrorcam.camera/1"
+"""Schema of `CalibratedCamera`."""
 MAX_DISAGREEMENT = 0.03
 """Largest relative difference between a published figure and the figure of the optics."""
 _PIXEL_UM = Bounds(0.1, 100.0)
@@ -216,10 +218,9 @@ def read_camera(name: str) -> Camera:
         return named_camera(name)
     path = _path(name, ".toml", ".json")
     raw = read_bytes(path, LARGEST_TEXT_BYTES)
-    if "camera" in keys_of(path, raw):
-        from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera  # it imports this module
-
-        return model_of(CalibratedCamera, path, raw).camera
+    tables = tables_of(path, raw)
+    if isinstance(tables, dict) and tables.get("schema") == CALIBRATED_SCHEMA:
+        return model_from(Camera, path, tables.get("camera"))
     return model_of(CameraProfile, path, raw).camera if _is_profile(path, raw) else model_of(Camera, path, raw)
 
 

@@ -156,9 +156,10 @@ def grid_points(layout: Layout, view: int, range_mm: float) -> tuple[FloatArray,
     """
     pixels = grid_px(layout, view)
     points = points_at_pixels(layout, view, pixels, range_mm)
-    defined = np.isfinite(points).all(axis=1)
-    defined[defined] = np.isfinite(project_points(layout, view, points[defined]).pixels).all(axis=1)
-    return pixels[defined], points[defined]
+    seen = np.isfinite(points).all(axis=1)
+    pixels, points = pixels[seen], points[seen]
+    seen = np.isfinite(project_points(layout, view, points).pixels).all(axis=1)
+    return pixels[seen], points[seen]
 
 
 def derivatives_in_reference(layout: Layout, reference: int, points_in_rig: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from shapely import Polygon
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import (
     FOLD_90_VIEW_FROM_RIG,
@@ -173,7 +174,8 @@ def _with(data: dict[str, Any], path: list[Any], value: Any) -> dict[str, Any]:
         ),
         (["kind"], "measured", "kind: Input should be 'nominal', 'as-built' or 'calibrated'"),
         (["rows"], 2, "9 mirrors, expected rows x cols = 6"),
-        (["rows"], 0, "rows: Input should be greater than or equal to 1"),
+        (["rows"], -1, "rows: Input should be greater than or equal to 0"),
+        (["rows"], 0, "9 mirrors, expected rows x cols = 0"),
         (["mirrors"], [], "0 mirrors, expected rows x cols = 9"),
         (
             ["mirrors", 4, "virtual_centre_in_rig_mm"],
@@ -300,3 +302,11 @@ def test_boards_come_before_the_design_and_the_range_holds_both(parabola_layout:
     assert working_distance_mm(plain) == working_distance_mm(calibrated) == 100.0
     assert working_range_mm(plain) == pytest.approx((70.0, 140.0))
     assert working_range_mm(calibrated) == pytest.approx((70.0, high))
+
+
+def test_a_layout_without_mirrors_is_no_layout_file(tmp_path: Path) -> None:
+    bare = Layout.bare(Camera.c920())
+    assert bare.mirrors == () and bare.virtual_centres_in_rig_mm.shape == (0, 3)
+    bare.save(tmp_path / "layout.json")
+    with pytest.raises(InputError, match="no mirrors, expected a layout with 1 x 1 or more"):
+        Layout.load(tmp_path / "layout.json")
