@@ -54,8 +54,6 @@ INVERSE_FOCUS_SIGMA = 0.002
 """Prior standard deviation of 1 / focus about the value of the layout's camera, 1/mm."""
 LENS_PX2 = 1.0, 1.0
 """Prior mean of the variance of lens and pixel blur, and its prior standard deviation."""
-MUCH_BETTER = 0.5
-"""Grey levels count as encoded if the relative error of the squared aperture is then less than this times as large."""
 MIN_BORDERS = 6
 STEPS = 30
 OUTLIER_SIGMAS = 4.0
@@ -101,7 +99,7 @@ def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target
     """
     lights = border_light(layout, frames, target)
     fit, decoded = fit_pupil(layout, lights), fit_pupil(layout, [light.from_srgb() for light in lights])
-    encoded = decoded is not None and (fit is None or decoded.relative_sigma < MUCH_BETTER * fit.relative_sigma)
+    encoded = decoded is not None and (fit is None or decoded.relative_sigma < fit.relative_sigma)
     fit, trial = decoded if encoded else fit, layout
     for _ in range(PASSES - 1):
         if fit is not None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.calibration.validation import LIMITS, Validation, decoded_metrics, mirror_errors
+from mirrorcam.calibration.error_bounds import REQUIRED, bounded, mirror_bounds
+from mirrorcam.calibration.validation import Validation, decoded_metrics, mirror_errors
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_labels import LABELS
 from mirrorcam.core.values import Metric
+from mirrorcam.optics.calibration.diagnostics.calibration_result import tilted_to
+from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.calibration.sound_calibration import sound_calibration
 
@@ -54,4 +57,35 @@ def test_a_validation_without_decoded_corners_fails_with_the_reason() -> None:
 
 
 def test_every_check_has_a_label() -> None:
-    assert set(LIMITS) - set(LABELS) == set()
+    assert set(REQUIRED) - set(LABELS) == set()
+
+
+def test_limits_follow_from_the_stated_covariance() -> None:
+    layout = sound_calibration().layout
+    bounds = mirror_bounds(layout)
+    narrow = layout.replaced(uncertainty=layout.uncertainty.replaced(covariance=0.25 * layout.uncertainty.covariance))
+    for name, (sigma, factor) in mirror_bounds(narrow).items():
+        assert (sigma, factor) == pytest.approx((0.5 * bounds[name][0], bounds[name][1]), rel=1e-9)
+    metrics = {name: Metric(value=2.0 * sigma, unit="1") for name, (sigma, _) in bounds.items()}
+    assert all(metric.passed for metric in bounded(metrics, bounds).values())
+    assert not bounded(metrics, {name: (sigma / 4.0, factor) for name, (sigma, factor) in bounds.items()})[
+        "distance_error_max_mm"
+    ].passed
+
+
+def test_errors_within_the_covariance_are_within_the_limits_as_often_as_stated() -> None:
+    layout = sound_calibration().layout
+    covariance = mirror_covariance(layout.uncertainty)
+    random = np.random.default_rng(3)
+    root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(len(covariance)))
+    limits = {name: sigma * factor for name, (sigma, factor) in mirror_bounds(layout).items()}
+    worst = dict.fromkeys(limits, 0.0)
+    for _ in range(200):
+        moved = layout.virtual_centres_in_rig_mm.reshape(-1, 3) + (root @ random.standard_normal(len(root))).reshape(
+            -1, 3
+        )
+        mirrors = [tilted_to(mirror, centre) for mirror, centre in zip(layout.mirrors, moved, strict=True)]
+        found = mirror_errors(layout.replaced(mirrors=tuple(mirrors)), layout)
+        worst = {name: max(worst[name], found[name].value) for name in limits}
+    for name, limit in limits.items():
+        assert 0.5 * limit < worst[name] < 1.2 * limit, name

@@ -178,6 +178,7 @@ def report(small_layout: Layout) -> Report:
         frames=20,
         base_frames=10,
         as_built="each was tilted",
+        sensor="The lens has colour fringes.",
         checks={"seat_error_mm": Metric(value=0.0001, unit="mm", limit=0.001)},
         truth={
             "normal_error_max_deg": Metric(value=0.00412, unit="deg", limit=0.02),

@@ -11,9 +11,7 @@ variance (Lange, Little and Taylor 1989, "Robust statistical modeling using the 
 
 A ghost image, an asymmetric blur, a lens whose focus drifts, or a board that sags differently each time causes similar
 errors in many corners, which then carry less information than their number suggests. The scores of entire frames reveal
-this (Liang and Zeger 1986, "Longitudinal data analysis using generalized linear models"). So do the scores of each
-corner of the board over all frames: by a tone curve or sharpening, what is printed beside a corner shifts it in every
-picture. Both add up (Cameron, Gelbach and Miller 2011, "Robust inference with multiway clustering").
+this (Liang and Zeger 1986, "Longitudinal data analysis using generalized linear models").
 """
 
 from __future__ import annotations
@@ -146,41 +144,34 @@ def _terms(pixels: FloatArray) -> FloatArray:
 class CorrelatedErrors:
     """Spread of the parameters relative to independent errors.
 
-    Errors common to all corners of all frames do not affect it.
+    Errors common to all frames do not affect it.
 
     Attributes
     ----------
     ratio
-        Rms in sigmas, by the scores of frames; 1 on average for independent errors.
+        Rms in sigmas; 1 on average for independent errors.
     chance
         Probability of a larger ratio for independent errors.
-    corner_ratio, corner_chance
-        The same by the scores of the board's corners.
     """
 
     ratio: float
     chance: float
-    corner_ratio: float = 1.0
-    corner_chance: float = 1.0
 
     @property
     def inflation(self) -> float:
-        """Factor by which standard deviations are too small; ratios count if significant."""
-        pairs = (self.ratio, self.chance), (self.corner_ratio, self.corner_chance)
-        excess = (ratio**2 - 1.0 for ratio, chance in pairs if ratio > 1.0 and chance < SIGNIFICANT_CHANCE)
-        return float(np.sqrt(1.0 + sum(excess)))
+        """Factor by which standard deviations are too small: the ratio if significant, else 1."""
+        return max(self.ratio, 1.0) if self.chance < SIGNIFICANT_CHANCE else 1.0
 
 
 def correlated_errors(solution: Solution, observations: Observations, model: Model) -> CorrelatedErrors:
-    """Compare scores with their expectation for independent errors of the inliers: of frames, and of board corners.
+    """Compare the scores of entire frames with their expectation for independent errors of the inliers.
 
     Residuals r and their derivatives are standardised. G holds the derivatives with respect to the free global
     parameters, after projecting out the pose and other parameters of the frame; N_f = G_f^T G_f, and N is the sum of
     all N_f and of the lens's priors. At the minimum, independent errors give the scores s_f = G_f^T r_f the covariance
     scale^2 (N_f - N_f N^-1 N_f). In coordinates with N = 1, sum |s_f|^2 / scale^2 thus has the mean sum tr N_f - sum tr
     N_f^2 (the first sum is g without priors) and the variance 2 (sum tr (N_f^2 - 2 N_f^3) + tr (sum N_f^2)^2). Its
-    distribution is approximated by a scaled chi-squared distribution. For the rows of a corner of the board, which are
-    few in each frame, the same holds approximately.
+    distribution is approximated by a scaled chi-squared distribution.
     """
     if solution.sigma_px < NEGLIGIBLE_PX:
         return CorrelatedErrors(1.0, 1.0)
@@ -195,7 +186,6 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     terms = model.frame_terms
     priors, values = np.diag(terms.weights), terms.values(solution.estimate)
     scores, squares = [], []
-    rows_projected = np.zeros((len(rows), 2, len(columns)))
     for frame in np.unique(rows.frame):
         in_frame = rows.frame == frame
         # Priors are separate rows, which the global parameters do not affect.
@@ -205,7 +195,6 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
         projected = d_globals - d_own @ np.linalg.lstsq(d_own, d_globals, rcond=None)[0]
         scores.append(projected.T @ np.concatenate([r[in_frame].ravel(), values[frame]]))
         squares.append(projected.T @ projected)
-        rows_projected[in_frame] = projected[: 2 * in_frame.sum()].reshape(-1, 2, len(columns))
     information, lens = np.sum(squares, axis=0), np.zeros(len(columns))
     lens[: len(model.intrinsics)] = model.intrinsic_priors(solution.estimate.camera)
     information += np.diag(lens**2)
@@ -214,22 +203,14 @@ def correlated_errors(solution: Solution, observations: Observations, model: Mod
     # A direction that only a prior determines, such as the common rotation of two mirrors, has no score.
     determined = values > len(values) * np.finfo(float).eps * values[-1]
     white = scale[:, None] * vectors[:, determined] / np.sqrt(values[determined])
-    of_frames = _compared(np.array(scores) @ white / solution.scale, white.T @ np.array(squares) @ white)
-    white_rows = rows_projected @ white
-    scores, squares = [], []
-    for corner in np.unique(rows.corner):
-        of_corner = white_rows[rows.corner == corner].reshape(-1, white.shape[1])
-        scores.append(of_corner.T @ r[rows.corner == corner].ravel() / solution.scale)
-        squares.append(of_corner.T @ of_corner)
-    return CorrelatedErrors(*of_frames, *_compared(np.array(scores), np.array(squares)))
-
-
-def _compared(scores: FloatArray, n: FloatArray) -> tuple[float, float]:
-    """Return ratio and chance of scores (c, g) with their expectation, given the information (c, g, g) of each."""
-    squared, n2 = float(np.sum(scores**2)), n @ n
-    mean = float(np.trace(n.sum(axis=0))) - float(np.trace(n2.sum(axis=0)))
+    squared = float(np.sum((np.array(scores) @ white) ** 2)) / solution.scale**2
+    n = white.T @ np.array(squares) @ white
+    n2 = n @ n
+    mean = white.shape[1] - float(np.sum((lens[:, None] * white) ** 2)) - float(np.trace(n2.sum(axis=0)))
     variance = float(np.trace(n2.sum(axis=0) - 2.0 * np.sum(n2 @ n, axis=0))) + float(np.sum(n2.sum(axis=0) ** 2))
-    if mean <= 1e-6 * n.shape[1]:  # one frame, whose score is zero at the minimum
-        return 1.0, 1.0
+    if mean <= 1e-6 * len(columns):  # one frame, whose score is zero at the minimum
+        return CorrelatedErrors(1.0, 1.0)
     degrees_of_freedom = mean**2 / variance
-    return float(np.sqrt(squared / mean)), float(chi2.sf(squared / mean * degrees_of_freedom, degrees_of_freedom))
+    return CorrelatedErrors(
+        float(np.sqrt(squared / mean)), float(chi2.sf(squared / mean * degrees_of_freedom, degrees_of_freedom))
+    )

@@ -64,8 +64,8 @@ class CalibrationRequest(Value):
     )
     field_of_view: tuple[float, float] | None = Field(
         default=None,
-        description="with --labels and a picture: angle of the camera's view across the picture and its standard "
-        "deviation, degrees, as a data sheet states it",
+        description="with --labels and a picture: angle of the camera's view across the picture, 5 to 150 degrees, and "
+        "its standard deviation, as a data sheet states it",
     )
     known_length: tuple[str, str, float] | None = Field(
         default=None,

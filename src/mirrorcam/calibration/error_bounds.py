@@ -11,12 +11,15 @@ import numpy as np
 from scipy.stats import chi2
 
 from mirrorcam.core.values import FloatArray, Metric
+from mirrorcam.optics.calibration.diagnostics.calibration_result import HOLD_OUT_EVERY, Calibration
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import uncertainty_of, worst_sigmas
+from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.geometry.layout import Layout
 
 CHANCE = 1e-3
 """Chance that a right calibration exceeds a limit."""
+POSE_NUMBERS = 6
 REQUIRED = {
     "normal_error_max_deg": 0.1,
     "normal_error_between_mirrors_max_deg": 0.005,
@@ -63,6 +66,39 @@ def mirror_bounds(layout: Layout) -> dict[str, tuple[float, float]]:
         "normal_error_between_mirrors_max_deg": (float(np.degrees(relative.max())), factor(3)),
         "distance_error_max_mm": (float(distance.max()), factor(1)),
     }
+
+
+def corner_bounds(calibration: Calibration, decoded_sigma_px: FloatArray) -> dict[str, tuple[float, float]]:
+    """Bounds of the RMS errors of held-out corners and of corners in decoded views.
+
+    Errors of a frame's corners are correlated, so that a frame counts as the six numbers of a pose.
+
+    Parameters
+    ----------
+    calibration
+        The calibration.
+    decoded_sigma_px
+        Stated standard deviations (n,) of the corners that were found in decoded views.
+    """
+    rows = calibration.observations
+    mirrored = calibration.inliers & (rows.view != DIRECT)
+    corner_px = float(np.sqrt(np.mean(calibration.corner_sigma_px[mirrored] ** 2)))
+    frames = len(np.unique(rows.frame[mirrored]))
+    metrics = calibration.metrics
+    held_out, decoded = (_rms_factor(POSE_NUMBERS * count) for count in (max(frames // HOLD_OUT_EVERY, 1), frames))
+    mm_per_px = metrics["working_distance_mm"].value / calibration.layout.camera.fx_px
+    bounds = {f"held_out_rms_{axis}_px": (corner_px, held_out) for axis in "xy"}
+    bounds["held_out_spatial_rms_mm"] = (np.sqrt(2.0) * corner_px * mm_per_px, held_out)
+    if len(decoded_sigma_px):
+        detected_px = float(np.sqrt(2.0 * np.mean(decoded_sigma_px**2)))
+        projected_px = metrics["projection_against_reference_sigma_px"].value
+        bounds["decoded_corner_rms_px"] = (float(np.hypot(detected_px, projected_px)), decoded)
+    return bounds
+
+
+def _rms_factor(freedom: int) -> float:
+    """Factor on the standard deviation that the RMS of errors with some degrees of freedom exceeds by `CHANCE`."""
+    return float(np.sqrt(chi2.isf(CHANCE, freedom) / freedom))
 
 
 def _relative_tilt_covariances(centres: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -14,12 +14,13 @@ from pydantic import RootModel
 from mirrorcam.calibration.error_bounds import bound_name
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
 from mirrorcam.core.figures.figure_texts import TIMES, label_text, number_word, sentence_case, value_text, values_text
-from mirrorcam.core.html.templates import FigureTable, PageFile, PagePicture, Table, Tile, render
+from mirrorcam.core.html.templates import FigureTable, PageFile, PagePicture, Table, Tile, full_stop, render
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.design.assess.focus import out_of_focus
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.dataset import Dataset
+from mirrorcam.render_scenes.settings import SensorModel
 
 TEMPLATES = Path(__file__).parent
 HEADLINES = {
@@ -40,6 +41,7 @@ class Report:
     frames: int
     base_frames: int
     as_built: str
+    sensor: str
     checks: Mapping[str, Metric]
     truth: Mapping[str, Metric]
     before_after: PagePicture
@@ -103,6 +105,29 @@ def _bound_text(metrics: Mapping[str, Metric], name: str) -> str:
     if bound is None or limit is None:
         return ""
     return f"; the calibration states {value_text(bound, digits=2)}, and at most {value_text(bound, limit, 2)} pass"
+
+
+def sensor_text(sensor: SensorModel) -> str:
+    """Say what of a real lens and sensor the pictures have; empty for an ideal one."""
+    lens = {
+        f"waves of {sensor.lens_waves_px:g} px beyond its model": sensor.lens_waves_px,
+        "a pupil that walks with the angle": sensor.pupil_walk_mm,
+        "colour fringes": sensor.lateral_chromatic_percent,
+    }
+    camera = {
+        "a colour mosaic": sensor.bayer,
+        "noise": sensor.read_noise_grey or sensor.full_well_electrons,
+        "noise reduction": sensor.denoising_grey,
+        "a tone curve": sensor.tone_curve != "linear",
+        "sharpening": sensor.sharpening,
+        "JPEG compression": sensor.jpeg_quality,
+    }
+    parts = [
+        f"{owner} {', '.join(name for name, present in effects.items() if present)}"
+        for owner, effects in (("the lens has", lens), ("the camera adds", camera))
+        if any(effects.values())
+    ]
+    return full_stop("; ".join(parts)) if parts else ""
 
 
 def verdict_text(report: Report) -> str:
@@ -198,6 +223,7 @@ def gather(root: Path, *, command: str, small: bool) -> Report:
             f"each was tilted by {tolerances.tilt_deg:g}° and shifted by {tolerances.offset_mm:g} mm (one standard "
             f"deviation), and the lens deviates from its data sheet"
         ),
+        sensor=sensor_text(dataset.settings.sensor),
         checks=read_metrics(root / "cad" / "checks.json"),
         truth=read_metrics(root / "validation" / "metrics.json"),
         before_after=_picture(

@@ -22,6 +22,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
 from mirrorcam.optics.geometry.targets import default_board
+from mirrorcam.render_scenes.sets.sensor_model import srgb
 from tests.nightly import a_few
 
 PUPIL = Pupil(1.8, 500.0)
@@ -40,6 +41,24 @@ def grid_of(layout: Layout, index: int) -> Observations:
     pixels = np.column_stack([x.ravel(), y.ravel()])
     shown = traced(layout.mirrors[index], layout.camera.normalized_from_pixels(pixels), Pupil(0.0, 500.0)) > 0.0
     return Observations.of_view(0, index, np.arange(int(shown.sum())), pixels[shown])
+
+
+def encoded(light: BorderLight) -> BorderLight:
+    """Return the light as the grey levels of sRGB show it."""
+    white, black = (255.0 * srgb(np.maximum(light.level + sign * light.light, 0.0) / 255.0) for sign in (1.0, -1.0))
+    return BorderLight(light.border, (white - black) / 2.0, light.sigma, (white + black) / 2.0)
+
+
+@pytest.mark.slow
+def test_edges_agree_about_the_pupil_only_in_linear_light(fold_90_layout: Layout) -> None:
+    random, layout = np.random.default_rng(8), with_pupil(fold_90_layout, PUPIL)
+    linear = [light(fold_90_layout, border, PUPIL, random) for border in borders(fold_90_layout)]
+    in_srgb = [encoded(each) for each in linear]
+    for right, wrong in (([each.from_srgb() for each in in_srgb], in_srgb), (linear, [e.from_srgb() for e in linear])):
+        found, other = fit_pupil(layout, right), fit_pupil(layout, wrong)
+        assert found is not None
+        assert found.aperture_mm == pytest.approx(PUPIL.aperture_mm, abs=0.2)
+        assert other is None or found.relative_sigma < other.relative_sigma
 
 
 def test_every_remaining_corner_is_unvignetted_with_a_margin(default_layout: Layout) -> None:
@@ -100,7 +119,8 @@ def test_undetermined_values_of_the_pupil_are_kept(
     expected: tuple[float, float],
     words: str,
 ) -> None:
-    monkeypatch.setattr(pupil_estimate, "_fit_pupil_of", lambda layout, frames, target: seen)
+    monkeypatch.setattr(pupil_estimate, "border_light", lambda layout, frames, target: [])
+    monkeypatch.setattr(pupil_estimate, "fit_pupil", lambda layout, lights: seen)
     found = estimated_pupil(with_pupil(default_layout, PUPIL), [], default_board())
     assert (found.camera.aperture_mm, found.camera.focus_mm) == pytest.approx(expected)
     assert words in found.note
@@ -147,7 +167,8 @@ def light(layout: Layout, border: Border, pupil: Pupil, random: np.random.Genera
     fading = np.linspace(1.0, 0.9, shape[0])[:, None]
     shown = 90.0 * fading * served + random.normal(0.0, NOISE, shape)
     on_sensor = np.isfinite(normalized).all(axis=1).reshape(shape)
-    return BorderLight(border, np.where(on_sensor, shown, np.nan), np.where(on_sensor, NOISE, np.inf))
+    shown, level = (np.where(on_sensor, each, np.nan) for each in (shown, 110.0 * fading * served))
+    return BorderLight(border, shown, np.where(on_sensor, NOISE, np.inf), level)
 
 
 def found(layout: Layout, pupil: Pupil, seed: int, assumed: Pupil) -> PupilFit:
@@ -183,7 +204,7 @@ def test_few_or_dim_borders_determine_nothing(fold_90_layout: Layout) -> None:
     random = np.random.default_rng(5)
     lights = [light(fold_90_layout, border, Pupil(1.8, 500.0), random) for border in borders(fold_90_layout)[:4]]
     assert fit_pupil(fold_90_layout, lights) is None
-    dim = [BorderLight(each.border, 0.02 * each.light, each.sigma) for each in lights] * 3
+    dim = [BorderLight(each.border, 0.02 * each.light, each.sigma, each.level) for each in lights] * 3
     assert fit_pupil(fold_90_layout, dim) is None
 
 

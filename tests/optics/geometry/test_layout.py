@@ -163,7 +163,7 @@ def _with(data: dict[str, Any], path: list[Any], value: Any) -> dict[str, Any]:
     ("path", "value", "message"),
     [
         (["schema"], "mirrorcam.layout/2", "schema: Input should be 'mirrorcam.layout/1'"),
-        (["colour"], "red", "colour: not known, did you mean cols?"),
+        (["cols_"], 3, "cols_: not known, did you mean cols?"),
         (["camera", "skew"], 0.0, "camera.skew: not known"),
         (["camera", "fx_px"], NAN, "camera.fx_px: Input should be a finite number"),
         (["camera", "fx_px"], -3.0, "camera.fx_px: Input should be greater than or equal to 0.001"),

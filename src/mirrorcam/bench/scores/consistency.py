@@ -133,8 +133,8 @@ def _with_lens(view: MatchedView, lens: ParametricProjection, change: FloatArray
 
 
 LEVEL = 0.95
-MIN_RELATIVE_SIGMA = 1e-4
-"""Directions with a sigma below this fraction of the largest are dominated by rounding and linearisation."""
+MIN_SIGMA_PX = 0.1 * NEGLIGIBLE_PX
+"""Directions with a smaller RMS sigma are left out: there rounding and a lens model's resolution matter, not noise."""
 
 
 @dataclass(frozen=True)
@@ -177,8 +177,7 @@ def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
 def _nees_of(predicted: FloatArray, error: FloatArray) -> Nees | None:
     """Return the NEES of errors (2n,) with the covariance P P^T, P (2n, g), in the range of P."""
     directions, sigmas, _ = np.linalg.svd(predicted, full_matrices=False)
-    min_sigma = MIN_RELATIVE_SIGMA * max(NEGLIGIBLE_PX * np.sqrt(len(error)), float(sigmas.max(initial=0.0)))
-    used = sigmas > min_sigma
+    used = sigmas > MIN_SIGMA_PX * np.sqrt(len(error) / 2.0)
     if not used.any():
         return None
     normalised = (directions[:, used].T @ error) / sigmas[used]

@@ -209,13 +209,24 @@ VALIDATIONS: Mapping[str, str] = {
     "pair_turn_deg": "rotation of two mirrors about their line of intersection, against the ground truth, removed",
     "decoded_corner_p95_px": "corners in decoded views, 95 % quantile",
     "decoded_corners": "corners found in decoded views",
+    "normal_error_max_bound_deg": "worst mirror normal, \N{GREEK SMALL LETTER SIGMA} that the calibration states",
+    "normal_error_between_mirrors_max_bound_deg": (
+        "worst mirror normal without the common rotation, \N{GREEK SMALL LETTER SIGMA} that the calibration states"
+    ),
+    "distance_error_max_bound_mm": "worst mirror distance, \N{GREEK SMALL LETTER SIGMA} that the calibration states",
+    "held_out_rms_x_bound_px": "corners in x, \N{GREEK SMALL LETTER SIGMA} that the calibration states",
+    "held_out_rms_y_bound_px": "corners in y, \N{GREEK SMALL LETTER SIGMA} that the calibration states",
+    "held_out_spatial_rms_bound_mm": "corners in space, \N{GREEK SMALL LETTER SIGMA} that the calibration states",
+    "decoded_corner_rms_bound_px": (
+        "corners in decoded views, \N{GREEK SMALL LETTER SIGMA} that detection and calibration state"
+    ),
     "normal_error_max_deg": "worst mirror normal, against the ground truth",
     "normal_error_between_mirrors_max_deg": "worst mirror normal, without the rotation common to all mirrors",
     "distance_error_max_mm": "worst mirror distance, against the ground truth",
     "held_out_rms_x_px": "reprojection error of held-out frames, RMS in x",
     "held_out_rms_y_px": "reprojection error of held-out frames, RMS in y",
     "held_out_spatial_rms_mm": "distance of held-out corners from their viewing rays, RMS",
-    "decoded_corner_rms_px": "corners in decoded views, against a pinhole at the true position, RMS",
+    "decoded_corner_rms_px": "corners in decoded views, without the common rotation, RMS",
 }
 
 LABELS: Mapping[str, str] = {**ASSEMBLY, **LIGHT, **MIRRORS, **PRINTED_PARTS, **DESIGNS, **CALIBRATIONS, **VALIDATIONS}
