@@ -69,8 +69,8 @@ class CalibrationRequest(Value):
     )
     known_length: tuple[str, str, float] | None = Field(
         default=None,
-        description="with --labels: two labels and their distance in mm, or `camera` and a view and the distance of "
-        "that mirror's plane",
+        description="with --labels: two labels and their distance, 0.001 to 100000 mm, or `camera` and a view and the "
+        "distance of that mirror's plane",
     )
     model: Annotated[
         RequestedModel, BeforeValidator(_parsed), Parameter(metavar="MODEL", accepts_keys=False, show_default=False)
