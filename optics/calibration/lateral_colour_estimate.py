@@ -77,12 +77,13 @@ def _fitted(columns: FloatArray, shifts_px: FloatArray) -> tuple[FloatArray, Flo
     """Fit displacements (n, 2) by columns (n, 2, k); return k numbers, zeros unless significant, and their sigmas."""
     used = np.isfinite(shifts_px).all(axis=1)
     count = columns.shape[2]
-    numbers, covariance = np.zeros(count), np.zeros((count, count))
+    numbers: FloatArray = np.zeros(count)
+    covariance: FloatArray = np.zeros((count, count))
     for _ in range(ROUNDS):
         if used.sum() < MIN_CORNERS:
             return np.zeros(count), np.zeros(count)
         matrix, values = columns[used].reshape(-1, count), shifts_px[used].reshape(-1)
-        numbers = np.linalg.lstsq(matrix, values, rcond=None)[0]
+        numbers = np.asarray(np.linalg.lstsq(matrix, values, rcond=None)[0], dtype=np.float64)
         rest = shifts_px - columns @ numbers
         variance = np.mean(rest[used] ** 2)
         covariance = variance * np.linalg.inv(matrix.T @ matrix)
@@ -96,5 +97,5 @@ def colour_pictures(
     pictures: Sequence[tuple[Path, Observations]],
 ) -> Iterable[tuple[Picture, Observations]]:
     """Read some of the pictures, evenly spaced over all, in colour."""
-    chosen = np.unique(np.linspace(0, len(pictures) - 1, MAX_PICTURES).round().astype(int)) if pictures else []
+    chosen = np.unique(np.linspace(0, len(pictures) - 1, MAX_PICTURES).round().astype(int)).tolist() if pictures else []
     return ((read_image(path), rows) for path, rows in (pictures[number] for number in chosen))

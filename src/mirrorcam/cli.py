@@ -64,7 +64,10 @@ COMMANDS = {
         "suite": ("bench.suite_command:suite", "Render the sets of a suite: many cameras, boards and hard cases."),
     },
     "Calibrate": {
-        "calibrate": ("calibration.calibrate_command:calibrate", "Calibrate a device, or a camera without mirrors, from pictures of a board."),
+        "calibrate": (
+            "calibration.calibrate_command:calibrate",
+            "Calibrate a device, or a camera without mirrors, from pictures of a board.",
+        ),
         "compare": ("calibration.compare_command:compare", "Compare two calibrations of one device."),
         "drift": ("calibration.drift_command:drift", "Detect mirrors that moved since the calibration."),
         "validate": ("calibration.validate_command:validate", "Calibrate a rendered set blind, and compare."),

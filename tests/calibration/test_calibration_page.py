@@ -311,6 +311,7 @@ def test_the_page_states_the_uncertainty_that_the_layout_carries(calibration: Ca
     known, diagnostics = calibration.layout.uncertainty, calibration.diagnostics
     assert known is not None
     assert diagnostics is not None
+    assert diagnostics.mirrors is not None
     text = outline(report_html(calibration, command="")).text
     place = known.parameters.index("fx_px")
     assert f"{calibration.layout.camera.fx_px:.3f}{sigma_text(np.sqrt(known.covariance[place, place]))}" in text

@@ -35,6 +35,7 @@ def diagnostics(calibration: Calibration) -> Diagnostics:
 
 
 def test_every_cell_has_its_head(calibration: Calibration, diagnostics: Diagnostics) -> None:
+    assert diagnostics.mirrors is not None
     tables = (
         view_table(view_figures(calibration)),
         mirror_table(calibration),

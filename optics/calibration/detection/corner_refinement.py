@@ -152,7 +152,7 @@ def colour_shifts(picture: Image, expected: ExpectedCorners, appearance: Appeara
     Shifts (c, n, 2) of the corners in each colour from these pixels, px; NaN where a colour shows none.
     """
     patches = Patches.around(expected, SAMPLES, half_cells(appearance.target))
-    planes = [sample(plane, shifted(patches.offsets_px, expected.pixels)) for plane in cv2.split(picture)]
+    planes = [sample(np.asarray(plane), shifted(patches.offsets_px, expected.pixels)) for plane in cv2.split(picture)]
     model = LinearModel.of(expected, patches, appearance, np.mean(planes, axis=0))
     weights = np.tile(patches.centre_weights, (len(expected.print_xy), 1))
     fits = [_Fit.of(greys, model.terms, model.scale, weights) for greys in planes]

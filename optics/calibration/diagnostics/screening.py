@@ -22,9 +22,12 @@ from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import DROP_SIGMAS, minimise, start_robustly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model, prior_of
-from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
+from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
+
+MIN_CORNERS_OF_EACH = 12
+"""Minimum number of observations of each of the board's corners, on average, that determine its error."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +142,9 @@ def _consistent_views(
     numbers = np.unique(mirrored.frame)
     errors = residuals(estimate, renumbered, free.board)
     kept, notes = consistency.consistent_views(renumbered, errors, [names[n] for n in numbers], layout.mirror_names)
+    if renumbered.direct_and_mirrored and len(renumbered) >= MIN_CORNERS_OF_EACH * len(corners_in_board_mm):
+        estimate, free = _with_measured_board(estimate, renumbered, free)
+        errors = residuals(estimate, renumbered, free.board)
     mirrored = with_view_noise(mirrored.where(kept), errors[kept])
     if not len(direct):
         return mirrored, direct, 1.0, notes, ()
@@ -147,6 +153,18 @@ def _consistent_views(
     estimate = estimate.of_frames(remaining)
     ratio, focal_px = _camera_disagreement(estimate, mirrored.renumbered(), direct.renumbered(), layout, free)
     return mirrored, direct, ratio, notes, consistency.drift_note(ratio, focal_px)
+
+
+def _with_measured_board(estimate: Estimate, observations: Observations, model: Model) -> tuple[Estimate, Model]:
+    """Fit each corner of the board; return the estimate and the model with these corners as the drawn ones.
+
+    Errors of a print would otherwise look like noise of the pictures, most of all where the board appears large.
+    """
+    board = Board.free(model.board.corners_in_board_mm)
+    start = replace(estimate, shape=np.zeros(len(board.modes)))
+    fitted, _ = start_robustly(start, observations, replace(model, board=board))
+    measured = Board.rigid(board.shaped(fitted.shape))
+    return replace(fitted, shape=np.zeros(0)), replace(model, board=measured)
 
 
 def _direct_residuals(direct: Observations, camera: Camera, layout: Layout, free: Model) -> FloatArray:

@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress
 from mirrorcam.optics.calibration.detection.board_growing import grow_board
-from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
+from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, corner_print_xy
 from mirrorcam.optics.calibration.detection.charuco import find_marked_boards as find_with_markers
-from mirrorcam.optics.calibration.detection.checkerboard import Grey, confirm, find_checkerboards, non_collinear
+from mirrorcam.optics.calibration.detection.checkerboard import (
+    SOFTENED_PX,
+    Grey,
+    confirm,
+    find_checkerboards,
+    non_collinear,
+)
 from mirrorcam.optics.calibration.detection.detections import DetectedGrid
 from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.direct.direct_start import NumberedBoard, Start, first_direct_estimate
@@ -22,11 +29,16 @@ from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, 
 
 MAX_FLIPPED = 0.003  # rms error of the first estimate from flipped pictures, relative to the picture's diagonal
 MIN_DISTANCE_MM, MAX_DISTANCE_MM = 60.0, 20000.0  # at which cameras with mirrors show boards in focus
+MIN_COMPLETE = 0.95  # of the corners in the pictures, fraction that must be found in softened ones
+MAX_SMOOTHER = 0.97  # their roughness in softened pictures relative to that in the pictures, if these are sharpened
 MAX_NUMBERINGS = 8  # of a partly visible board that is used to locate the mirrors
 FLIPPED = "the pictures are flipped left to right, as from a selfie camera: switch that off, or flip all of them back"
 INVERTED = (
     "the board in the pictures has black and white exchanged, as if cols and rows were exchanged in board.toml: its "
     "corners are numbered as if its top left square were black"
+)
+SHARPENED = (
+    "the camera has sharpened its pictures, which shifts corners: they were softened; switch sharpening off if you can"
 )
 
 
@@ -179,17 +191,32 @@ def distance_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
     )
 
 
-def confirmed_corners(pictures: Sequence[Grey], start: Start, target: Target) -> Observations:
+def confirmed_corners(pictures: Sequence[Grey], start: Start, target: Target) -> tuple[Observations, bool]:
     """Detect all corners of a checkerboard again, starting near their predictions, in all views.
 
-    This completes partly detected boards; boards with markers are already complete.
+    This completes partly detected boards; boards with markers are already complete. A camera that sharpens its pictures
+    gives edges halos, which the print lacks. Then the corners in softened pictures lie on smoother surfaces.
+
+    Returns the corners, and whether they are those of the softened pictures.
     """
     if not isinstance(target, Checkerboard):
-        return start.observations
-    estimate = start.estimate
+        return start.observations, False
+    plain, soft = (
+        _confirmed(copies, start, target) for copies in (pictures, [softened(picture) for picture in pictures])
+    )
+    is_sharpened = len(soft) >= MIN_COMPLETE * len(plain) and _roughness(soft, plain, target) < MAX_SMOOTHER
+    return (soft, True) if is_sharpened else (plain, False)
+
+
+def softened(picture: Grey) -> Grey:
+    """Blur a picture that its camera has sharpened."""
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENED_PX), dtype=np.uint8)
+
+
+def _confirmed(pictures: Sequence[Grey], start: Start, target: Checkerboard) -> Observations:
+    estimate, print_xy = start.estimate, corner_print_xy(target)
     board = Board.rigid(target.corners_in_board_mm)
     ids = np.arange(len(board.corners_in_board_mm))
-    print_xy = corner_print_xy(target)
     parts = []
     for frame, picture in enumerate(pictures):
         grey = np.asarray(picture, dtype=np.float32)
@@ -205,3 +232,22 @@ def confirmed_corners(pictures: Sequence[Grey], start: Start, target: Target) ->
             if len(non_collinear(corners)):
                 parts.append(Observations.of_view(frame, view, corners.ids, corners.pixels, corners.sigma_px))
     return Observations.join(parts)
+
+
+def _roughness(observations: Observations, others: Observations, target: Checkerboard) -> float:
+    """Rms distance of the corners from the smooth surface of their view, relative to others of the same views.
+
+    The geometric mean over the views.
+    """
+    print_xy = corner_print_xy(target)
+    ratios = []
+    for frame, view in np.unique(np.stack([observations.frame, observations.view]), axis=1).T:
+        rms = []
+        for rows in (observations, others):
+            in_view = (rows.frame == frame) & (rows.view == view)
+            warp = BoardWarp.fit(print_xy[rows.corner[in_view]], rows.pixels[in_view])
+            if warp is not None:
+                rms.append(np.sqrt(np.mean((warp.map(print_xy[rows.corner[in_view]]) - rows.pixels[in_view]) ** 2)))
+        if len(rms) == 2:
+            ratios.append(rms[0] / max(rms[1], 1e-9))
+    return float(np.exp(np.mean(np.log(ratios)))) if ratios else 1.0

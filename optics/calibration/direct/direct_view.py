@@ -34,6 +34,7 @@ from mirrorcam.optics.calibration.diagnostics.worst_views import with_worst_view
 from mirrorcam.optics.calibration.direct.direct_boards import (
     FLIPPED,
     INVERTED,
+    SHARPENED,
     DetectedBoard,
     boards_in,
     confirmed_corners,
@@ -42,6 +43,7 @@ from mirrorcam.optics.calibration.direct.direct_boards import (
     fits_flipped,
     more_mirrors,
     negative,
+    softened,
 )
 from mirrorcam.optics.calibration.direct.direct_result import with_direct_figures
 from mirrorcam.optics.calibration.direct.motion import (
@@ -153,8 +155,14 @@ def calibrate_with_direct_view(
     notes += distance_note(start.estimate, target)
     used_pictures = [negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
     try:
-        observations = confirmed_corners(used_pictures, start, target)
-        base_corners = [detect_direct_view(negative(picture) if inverted else picture, target) for picture in base]
+        observations, is_sharpened = confirmed_corners(used_pictures, start, target)
+        base_pictures = [negative(picture) if inverted else picture for picture in base]
+        if is_sharpened:
+            notes += (SHARPENED,)
+            used_pictures, base_pictures = (
+                [softened(picture) for picture in group] for group in (used_pictures, base_pictures)
+            )
+        base_corners = [detect_direct_view(picture, target) for picture in base_pictures]
         used_names = [names[number] for number in start.pictures]
         if on_hint is not None:
             shown = [rows for rows in base_corners if len(rows)]

@@ -39,7 +39,7 @@ def calibrate(
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/calibrated"),
     force: Force = False,
 ) -> int:
-    """Calibrate a device, or a camera without mirrors, from pictures of a board.
+    """Calibrate a device, or a camera, from pictures of a board.
 
     Writes layout.json (calibrated: intrinsics and mirror planes, with uncertainties) or camera.json (intrinsics of a
     camera without mirrors), metrics.json, report.html, residuals.png and corners.csv (the corners used; from labels:

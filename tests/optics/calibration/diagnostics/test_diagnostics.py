@@ -44,6 +44,7 @@ def test_every_view_has_a_map_and_the_central_mirror_is_the_reference(diagnostic
 
 def test_the_figures_equal_those_of_the_parts(diagnostics: Diagnostics) -> None:
     figures = diagnostics.metrics
+    assert diagnostics.mirrors is not None
     assert figures["alarms"].value == 0
     assert figures["mirror_to_mirror_normal_sigma_deg"].value == diagnostics.mirrors.relative_normal_deg.max()
     worst = max(shown.in_rig_px.max() for shown in diagnostics.projection)
@@ -80,6 +81,7 @@ def test_halves_that_differ_widen_all_sigmas(device: Layout) -> None:
     assert found.inflation == max(reached.inflation, *(split.inflation for split in found.splits)) > reached.inflation
     layout = scene.calibrated(reached.inflated_to(found.inflation).solution)
     again = mirror_uncertainty(layout, lever_mm=found.range_mm)
+    assert found.mirrors is not None
     np.testing.assert_allclose(found.mirrors.normal_deg, again.normal_deg, rtol=1e-9)
     assert (found.depth.calibration_mm > depth_of(scene, reached, found)).all()
 
