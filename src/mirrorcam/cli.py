@@ -66,7 +66,7 @@ COMMANDS = {
     "Calibrate": {
         "calibrate": (
             "calibration.calibrate_command:calibrate",
-            "Calibrate a device, or a camera without mirrors, from pictures of a board.",
+            "Calibrate a device, or a camera, from pictures of a board.",
         ),
         "compare": ("calibration.compare_command:compare", "Compare two calibrations of one device."),
         "drift": ("calibration.drift_command:drift", "Detect mirrors that moved since the calibration."),

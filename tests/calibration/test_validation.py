@@ -62,8 +62,9 @@ def test_every_check_has_a_label() -> None:
 
 def test_limits_follow_from_the_stated_covariance() -> None:
     layout = sound_calibration().layout
-    bounds = mirror_bounds(layout)
-    narrow = layout.replaced(uncertainty=layout.uncertainty.replaced(covariance=0.25 * layout.uncertainty.covariance))
+    bounds, known = mirror_bounds(layout), layout.uncertainty
+    assert known is not None
+    narrow = layout.replaced(uncertainty=known.replaced(covariance=0.25 * known.covariance))
     for name, (sigma, factor) in mirror_bounds(narrow).items():
         assert (sigma, factor) == pytest.approx((0.5 * bounds[name][0], bounds[name][1]), rel=1e-9)
     metrics = {name: Metric(value=2.0 * sigma, unit="1") for name, (sigma, _) in bounds.items()}
@@ -75,6 +76,7 @@ def test_limits_follow_from_the_stated_covariance() -> None:
 
 def test_errors_within_the_covariance_are_within_the_limits_as_often_as_stated() -> None:
     layout = sound_calibration().layout
+    assert layout.uncertainty is not None
     covariance = mirror_covariance(layout.uncertainty)
     random = np.random.default_rng(3)
     root = np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) * np.eye(len(covariance)))

@@ -14,7 +14,6 @@ from mirrorcam.optics.calibration.detection.board_growing import grow_board
 from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, corner_print_xy
 from mirrorcam.optics.calibration.detection.charuco import find_marked_boards as find_with_markers
 from mirrorcam.optics.calibration.detection.checkerboard import (
-    SOFTENED_PX,
     Grey,
     confirm,
     find_checkerboards,
@@ -29,6 +28,7 @@ from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, 
 
 MAX_FLIPPED = 0.003  # rms error of the first estimate from flipped pictures, relative to the picture's diagonal
 MIN_DISTANCE_MM, MAX_DISTANCE_MM = 60.0, 20000.0  # at which cameras with mirrors show boards in focus
+SOFTENED_PX = 1.0  # sigma of the blur applied to sharpened pictures
 MIN_COMPLETE = 0.95  # of the corners in the pictures, fraction that must be found in softened ones
 MAX_SMOOTHER = 0.97  # their roughness in softened pictures relative to that in the pictures, if these are sharpened
 MAX_NUMBERINGS = 8  # of a partly visible board that is used to locate the mirrors

@@ -39,7 +39,7 @@ def test_exchanged_colours_are_recognised_by_the_mirrors(pictures: list[Grey]) -
         start, inverted = first_estimate_of(boards, EVEN, mirrors=2, **SIZE)
         assert inverted == exchanged
         centres.append(start.estimate.virtual_centres_in_rig_mm)
-        seen = confirmed_corners([negative(p) if inverted else p for p in shown], start, EVEN)
+        seen, _ = confirmed_corners([negative(p) if inverted else p for p in shown], start, EVEN)
         assert set(seen.view.tolist()) == {DIRECT, 0, 1}
     np.testing.assert_allclose(centres[0], centres[1], atol=10.0)
     truth = np.array([mirror.virtual_centre_in_rig_mm for mirror in corner_of_two_mirrors(90.0).mirrors])
