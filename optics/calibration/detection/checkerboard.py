@@ -266,7 +266,8 @@ def _is_board_edge(picture: Image, warp: BoardWarp, axis: int, last: int, sign: 
 
 def complete_boards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
     """Return the completely visible boards of the target's size in a picture (h, w), under any distortion."""
-    remaining, boards = grey.copy(), []
+    remaining = grey.copy()
+    boards: list[DetectedGrid] = []
     while len(boards) < MAX_COMPLETE and (complete := complete_board(remaining, target)):
         grid_xy, pixels = complete
         cells = cell_px(pixels)

@@ -355,8 +355,8 @@ def _other_kind(pictures: Sequence[Grey], target: Target, *, mirrored: bool) -> 
                         f"{' and inverted = true' if inverted else ''}"
                     )
     if not isinstance(target, Checkerboard):
-        board = Checkerboard(cols=target.cols, rows=target.rows, square_mm=1.0)
-        sizes = _complete_sizes([grid for picture in pictures for grid in find_checkerboards(picture, board)], board)
+        plain = Checkerboard(cols=target.cols, rows=target.rows, square_mm=1.0)
+        sizes = _complete_sizes([grid for picture in pictures for grid in find_checkerboards(picture, plain)], plain)
         if sizes and (count := max(sizes.values())) >= len(pictures):
             cols, rows = max(size for size in sizes if sizes[size] == count)
             return (

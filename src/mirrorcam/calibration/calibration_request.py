@@ -22,9 +22,7 @@ def _parsed(model: Any) -> Any:
 class CalibrationRequest(Value):
     """Inputs of a calibration from files, besides the pictures via the mirrors, and the model to fit."""
 
-    board: Path = Field(
-        description="board.toml, or the file of Anipose, caliscope or Kalibr that describes the board"
-    )
+    board: Path = Field(description="board.toml, or the file of Anipose, caliscope or Kalibr that describes the board")
     layout: Path | None = Field(default=None, description="layout.json of the design, to start from")
     direct_view: int | None = Bounds(1, 144).field(
         None,
