@@ -66,7 +66,7 @@ def _of_anipose(values: Mapping[str, Any]) -> dict[str, Any]:
     if kind == "checkerboard":
         return _checkerboard(cols + 1, rows + 1, square_mm)
     bits, count = (
-        _count({**values, key: values.get(key, default)}, key)
+        _count({key: values.get(key, default)}, key)
         for key, default in (("board_marker_bits", 4), ("board_marker_dict_number", 50))
     )
     return {

@@ -293,6 +293,6 @@ def tag_spacing(grey: Grey) -> float | None:
                 tags += longer
     if min(len(tags), len(gaps)) < 2 * MIN_SIDES:
         return None
-    spread = max(np.median(np.abs(ratios - np.median(ratios))) for ratios in map(np.array, (tags, gaps)))
+    spread = max(np.median(np.abs(np.array(ratios) - np.median(ratios))) for ratios in (tags, gaps))
     log_spacing = (np.median(gaps) - np.median(tags)) / 2.0
     return float(np.exp(log_spacing)) if spread < MAX_SPREAD * -log_spacing else None
