@@ -185,7 +185,8 @@ def test_a_camera_without_mirrors_is_calibrated_from_its_pictures(
     assert code in (0, 1), printed
     assert {path.name for path in (tmp_path / "mine").iterdir()} >= {"camera.json", "report.html", "corners.csv"}
     camera = CalibratedCamera.load(tmp_path / "mine" / "camera.json").camera
-    assert (camera.fx_px, camera.cx_px) == (pytest.approx(600.0, rel=0.01), pytest.approx(319.5, abs=6.0))
+    assert camera.fx_px == pytest.approx(600.0, rel=0.01)
+    assert camera.cx_px == pytest.approx(319.5, abs=6.0)
     assert camera.body_mm == box
     assert "Uncertainty of the camera" in (tmp_path / "mine" / "report.html").read_text()
     assert cli.main(["camera", "export", "mine/camera.json", "--out", "exported"]) == 0

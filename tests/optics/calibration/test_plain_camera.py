@@ -47,7 +47,8 @@ def pictures(
     truth: Camera, count: int = 12, *, tilt_deg: float = 30.0, seed: int = 0, board_mm: FloatArray = CORNERS_MM
 ) -> list[Observations]:
     """Corners of boards over the picture, as frame 0 each; `board_mm` are the corners as printed."""
-    random, frames = np.random.default_rng(seed), []
+    random = np.random.default_rng(seed)
+    frames: list[Observations] = []
     half = np.array([truth.width_px, truth.height_px]) / truth.fx_px / 2.0
     target = _Printed(board_mm)
     while len(frames) < count:
