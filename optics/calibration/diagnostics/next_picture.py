@@ -97,7 +97,7 @@ def next_picture(solution: Solution, model: Model, layout: Layout, *, range_mm: 
         sigmas_px = np.full(len(visible), solution.sigma_px)
         rows = Observations.of_view(0, DIRECT, visible, pixels[visible], sigmas_px)
         added = normal_equations(estimate, Grouped.of(rows, model), model).reduced(0.0)[0]
-        predicted_px = sigma_px(np.asarray(np.linalg.inv(information + added)))
+        predicted_px = sigma_px(np.asarray(np.linalg.inv(information + added), dtype=np.float64))
         if best is None or predicted_px < best.predicted_px:
             best = NextPicture(words, before_px, predicted_px)
     return best
