@@ -32,8 +32,8 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
 )
 from mirrorcam.optics.calibration.diagnostics.layout_misfit import fits_upside_down, unknown_mirrors
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
-from mirrorcam.optics.calibration.pupil_estimate import BoardPictures
 from mirrorcam.optics.calibration.lateral_colour_estimate import colour_pictures, estimated_lateral_colour
+from mirrorcam.optics.calibration.pupil_estimate import BoardPictures
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout

@@ -81,7 +81,9 @@ def test_errors_within_the_covariance_are_within_the_limits_as_often_as_stated()
     limits = {name: sigma * factor for name, (sigma, factor) in mirror_bounds(layout).items()}
     worst = dict.fromkeys(limits, 0.0)
     for _ in range(200):
-        moved = layout.virtual_centres_in_rig_mm.reshape(-1, 3) + (root @ random.standard_normal(len(root))).reshape(-1, 3)
+        moved = layout.virtual_centres_in_rig_mm.reshape(-1, 3) + (root @ random.standard_normal(len(root))).reshape(
+            -1, 3
+        )
         mirrors = [tilted_to(mirror, centre) for mirror, centre in zip(layout.mirrors, moved, strict=True)]
         found = mirror_errors(layout.replaced(mirrors=tuple(mirrors)), layout)
         worst = {name: max(worst[name], found[name].value) for name in limits}

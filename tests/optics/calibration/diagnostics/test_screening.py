@@ -57,7 +57,11 @@ def solved(
     solution = fit(start, observations, model)
     solution = replace(solution, covariance=screened.inflation**2 * solution.covariance)
     used = sum(bool(len(o)) for o in screened.mirrored)
-    return solution, (*screened.dropped, *screened.drift, *consistency.check_plausible(solution, layout, mirrored_frames=used))
+    return solution, (
+        *screened.dropped,
+        *screened.drift,
+        *consistency.check_plausible(solution, layout, mirrored_frames=used),
+    )
 
 
 def nees(solution: Solution, truth: Layout) -> tuple[float, int]:
