@@ -28,8 +28,8 @@ setup differs, and how much that matters, is in [idealisations.md](idealisations
 
 A device for a Logitech C920, seed 0, whose nine mirrors are tilted by 0.3° and shifted by 0.3 mm (standard
 deviations). The pictures are those of the sensor `webcam`: waves in the lens, a pupil that walks, colour fringes, a
-mosaic, noise and its reduction, a tone curve, sharpening and MJPEG. Standard deviations are as the calibration states
-them; limits follow from them and are in the run's report.
+mosaic, noise and its reduction, a tone curve, sharpening and MJPEG. Stated standard deviations are those of the
+calibration; limits follow from them and are in the run's report.
 
 default_run | grid error, in grid spacings | {design.grid_error:.3f}
 default_run | usable share of the sensor at 300 mm | {design.usable_efficiency_300mm:.2f}
@@ -38,12 +38,12 @@ default_run | rays blocked by parts | {cad.device.rays_blocked:.0f} of {cad.devi
 default_run | mass, plastic as solid | {cad.device.mass_g:.0f} g
 default_run | price of the parts, webcam included | {cad.device.price:.0f} EUR
 default_run | printing time | {cad.device.print_minutes:,.0f} min
-default_run | worst mirror normal against the truth | {validation.normal_error_max_deg:.3f}°
-default_run | its standard deviation | {validation.normal_error_max_bound_deg:.3f}°
-default_run | worst normal, mirror to mirror | {validation.normal_error_between_mirrors_max_deg:.4f}°
-default_run | its standard deviation | {validation.normal_error_between_mirrors_max_bound_deg:.4f}°
+default_run | worst mirror normal against the truth | {validation.normal_error_max_deg:.4f}°
+default_run | its stated standard deviation | {validation.normal_error_max_bound_deg:.4f}°
+default_run | the same without the common rotation | {validation.normal_error_between_mirrors_max_deg:.4f}°
+default_run | its stated standard deviation | {validation.normal_error_between_mirrors_max_bound_deg:.4f}°
 default_run | worst mirror distance against the truth | {validation.distance_error_max_mm:.4f} mm
-default_run | its standard deviation | {validation.distance_error_max_bound_mm:.4f} mm
+default_run | its stated standard deviation | {validation.distance_error_max_bound_mm:.4f} mm
 default_run | held-out corners, RMS x / y | {validation.held_out_rms_x_px:.3f} / {validation.held_out_rms_y_px:.3f} px
 default_run | held-out corners in space, RMS | {validation.held_out_spatial_rms_mm:.3f} mm
 default_run | corners in decoded views, RMS | {validation.decoded_corner_rms_px:.3f} px

@@ -1,4 +1,4 @@
-"""Lateral colour of a lens, from where colour pictures of a board show its corners in red, green and blue."""
+"""Lateral colour of a lens: where pictures of a board show its corners in red, green and blue."""
 
 from __future__ import annotations
 

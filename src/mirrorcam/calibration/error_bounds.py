@@ -20,6 +20,8 @@ from mirrorcam.optics.geometry.layout import Layout
 CHANCE = 1e-3
 """Chance that a right calibration exceeds a limit."""
 POSE_NUMBERS = 6
+TABLE_SIGMA_PX = 1.0 / 32.0 / np.sqrt(12.0)
+"""Standard deviation per axis of the positions in a decoder's table, which are multiples of 1 / 32 px."""
 REQUIRED = {
     "normal_error_max_deg": 0.1,
     "normal_error_between_mirrors_max_deg": 0.005,
@@ -71,7 +73,8 @@ def mirror_bounds(layout: Layout) -> dict[str, tuple[float, float]]:
 def corner_bounds(calibration: Calibration, decoded_sigma_px: FloatArray) -> dict[str, tuple[float, float]]:
     """Bounds of the RMS errors of held-out corners and of corners in decoded views.
 
-    Errors of a frame's corners are correlated, so that a frame counts as the six numbers of a pose.
+    Errors of corners are correlated: those of held-out frames count as the six numbers of each pose, those of decoded
+    views, which all frames share, as the six numbers of one motion.
 
     Parameters
     ----------
@@ -85,14 +88,15 @@ def corner_bounds(calibration: Calibration, decoded_sigma_px: FloatArray) -> dic
     corner_px = float(np.sqrt(np.mean(calibration.corner_sigma_px[mirrored] ** 2)))
     frames = len(np.unique(rows.frame[mirrored]))
     metrics = calibration.metrics
-    held_out, decoded = (_rms_factor(POSE_NUMBERS * count) for count in (max(frames // HOLD_OUT_EVERY, 1), frames))
+    held_out = _rms_factor(POSE_NUMBERS * max(frames // HOLD_OUT_EVERY, 1))
     mm_per_px = metrics["working_distance_mm"].value / calibration.layout.camera.fx_px
     bounds = {f"held_out_rms_{axis}_px": (corner_px, held_out) for axis in "xy"}
     bounds["held_out_spatial_rms_mm"] = (np.sqrt(2.0) * corner_px * mm_per_px, held_out)
     if len(decoded_sigma_px):
-        detected_px = float(np.sqrt(2.0 * np.mean(decoded_sigma_px**2)))
+        per_axis = np.array([np.sqrt(np.mean(decoded_sigma_px**2)), TABLE_SIGMA_PX])
         projected_px = metrics["projection_against_reference_sigma_px"].value
-        bounds["decoded_corner_rms_px"] = (float(np.hypot(detected_px, projected_px)), decoded)
+        sigma_px = float(np.linalg.norm([*np.sqrt(2.0) * per_axis, projected_px]))
+        bounds["decoded_corner_rms_px"] = (sigma_px, _rms_factor(POSE_NUMBERS))
     return bounds
 
 
