@@ -200,8 +200,9 @@ def _other_numbers(
         )
         if is_other_pattern or numbers:
             return "; ".join(filter(None, [_other_pattern(target), numbers]))
-    # With the other pattern, all rows must be visible: otherwise, more rows are likelier than two differences.
-    if not fits or (not any_pattern and (lowest != begin or highest < begin + count - target.cols)):
+    # With the other pattern, the first and last rows must be visible: otherwise, more rows are likelier.
+    all_rows = lowest < begin + target.cols // 2 and highest >= begin + count - target.cols
+    if not fits or not (any_pattern or all_rows):
         return None
     # If neither the left nor the right side of the board is visible, several numberings are equally likely.
     first_id = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
