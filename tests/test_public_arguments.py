@@ -85,6 +85,7 @@ def arguments(default_layout: Layout) -> dict[str, Any]:
         "frame": frame,
         "frames": [],
         "base_frames": [],
+        "pictures": [],
     }
 
 
@@ -102,7 +103,8 @@ def called(name: str, arguments: dict[str, Any], **given: Any) -> Any:
 
 def test_every_public_parameter_that_is_a_path_takes_every_path() -> None:
     every = {name: paths for name, function in CALLABLES.items() if (paths := paths_of(function))}
-    assert every == TAKING_PATHS | {"calibrate": ["frames", "base_frames", "detections"]}  # iterables of paths, too
+    iterables = {"calibrate": ["frames", "base_frames", "detections"], "calibrate_camera": ["pictures", "detections"]}
+    assert every == TAKING_PATHS | iterables
     assert {"read_image", "open_light_field", "write_light_field", "render_set", "validate"} <= TAKING_PATHS.keys()
     assert {"Layout.load", "Layout.save", "build_parts", "calibrate"} <= TAKING_PATHS.keys()
 
