@@ -12,7 +12,7 @@ import pytest
 
 from mirrorcam.core.disk.files import write_metrics
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.figures.figure_texts import TIMES
+from mirrorcam.core.figures.figure_texts import SIGMA, TIMES
 from mirrorcam.core.html.templates import PageFile, PagePicture
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.values import Metric
@@ -181,7 +181,8 @@ def report(small_layout: Layout) -> Report:
         sensor="The lens has colour fringes.",
         checks={"seat_error_mm": Metric(value=0.0001, unit="mm", limit=0.001)},
         truth={
-            "normal_error_max_deg": Metric(value=0.00412, unit="deg", limit=0.02),
+            "normal_error_between_mirrors_max_deg": Metric(value=0.00412, unit="deg", limit=0.02),
+            "normal_error_between_mirrors_max_bound_deg": Metric(value=0.0051, unit="deg"),
             "corners": Metric(value=40000, unit="1"),
         },
         before_after=picture("before_after"),
@@ -199,7 +200,9 @@ def test_the_page_shows_figures_limits_pictures_and_files(report: Report) -> Non
     found = outline(index_html(report))
     for words in (
         "All 2 checks pass",
-        "Worst mirror normal, against the ground truth",
+        "Worst mirror normal, without the rotation common to all mirrors",
+        f"stated {SIGMA}: 0.0051°, limit: 0.02°",
+        "The lens has colour fringes.",
         "0.00412°",
         "0.0041°",
         "≤ 0.02°",
