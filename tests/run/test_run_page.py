@@ -12,7 +12,7 @@ import pytest
 
 from mirrorcam.core.disk.files import write_metrics
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.figures.figure_texts import TIMES
+from mirrorcam.core.figures.figure_texts import SIGMA, TIMES
 from mirrorcam.core.html.templates import PageFile, PagePicture
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.values import Metric
@@ -201,7 +201,7 @@ def test_the_page_shows_figures_limits_pictures_and_files(report: Report) -> Non
     for words in (
         "All 2 checks pass",
         "Worst mirror normal, without the rotation common to all mirrors",
-        "the calibration states 0.0051°, and at most 0.02° pass",
+        f"stated {SIGMA}: 0.0051°, limit: 0.02°",
         "The lens has colour fringes.",
         "0.00412°",
         "0.0041°",

@@ -39,7 +39,8 @@ def bounded(metrics: dict[str, Metric], bounds: dict[str, tuple[float, float]]) 
     limited = dict(metrics)
     for name, (sigma, factor) in bounds.items():
         if name in metrics:
-            limited[name] = metrics[name].replaced(limit=min(factor * sigma, REQUIRED[name]))
+            limit = float(f"{factor * sigma:.2g}")
+            limited[name] = metrics[name].replaced(limit=min(limit, REQUIRED[name]))
             limited[bound_name(name)] = Metric(value=sigma, unit=metrics[name].unit)
     return limited
 

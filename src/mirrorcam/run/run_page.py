@@ -13,7 +13,15 @@ from pydantic import RootModel
 
 from mirrorcam.calibration.error_bounds import bound_name
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
-from mirrorcam.core.figures.figure_texts import TIMES, label_text, number_word, sentence_case, value_text, values_text
+from mirrorcam.core.figures.figure_texts import (
+    SIGMA,
+    TIMES,
+    label_text,
+    number_word,
+    sentence_case,
+    value_text,
+    values_text,
+)
 from mirrorcam.core.html.templates import FigureTable, PageFile, PagePicture, Table, Tile, full_stop, render
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.values import Metric
@@ -24,7 +32,9 @@ from mirrorcam.render_scenes.settings import SensorModel
 
 TEMPLATES = Path(__file__).parent
 HEADLINES = {
-    "normal_error_between_mirrors_max_deg": "is the largest angle between a calibrated and a true mirror normal",
+    "normal_error_between_mirrors_max_deg": (
+        "is the largest angle between a calibrated and a true mirror normal, without the rotation common to all"
+    ),
     "decoded_corner_rms_px": "is the RMS distance of decoded corners from those predicted by the true positions",
 }
 
@@ -104,7 +114,7 @@ def _bound_text(metrics: Mapping[str, Metric], name: str) -> str:
     bound, limit = metrics.get(bound_name(name)), metrics[name].limit
     if bound is None or limit is None:
         return ""
-    return f"; the calibration states {value_text(bound, digits=2)}, and at most {value_text(bound, limit, 2)} pass"
+    return f"; stated {SIGMA}: {value_text(bound, digits=2)}, limit: {value_text(bound, limit, 2)}"
 
 
 def sensor_text(sensor: SensorModel) -> str:
