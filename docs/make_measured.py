@@ -29,7 +29,8 @@ setup differs, and how much that matters, is in [idealisations.md](idealisations
 A device for a Logitech C920, seed 0, whose nine mirrors are tilted by 0.3° and shifted by 0.3 mm (standard
 deviations). The pictures are those of the sensor `webcam`: waves in the lens, a pupil that walks, colour fringes, a
 mosaic, noise and its reduction, a tone curve, sharpening and MJPEG. Stated standard deviations are those of the
-calibration; limits follow from them and are in the run's report.
+calibration. A limit, in the run's report, is what a calibration with the right covariance exceeds once in a thousand
+times, and for corners at most the noise of matching.
 
 default_run | grid error, in grid spacings | {design.grid_error:.3f}
 default_run | usable share of the sensor at 300 mm | {design.usable_efficiency_300mm:.2f}

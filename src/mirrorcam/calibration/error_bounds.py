@@ -2,7 +2,7 @@
 
 A figure's limit is what a calibration with the right covariance exceeds once in a thousand times, so that a good result
 and an honest covariance are both needed to pass. A covariance so wide that it helps nobody does not help here either:
-no limit exceeds `REQUIRED`.
+pixels must be nearer to the truth than matching can tell.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
+from mirrorcam.calibration.decoded_corners import DecodedCorners
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import HOLD_OUT_EVERY, Calibration
+from mirrorcam.optics.calibration.diagnostics.diagnostics import MATCHING_PX
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance, normal_and_distance_sigmas
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import uncertainty_of, worst_sigmas
 from mirrorcam.optics.calibration.solver.observations import DIRECT
@@ -20,18 +22,17 @@ from mirrorcam.optics.geometry.layout import Layout
 CHANCE = 1e-3
 """Chance that a right calibration exceeds a limit."""
 POSE_NUMBERS = 6
-TABLE_SIGMA_PX = 1.0 / 32.0 / np.sqrt(12.0)
-"""Standard deviation per axis of the positions in a decoder's table, which are multiples of 1 / 32 px."""
-REQUIRED = {
-    "normal_error_max_deg": 0.1,
-    "normal_error_between_mirrors_max_deg": 0.005,
-    "distance_error_max_mm": 0.05,
-    "held_out_rms_x_px": 0.06,
-    "held_out_rms_y_px": 0.06,
-    "held_out_spatial_rms_mm": 0.05,
-    "decoded_corner_rms_px": 0.25,
+LIMITED = (
+    *("normal_error_max_deg", "normal_error_between_mirrors_max_deg", "distance_error_max_mm"),
+    *("held_out_rms_x_px", "held_out_rms_y_px", "held_out_spatial_rms_mm", "decoded_corner_rms_px"),
+)
+"""The figures with a limit."""
+MAX_LIMITS = {
+    "held_out_rms_x_px": MATCHING_PX,
+    "held_out_rms_y_px": MATCHING_PX,
+    "decoded_corner_rms_px": np.sqrt(2.0) * MATCHING_PX,
 }
-"""Largest limits: of normals that all mirrors share, a light field takes no harm; of the others it does."""
+"""Largest limits: the noise of matching."""
 
 
 def bounded(metrics: dict[str, Metric], bounds: dict[str, tuple[float, float]]) -> dict[str, Metric]:
@@ -39,8 +40,8 @@ def bounded(metrics: dict[str, Metric], bounds: dict[str, tuple[float, float]]) 
     limited = dict(metrics)
     for name, (sigma, factor) in bounds.items():
         if name in metrics:
-            limit = float(f"{factor * sigma:.2g}")
-            limited[name] = metrics[name].replaced(limit=min(limit, REQUIRED[name]))
+            limit = min(factor * sigma, MAX_LIMITS.get(name, np.inf))
+            limited[name] = metrics[name].replaced(limit=float(f"{limit:.2g}"))
             limited[bound_name(name)] = Metric(value=sigma, unit=metrics[name].unit)
     return limited
 
@@ -71,33 +72,22 @@ def mirror_bounds(layout: Layout) -> dict[str, tuple[float, float]]:
     }
 
 
-def corner_bounds(calibration: Calibration, decoded_sigma_px: FloatArray) -> dict[str, tuple[float, float]]:
-    """Bounds of the RMS errors of held-out corners and of corners in decoded views.
+def corner_bounds(calibration: Calibration, decoded: DecodedCorners) -> dict[str, tuple[float, float]]:
+    """Bounds of the RMS errors of held-out corners and of corners in decoded views: standard deviations, and factors.
 
-    Errors of corners are correlated: those of held-out frames count as the six numbers of each pose, those of decoded
-    views, which all frames share, as the six numbers of one motion.
-
-    Parameters
-    ----------
-    calibration
-        The calibration.
-    decoded_sigma_px
-        Stated standard deviations (n,) of the corners that were found in decoded views.
+    The errors of a held-out frame are correlated, and count as the six numbers of its pose.
     """
     rows = calibration.observations
     mirrored = calibration.inliers & (rows.view != DIRECT)
     corner_px = float(np.sqrt(np.mean(calibration.corner_sigma_px[mirrored] ** 2)))
     frames = len(np.unique(rows.frame[mirrored]))
-    metrics = calibration.metrics
     held_out = _rms_factor(POSE_NUMBERS * max(frames // HOLD_OUT_EVERY, 1))
-    mm_per_px = metrics["working_distance_mm"].value / calibration.layout.camera.fx_px
+    mm_per_px = calibration.metrics["working_distance_mm"].value / calibration.layout.camera.fx_px
     bounds = {f"held_out_rms_{axis}_px": (corner_px, held_out) for axis in "xy"}
     bounds["held_out_spatial_rms_mm"] = (np.sqrt(2.0) * corner_px * mm_per_px, held_out)
-    if len(decoded_sigma_px):
-        per_axis = np.array([np.sqrt(np.mean(decoded_sigma_px**2)), TABLE_SIGMA_PX])
-        projected_px = metrics["projection_against_reference_sigma_px"].value
-        sigma_px = float(np.linalg.norm([*np.sqrt(2.0) * per_axis, projected_px]))
-        bounds["decoded_corner_rms_px"] = (sigma_px, _rms_factor(POSE_NUMBERS))
+    if len(decoded.errors_px):
+        sigma_px, limit_px = decoded.bound_px(uncertainty_of(calibration.layout).covariance, corner_px, CHANCE)
+        bounds["decoded_corner_rms_px"] = (sigma_px, limit_px / sigma_px)
     return bounds
 
 

@@ -11,27 +11,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from mirrorcam.calibration.calibration_files import write_calibration
-from mirrorcam.calibration.error_bounds import REQUIRED, bounded, corner_bounds, mirror_bounds
+from mirrorcam.calibration.decoded_corners import DecodedCorners, decoded_corners
+from mirrorcam.calibration.error_bounds import LIMITED, bounded, corner_bounds, mirror_bounds
 from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, inside, read_model, write_metrics
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.images.picture_data import as_grey
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray, Matrix4, Metric, Value
 from mirrorcam.optics.calibration.calibration import calibrate
-from mirrorcam.optics.calibration.detection.detect_boards import detect_direct_view
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.parameterisation import rotated_like
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target, load_board
-from mirrorcam.optics.geometry.transforms import rigid, transform
+from mirrorcam.optics.geometry.targets import load_board
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.render_scenes.sets.dataset import Dataset, true_layout
 
 TOO_FEW_FRAMES = "too few frames to measure it, expected 6 or more"
@@ -109,19 +105,17 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     if len(poses) != dataset.frames:
         raise InputError(f"{folder}: {len(poses)} true poses for {dataset.frames} frames, expected one for each")
     decoder = Decoder(layout)
-    rig_from_true = common_rotation(layout, truth)
-    errors, sigmas = [], []
+    parts = []
     for done, (name, rig_from_board) in enumerate(zip(dataset.frame_names, poses, strict=True), start=1):
         light_field = decoder.decode(read_image(inside(folder, name)))
-        of_frame, sigma_px = decoded_errors(light_field, truth, board, rig_from_board, rig_from_true)
-        errors.append(of_frame)
-        sigmas.append(sigma_px)
+        parts.append(decoded_corners(light_field, layout, truth, board, rig_from_board))
         progress(pictures + done, total)
-    metrics |= decoded_metrics(np.linalg.norm(np.concatenate(errors), axis=1))
-    for name in REQUIRED.keys() - metrics.keys():
+    decoded = DecodedCorners.join(parts)
+    metrics |= decoded_metrics(decoded.distances_px())
+    for name in set(LIMITED) - metrics.keys():
         metrics[name] = Metric(value=np.nan, unit=name.rpartition("_")[2], reason=TOO_FEW_FRAMES)
-    metrics = bounded(metrics, mirror_bounds(calibration.layout) | corner_bounds(calibration, np.concatenate(sigmas)))
-    limited = sorted(metrics, key=lambda name: [*REQUIRED, name].index(name))
+    metrics = bounded(metrics, mirror_bounds(calibration.layout) | corner_bounds(calibration, decoded))
+    limited = sorted(metrics, key=lambda name: [*LIMITED, name].index(name))
     return Validation(calibration, {name: metrics[name] for name in limited})
 
 
@@ -169,44 +163,3 @@ def mirror_errors(layout: Layout, truth: Layout) -> dict[str, Metric]:
         thickness = [mirror.thickness_mm - true.thickness_mm for mirror, true in second_surface]
         figures["sheet_error_mm"] = Metric(value=np.abs(thickness).max(), unit="mm")
     return figures
-
-
-def common_rotation(layout: Layout, truth: Layout) -> FloatArray:
-    """Rotation (4, 4) from the true rig to a calibrated one: of all mirrors about the pupil.
-
-    The rig is turned like the axis of the lens, which a lens with a field hardly has.
-    """
-    rotation, _ = Rotation.align_vectors(
-        layout.virtual_centres_in_rig_mm.reshape(-1, 3), truth.virtual_centres_in_rig_mm.reshape(-1, 3)
-    )
-    return rigid(rotation.as_matrix(), np.zeros(3))
-
-
-def decoded_errors(
-    light_field: LightField,
-    truth: Layout,
-    board: Target,
-    rig_from_board: FloatArray,
-    rig_from_true: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Detected minus predicted pixels (n, 2) of the corners in all decoded views, and stated sigmas (n,) of detection.
-
-    `rig_from_true` (4, 4) is the rotation between the true rig and the calibrated one.
-
-    The prediction is that of a pinhole at the *true* position of the view, with the light field's intrinsics.
-    """
-    centres = transform(rig_from_true, truth.virtual_centres_in_rig_mm.reshape(-1, 3))
-    centres = centres.reshape(truth.rows, truth.cols, 3)
-    true_positions = (centres - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
-    points = transform(rig_from_true @ rig_from_board, board.corners_in_board_mm)
-    points_in_view = (points - light_field.reference_view_in_rig_mm) @ light_field.view_from_rig.T
-    errors, sigmas = [np.empty((0, 2))], [np.empty(0)]
-    for t in range(light_field.rows):
-        for s in range(light_field.cols):
-            corners = detect_direct_view(as_grey(light_field.samples[t, s]), board)
-            offset = points_in_view - true_positions[t, s]
-            matrix = light_field.matrices[t, s]
-            predicted = offset[:, :2] / offset[:, 2:] * matrix[0, 0] + matrix[:2, 2]
-            errors.append(corners.pixels - predicted[corners.corner])
-            sigmas.append(corners.sigma_px)
-    return np.concatenate(errors), np.concatenate(sigmas)

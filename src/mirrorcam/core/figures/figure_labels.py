@@ -218,7 +218,7 @@ VALIDATIONS: Mapping[str, str] = {
     "held_out_rms_y_bound_px": "corners in y, \N{GREEK SMALL LETTER SIGMA} that the calibration states",
     "held_out_spatial_rms_bound_mm": "corners in space, \N{GREEK SMALL LETTER SIGMA} that the calibration states",
     "decoded_corner_rms_bound_px": (
-        "corners in decoded views, \N{GREEK SMALL LETTER SIGMA} that detection and calibration state"
+        "corners in decoded views, \N{GREEK SMALL LETTER SIGMA} that the calibration states"
     ),
     "normal_error_max_deg": "worst mirror normal, against the ground truth",
     "normal_error_between_mirrors_max_deg": "worst mirror normal, without the rotation common to all mirrors",
@@ -226,7 +226,7 @@ VALIDATIONS: Mapping[str, str] = {
     "held_out_rms_x_px": "reprojection error of held-out frames, RMS in x",
     "held_out_rms_y_px": "reprojection error of held-out frames, RMS in y",
     "held_out_spatial_rms_mm": "distance of held-out corners from their viewing rays, RMS",
-    "decoded_corner_rms_px": "corners in decoded views, without the common rotation, RMS",
+    "decoded_corner_rms_px": "corners in decoded views, without a rotation of the rig, RMS",
 }
 
 LABELS: Mapping[str, str] = {**ASSEMBLY, **LIGHT, **MIRRORS, **PRINTED_PARTS, **DESIGNS, **CALIBRATIONS, **VALIDATIONS}
