@@ -1,4 +1,4 @@
-"""Half the default set, rendered by the reference renderer, calibrated blind and held against its sealed truth."""
+"""Half the default set, by the reference renderer: calibrated blind, and held against its sealed truth."""
 
 from __future__ import annotations
 
