@@ -10,6 +10,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from mirrorcam.core.bounds import (
     APERTURE_MM,
+    DEFOCUS_GROWTH_MM2,
     DEPTH_MM,
     FOCAL_PX,
     LARGEST_DISTORTION,
@@ -29,7 +30,8 @@ from mirrorcam.optics.geometry.pupil import FOCUS_MM, Pupil
 from mirrorcam.optics.geometry.pupil_walk import seen_along
 
 PINHOLE_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px")
-WALK_NAME = "pupil_walk_mm"
+DEPTH_NAMES = ("pupil_walk_mm", "defocus_growth_mm2")
+"""Optional intrinsics whose effect depends on the depth of a point, and vanishes in focus."""
 PLAIN_LENS: LensName = "brown_conrady"
 
 SENSOR_PX = Bounds(1, 65_535)
@@ -65,6 +67,9 @@ class Camera(Value):
     pupil_walk_mm : float, optional
         Displacement of the pupil towards the scene for rays with x^2 + y^2 = 1, proportional to x^2 + y^2. The lens
         model then holds at the distance in focus. None: the pupil is fixed, and this is not one of the intrinsics.
+    defocus_growth_mm2 : float, optional
+        Relative growth of the picture about the axis at the depth z, over (1/z - 1/focus_mm)^2: grey is dominated by
+        its sharpest colour in focus, by its brightest out of focus. None: no growth, and not one of the intrinsics.
     lateral_colour : LateralColour, optional
         Displacements of red and blue; the lens is that of grey pictures. None: not known, or none.
     body_mm : tuple, optional
@@ -87,6 +92,9 @@ class Camera(Value):
     focus_mm: float = Field(default=FOCUS_MM, ge=DEPTH_MM.min, le=DEPTH_MM.max, exclude_if=lambda mm: mm == FOCUS_MM)
     pupil_walk_mm: float | None = Field(
         default=None, ge=PUPIL_WALK_MM.min, le=PUPIL_WALK_MM.max, exclude_if=lambda mm: mm is None
+    )
+    defocus_growth_mm2: float | None = Field(
+        default=None, ge=DEFOCUS_GROWTH_MM2.min, le=DEFOCUS_GROWTH_MM2.max, exclude_if=lambda mm2: mm2 is None
     )
     lateral_colour: LateralColour | None = Field(default=None, exclude_if=lambda colour: colour is None)
     body_mm: tuple[Corner, Corner] | None = Field(default=None, exclude_if=lambda box: box is None)
@@ -161,28 +169,39 @@ class Camera(Value):
         return lens_of(self.lens_model, self.distortion, self.lens_grid)
 
     @property
+    def _depth_terms(self) -> dict[str, float]:
+        """The optional intrinsics that depend on depth."""
+        terms = {name: getattr(self, name) for name in DEPTH_NAMES}
+        return {name: value for name, value in terms.items() if value is not None}
+
+    @property
     def intrinsic_names(self) -> tuple[str, ...]:
         """Names (k,) of `intrinsics`."""
-        return (*PINHOLE_NAMES, *self.lens.names, *([] if self.pupil_walk_mm is None else [WALK_NAME]))
+        return (*PINHOLE_NAMES, *self.lens.names, *self._depth_terms)
 
     @cached_property
     def intrinsics(self) -> FloatArray:
         """The parameters (k,) named by `intrinsic_names`."""
-        walk = [] if self.pupil_walk_mm is None else [self.pupil_walk_mm]
-        return np.array([self.fx_px, self.fy_px, self.cx_px, self.cy_px, *self.distortion, *walk])
+        pinhole = (self.fx_px, self.fy_px, self.cx_px, self.cy_px)
+        return np.array([*pinhole, *self.distortion, *self._depth_terms.values()])
 
     @property
     def prior_sigmas(self) -> FloatArray:
         """Standard deviations (k,) of priors around zero on `intrinsics`; infinite without a prior."""
-        walk = [] if self.pupil_walk_mm is None else [np.inf]
-        return np.array([*[np.inf] * len(PINHOLE_NAMES), *self.lens.prior_sigmas, *walk])
+        without = [np.inf] * len(self._depth_terms)
+        return np.array([*[np.inf] * len(PINHOLE_NAMES), *self.lens.prior_sigmas, *without])
 
     def with_intrinsics(self, intrinsics: FloatArray) -> Self:
         """The same sensor and lens family with other parameters (k,), in the order of `intrinsic_names`."""
         fx, fy, cx, cy, *rest = (float(v) for v in intrinsics)
         count = len(self.distortion)
-        walk = {} if self.pupil_walk_mm is None else {WALK_NAME: rest[count]}
-        return self.replaced(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, distortion=rest[:count], **walk)
+        terms = dict(zip(self._depth_terms, rest[count:], strict=True))
+        return self.replaced(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, distortion=rest[:count], **terms)
+
+    @property
+    def in_focus(self) -> Self:
+        """The same camera for points in focus, without the intrinsics that depend on depth."""
+        return self.replaced(**dict.fromkeys(self._depth_terms))
 
     @property
     def is_undistorted(self) -> bool:
@@ -215,11 +234,17 @@ class Camera(Value):
     def chief_rays(self, points_in_rig: FloatArray) -> FloatArray:
         """Normalized coordinates (..., 2) at which points (..., 3) in mm are seen; NaN for points behind the camera."""
         points = np.asarray(points_in_rig, dtype=np.float64)
+        depth = points[..., 2:]
         if self.pupil_walk_mm is not None:
             seen = seen_along(points.reshape(-1, 3).T, self.pupil_walk_mm, self.focus_mm)
-            return seen.normalized.T.reshape(*points.shape[:-1], 2)
-        depth = points[..., 2:]
-        return np.divide(points[..., :2], depth, out=np.full(points[..., :2].shape, np.nan), where=depth > 0)
+            normalized = seen.normalized.T.reshape(*points.shape[:-1], 2)
+        else:
+            nan = np.full(points[..., :2].shape, np.nan)
+            normalized = np.divide(points[..., :2], depth, out=nan, where=depth > 0)
+        if self.defocus_growth_mm2:
+            with np.errstate(divide="ignore"):
+                normalized = normalized * (1.0 + self.defocus_growth_mm2 * (1.0 / depth - 1.0 / self.focus_mm) ** 2)
+        return normalized
 
     def project(self, points_in_rig: FloatArray) -> FloatArray:
         """Pixels (..., 2) of points (..., 3) in mm; NaN for points behind the camera or beyond the lens model."""
@@ -228,12 +253,24 @@ class Camera(Value):
     def project_with_jacobians(self, points_in_rig: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Pixels (n, 2), d pixels / d points (n, 2, 3) and d pixels / d intrinsics (n, 2, k) of points (n, 3) in mm."""
         x, y, z = np.asarray(points_in_rig, dtype=np.float64).T
-        walked = None
+        by_point, by_term = None, {}
         if self.pupil_walk_mm is None:
             x, y = x / z, y / z
         else:
             walked = seen_along(np.stack([x, y, z]), self.pupil_walk_mm, self.focus_mm)
             x, y = walked.normalized
+            by_point, by_term["pupil_walk_mm"] = walked.by_point, walked.by_walk
+        if self.defocus_growth_mm2 is not None:
+            defocus = 1.0 / z - 1.0 / self.focus_mm
+            factor = 1.0 + self.defocus_growth_mm2 * defocus**2
+            if by_point is None:
+                zero = np.zeros_like(z)
+                by_point = np.array([[1.0 / z, zero, -x / z], [zero, 1.0 / z, -y / z]])
+            by_point = factor * by_point
+            by_point[:, 2] -= 2.0 * self.defocus_growth_mm2 * defocus / z**2 * np.stack([x, y])
+            by_term = {name: factor * by for name, by in by_term.items()}
+            by_term["defocus_growth_mm2"] = defocus**2 * np.stack([x, y])
+            x, y = factor * x, factor * y
         # Component-first storage: each assignment below then runs through memory once.
         d_intrinsics = np.zeros((2, len(self.intrinsics), x.size)).transpose(2, 0, 1)
         lens_columns = slice(4, 4 + len(self.distortion))
@@ -241,21 +278,22 @@ class Camera(Value):
         d_points = np.empty((2, 3, x.size)).transpose(2, 0, 1)
         d_points[:, 0, 0], d_points[:, 0, 1] = self.fx_px * lens.xx, self.fx_px * lens.xy
         d_points[:, 1, 0], d_points[:, 1, 1] = self.fy_px * lens.yx, self.fy_px * lens.yy
-        if walked is None:
+        if by_point is None:
             d_points[:, :, :2] /= z[:, None, None]
             d_points[:, :, 2] = -(d_points[:, :, 0] * x[:, None] + d_points[:, :, 1] * y[:, None])
         else:
-            d_intrinsics[:, :, -1] = np.einsum("nij,jn->ni", d_points[:, :, :2], walked.by_walk)
-            d_points[:] = np.einsum("nij,jkn->nik", d_points[:, :, :2], walked.by_point)
+            for column, by in enumerate(by_term.values(), start=lens_columns.stop):
+                d_intrinsics[:, :, column] = np.einsum("nij,jn->ni", d_points[:, :, :2], by)
+            d_points[:] = np.einsum("nij,jkn->nik", d_points[:, :, :2], by_point)
         d_intrinsics[:, 0, 0], d_intrinsics[:, 1, 1] = lens.x, lens.y
         d_intrinsics[:, 0, 2] = d_intrinsics[:, 1, 3] = 1.0
         pixels = np.stack([self.fx_px * lens.x + self.cx_px, self.fy_px * lens.y + self.cy_px], axis=-1)
         return pixels, d_points, d_intrinsics
 
     def normalized_from_pixels(self, pixels: FloatArray) -> FloatArray:
-        """Undistort pixels (..., 2) to normalized coordinates by Newton's method; NaN where it does not converge."""
-        if self.pupil_walk_mm is not None:  # the lens model does not depend on it
-            return self.replaced(pupil_walk_mm=None).normalized_from_pixels(pixels)
+        """Undistort pixels (..., 2) to normalized coordinates in focus by Newton's method; NaN where it fails."""
+        if self._depth_terms:
+            return self.in_focus.normalized_from_pixels(pixels)
         pixels = np.asarray(pixels, dtype=np.float64)
         shape = pixels.shape
         target = pixels.reshape(-1, 2)

@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from mirrorcam.core.bounds import FOCAL_PX
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera import DEPTH_NAMES, Camera
 from mirrorcam.optics.geometry.lenses.families import FIXED_SIZE_FAMILIES, LensName
 from mirrorcam.optics.geometry.lenses.spline import LensGrid, Spline
 
@@ -70,9 +70,10 @@ def nearest_lens(
     InputError
         If the camera's own lens is not defined in the part, or the fit to the other model fails.
     """
-    if camera.pupil_walk_mm is not None:  # no lens model depends on it
-        resting, error_px = nearest_lens(camera.replaced(pupil_walk_mm=None), model, part, zero)
-        return resting.replaced(pupil_walk_mm=camera.pupil_walk_mm), error_px
+    terms = {name: getattr(camera, name) for name in DEPTH_NAMES}
+    if any(value is not None for value in terms.values()):  # no lens model depends on them
+        in_focus, error_px = nearest_lens(camera.in_focus, model, part, zero)
+        return in_focus.replaced(**terms), error_px
     if part is None:
         part = np.zeros(2), np.array([camera.width_px - 1.0, camera.height_px - 1.0])
     pixels = np.stack(np.meshgrid(*np.linspace(*part, SAMPLES).T), axis=-1).reshape(-1, 2)

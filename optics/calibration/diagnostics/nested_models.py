@@ -6,7 +6,8 @@ the board. `bow`: a bow of the board in each frame. `motion`: a motion of the bo
 shutter reads it. `turn`: a rotation of the camera in each frame. `board`: free corners of the board. `turn` needs
 frames that show the board both directly and in mirrors; `board` needs these, or frames without mirrors. `rational`,
 `prism`: further lens parameters; `spline`: a field over the view; `fisheye`: a different lens (`LENS_ADDITIONS`).
-`walk`: the pupil walks along the axis (`Camera.pupil_walk_mm`).
+`walk`: the pupil walks along the axis (`Camera.pupil_walk_mm`). `colour`: grey pictures grow out of focus, as their
+colours have different sizes (`Camera.defocus_growth_mm2`).
 """
 
 from __future__ import annotations
@@ -45,8 +46,9 @@ LENS_ADDITIONS: Mapping[str, LensName] = MappingProxyType(
     {"rational": "rational", "prism": "thin_prism", "fisheye": "fisheye", "spline": "spline"}
 )
 """Lens model of each addition. A fisheye is not an extension but a different lens model."""
-WALK = "walk"
-CAMERA_ADDITIONS = (WALK, *LENS_ADDITIONS)
+DEPTH_ADDITIONS: Mapping[str, str] = MappingProxyType({"walk": "pupil_walk_mm", "colour": "defocus_growth_mm2"})
+"""Intrinsic of each addition to the camera that depends on depth."""
+CAMERA_ADDITIONS = (*DEPTH_ADDITIONS, *LENS_ADDITIONS)
 MOTION = "motion"
 ADDITIONS = ("sheet", "bend", "warp", "bow", MOTION, *CAMERA_ADDITIONS)
 PLAIN_ADDITIONS = ("warp", "bow", "board", MOTION, *CAMERA_ADDITIONS)
@@ -60,7 +62,8 @@ IN_WORDS: Mapping[str, str] = MappingProxyType(
         MOTION: "boards in motion before a rolling shutter",
         "turn": "a camera that turns",
         "board": "a board with free corners",
-        WALK: "a pupil that moves with the angle",
+        "walk": "a pupil that moves with the angle",
+        "colour": "colours of different size",
         "rational": "more radial distortion",
         "prism": "thin-prism distortion",
         "fisheye": "a fisheye lens",
@@ -158,8 +161,7 @@ def _with_camera(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
     """Return estimate and model with an addition to the camera; raises InputError if the camera already has it."""
     estimate, additions = smaller.solution.estimate, smaller.name.split("+")
     if addition not in further_cameras(estimate.camera, additions):
-        part = "walking pupil" if addition == WALK else f"{estimate.camera.lens_model} lens"
-        raise InputError(f"model {smaller.name}+{addition}: the camera already has a {part}")
+        raise InputError(f"model {smaller.name}+{addition}: the camera already has {IN_WORDS[addition]}")
     camera = with_addition(estimate.camera, addition)
     return replace(estimate, camera=camera), replace(
         smaller.model, intrinsics=free_intrinsics(camera, [*additions, addition])
@@ -235,16 +237,16 @@ def plate_thickness(fitted: Fitted) -> tuple[float, float]:
 
 def further_cameras(camera: Camera, additions: Collection[str]) -> tuple[str, ...]:
     """Additions to a camera that a model with some additions still allows."""
-    walk = (WALK,) if camera.pupil_walk_mm is None else ()
+    depth = [addition for addition, name in DEPTH_ADDITIONS.items() if getattr(camera, name) is None]
     if camera.lens_model == "thin_prism" and "prism" in additions and "rational" not in additions:
-        return (*walk, "rational")
-    return (*walk, *(name for name in _FURTHER[camera.lens_model] if name not in additions))
+        return (*depth, "rational")
+    return (*depth, *(name for name in _FURTHER[camera.lens_model] if name not in additions))
 
 
 def with_addition(camera: Camera, addition: str) -> Camera:
     """Extend a camera by an addition: exactly, except for the nearest fisheye."""
-    if addition == WALK:
-        return camera.replaced(pupil_walk_mm=0.0)
+    if addition in DEPTH_ADDITIONS:
+        return camera.replaced(**{DEPTH_ADDITIONS[addition]: 0.0})
     model = LENS_ADDITIONS[addition]
     if model == "fisheye":
         return nearest_lens(camera, model)[0]

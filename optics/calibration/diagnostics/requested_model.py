@@ -2,9 +2,9 @@
 
 `joint` (the default) solves the camera jointly with the mirrors; `paper` fixes it as estimated from the pictures
 without mirrors. A lens name fixes the lens model; without one, it is the layout's. `sheet`, `bend`, `warp`, `bow`,
-`motion`, `prism` and `walk` free further parameters (`nested_models`); with a direct view of the board, so do `turn`
-and `board`. `auto` adds any others that the pictures support. `first_surface` and `second_surface` state the mirrors'
-surface, which corrects a layout's. Model names in results, such as joint+bend, have the same form.
+`motion`, `prism`, `walk` and `colour` free further parameters (`nested_models`); with a direct view of the board, so do
+`turn` and `board`. `auto` adds any others that the pictures support. `first_surface` and `second_surface` state the
+mirrors' surface, which corrects a layout's. Model names in results, such as joint+bend, have the same form.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from mirrorcam.optics.geometry.lenses.families import LensName
 
 DIRECT_ADDITIONS = ("turn", "board")
 """Additions that need frames which show their board both directly and in mirrors."""
-ADDITIONS = ("sheet", "bend", "warp", "bow", "motion", "prism", "walk", *DIRECT_ADDITIONS)
+ADDITIONS = ("sheet", "bend", "warp", "bow", "motion", "prism", "walk", "colour", *DIRECT_ADDITIONS)
 """Additions to `joint`, besides lenses."""
-PLAIN_ADDITIONS = ("warp", "bow", "board", "motion", "prism", "walk")
+PLAIN_ADDITIONS = ("warp", "bow", "board", "motion", "prism", "walk", "colour")
 """The same without mirrors."""
 SURFACES: dict[str, Literal["first", "second"]] = {"first_surface": "first", "second_surface": "second"}
 

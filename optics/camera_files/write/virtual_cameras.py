@@ -236,8 +236,8 @@ class NearestPinhole:
 def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> NearestPinhole:
     """Fit a pinhole camera to a mirror within its sub-image with the outline (n, 2), over the layout's working range.
 
-    For a flat first-surface mirror it is the base camera itself, unless its pupil walks. Otherwise Gauss-Newton steps
-    from there fit pose, focal lengths and distortion to a grid of points; the result is valid only within this
+    For a flat first-surface mirror it is the base camera itself, unless that depends on depth. Otherwise Gauss-Newton
+    steps from there fit pose, focal lengths and distortion to a grid of points; the result is valid only within this
     sub-image. Steps end when they leave the valid cameras. Raises InputError if the base camera itself cannot see these
     points.
     """
@@ -249,7 +249,7 @@ def nearest_pinhole(layout: Layout, number: int, outline_px: FloatArray) -> Near
     near, far = fitted_distances_mm(layout)
     images = np.concatenate([rays * np.maximum(mm, nearest) for mm in (near, 2.0 / (1.0 / near + 1.0 / far), far)])
     exact = layout.camera.project(mirror.image_of(apparent.reflect(images)))
-    camera, rotation, translation = layout.camera.replaced(pupil_walk_mm=None), np.eye(3), np.zeros(3)
+    camera, rotation, translation = layout.camera.in_focus, np.eye(3), np.zeros(3)
     best = NearestPinhole(camera, rotation, translation, _max_error_px(camera, images, exact))
     if best.error_px < EXACT_PX:
         return best

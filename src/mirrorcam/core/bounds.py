@@ -52,6 +52,7 @@ PART_GAP_MM = PART_MM.narrowed(min=0.0)
 PART_OFFSET_MM = PART_MM.narrowed(min=-PART_MM.max)
 APERTURE_MM = Bounds(0.0, 1000.0)
 PUPIL_WALK_MM = Bounds(-100.0, 100.0)
+DEFOCUS_GROWTH_MM2 = Bounds(-1e6, 1e6)
 DEPTH_MM = Bounds(0.001, 1e6)
 DEPTH_OR_INF_MM = Bounds(0.001, math.inf, "0.001 to 1000000 or inf")
 """The text of `DepthOrInf`."""

@@ -128,6 +128,11 @@ def pupil(setup: Setup) -> tuple[list[Observations], int | None]:
     return setup.frames(setup.truth.replaced(camera=walking)), None
 
 
+def colour(setup: Setup) -> tuple[list[Observations], int | None]:
+    growing = setup.truth.camera.replaced(defocus_growth_mm2=20.0 * setup.size)
+    return setup.frames(setup.truth.replaced(camera=growing)), None
+
+
 def plate(setup: Setup) -> tuple[list[Observations], int | None]:
     return setup.frames(behind_glass(setup.truth, 2.0 * setup.size)), None
 
@@ -192,6 +197,7 @@ FAULTS: dict[CauseKind, Fault] = {
     "lens": lens,
     "spline": spline,
     "pupil": pupil,
+    "colour": colour,
     "shutter": shutter,
     "plate": plate,
     "warp": warp,

@@ -108,7 +108,7 @@ def test_no_cause_is_found_in_corners_without_noise(scene: Scene) -> None:
 
 def test_additions_lead_from_one_lens_to_the_next_without_moving_pixels() -> None:
     camera = Camera.c920().replaced(distortion=[0.05, -0.12, 4e-4, -6e-4, 0.01])
-    assert set(further_cameras(camera, ("joint",))) == {"walk", "rational", "prism", "fisheye", "spline"}
+    assert set(further_cameras(camera, ("joint",))) == {"walk", "colour", "rational", "prism", "fisheye", "spline"}
     for path in (("rational", "prism"), ("prism", "rational")):
         grown, made = camera, ["joint"]
         for addition in path:
@@ -116,10 +116,10 @@ def test_additions_lead_from_one_lens_to_the_next_without_moving_pixels() -> Non
             grown, made = with_addition(grown, addition), [*made, addition]
             np.testing.assert_array_equal(grown.project(points()), camera.project(points()))
         assert grown.lens_model == "thin_prism"
-        assert further_cameras(grown, made) == ("walk",)
+        assert further_cameras(grown, made) == ("walk", "colour")
         assert free_intrinsics(grown, made) == grown.intrinsic_names
     fisheye = with_addition(camera, "fisheye")
-    assert further_cameras(with_addition(fisheye, "walk"), ("joint", "fisheye", "walk")) == ()
+    assert further_cameras(with_addition(fisheye, "walk"), ("joint", "fisheye", "walk")) == ("colour",)
     assert np.nanmax(np.abs(fisheye.project(points(half_width=0.5)) - camera.project(points(half_width=0.5)))) < 2.0
 
 

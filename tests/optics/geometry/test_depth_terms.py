@@ -1,4 +1,4 @@
-"""Projection through a pupil that walks: against its definition, the tracer of truth, and differences."""
+"""Projection that depends on depth, by a pupil that walks and a picture that grows out of focus."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from mirrorcam.render_scenes.truth.light_rays import image_px
 from tests.optics.geometry.lenses.cameras import points
 
 
-def camera(walk_mm: float | None) -> Camera:
-    return Camera.c920().replaced(distortion=[-0.12, 0.03, 1e-3, -2e-3, -0.004], pupil_walk_mm=walk_mm)
+def camera(walk_mm: float | None = None, growth_mm2: float | None = None) -> Camera:
+    lens = Camera.c920().replaced(distortion=[-0.12, 0.03, 1e-3, -2e-3, -0.004])
+    return lens.replaced(pupil_walk_mm=walk_mm, defocus_growth_mm2=growth_mm2)
 
 
 @pytest.mark.parametrize("walk_mm", [-3.0, 1.7, 20.0])
@@ -27,15 +28,23 @@ def test_points_of_a_chief_ray_have_one_pixel(walk_mm: float) -> None:
 
 
 def test_it_is_the_pupil_of_the_truth() -> None:
-    plain = camera(None)
+    plain = camera()
     expected = image_px(camera(1.7), None, points())
     assert np.abs(camera(1.7).project(points()) - expected).max() < 1e-6
     assert np.abs(plain.project(points()) - expected).max() > 0.1
 
 
-def test_its_derivatives_agree_with_differences() -> None:
+def test_a_picture_grows_with_the_square_of_defocus() -> None:
+    plain, growing = camera(), camera(growth_mm2=2000.0)
+    ray = np.array([0.3, -0.2, 1.0])
+    for depth in (250.0, 500.0, 1000.0):
+        factor = 1.0 + 2000.0 * (1.0 / depth - 1.0 / 500.0) ** 2
+        np.testing.assert_allclose(growing.project(depth * ray), plain.project(ray * [factor, factor, 1.0]), atol=1e-9)
+
+
+@pytest.mark.parametrize("lens", [camera(1.7), camera(growth_mm2=2000.0), camera(1.7, 2000.0)])
+def test_derivatives_agree_with_differences(lens: Camera) -> None:
     at = points(40)
-    lens = camera(1.7)
     pixels, d_points, d_intrinsics = lens.project_with_jacobians(at)
     np.testing.assert_allclose(pixels, lens.project(at), atol=1e-10)
 
@@ -46,16 +55,17 @@ def test_its_derivatives_agree_with_differences() -> None:
         step = 1e-4 * np.eye(3)[column]
         expected = differences(1e-4, lens.project(at + step), lens.project(at - step))
         np.testing.assert_allclose(d_points[:, :, column], expected, rtol=1e-6, atol=1e-7)
-    assert lens.intrinsic_names[-1] == "pupil_walk_mm"
     for column, name in enumerate(lens.intrinsic_names):
-        size = 1e-2 if name.endswith(("px", "mm")) else 1e-6
-        there, back = (lens.with_intrinsics(lens.intrinsics + s * size * np.eye(10)[column]) for s in (1, -1))
+        size = 1e-2 if name.endswith(("px", "mm", "mm2")) else 1e-6
+        there, back = (
+            lens.with_intrinsics(lens.intrinsics + s * size * np.eye(len(lens.intrinsics))[column]) for s in (1, -1)
+        )
         expected = differences(size, there.project(at), back.project(at))
         np.testing.assert_allclose(d_intrinsics[:, :, column], expected, rtol=1e-6, atol=1e-6)
 
 
-def test_a_walk_of_zero_is_a_pupil_at_rest() -> None:
-    rest, walks = camera(None), camera(0.0)
+def test_a_walk_and_a_growth_of_zero_change_nothing() -> None:
+    rest, walks = camera(), camera(0.0, 0.0)
     np.testing.assert_allclose(walks.project(points()), rest.project(points()), atol=1e-10)
     np.testing.assert_allclose(
         walks.project_with_jacobians(points())[1], rest.project_with_jacobians(points())[1], rtol=1e-9
@@ -63,4 +73,5 @@ def test_a_walk_of_zero_is_a_pupil_at_rest() -> None:
 
 
 def test_points_behind_the_pupil_have_no_pixel() -> None:
-    assert np.isnan(camera(1.7).project(np.array([[1.0, 1.0, -5.0], [1.0, 0.0, 0.0]]))).all()
+    for lens in (camera(1.7), camera(growth_mm2=2.0)):
+        assert np.isnan(lens.project(np.array([[1.0, 1.0, -5.0], [1.0, 0.0, 0.0]]))).all()
