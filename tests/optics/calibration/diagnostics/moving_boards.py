@@ -32,6 +32,7 @@ class MovingBoards:
     `readout` is the time from the first row to the last, in frame periods.
     """
 
+    layout: Layout
     truth: Estimate
     clean: Observations
     readout: float
@@ -52,7 +53,7 @@ class MovingBoards:
         seen = [_at_their_rows(setup.truth, rows, path) for rows, path in zip(views.mirrored, poses, strict=True)]
         rows = Observations.join([frame.with_frame_offset(n) for n, frame in enumerate([*seen, *views.base])])
         truth = Estimate.of(setup.truth.camera, setup.truth.mirrors, np.array([*at_middle, *setup.direct]))
-        return cls(truth, rows, readout, frames)
+        return cls(setup.truth, truth, rows, readout, frames)
 
     def noisy(self, seed: int) -> Observations:
         """The corners with noise."""
