@@ -114,10 +114,10 @@ class _Covariances:
     def of(cls, selection: ModelSelection, rows: Observations, frames: IntArray) -> _Covariances:
         solution, model = selection.solution, selection.model
         normal = normal_equations(solution.estimate, Grouped.of(rows, model), model)
-        inverse = np.linalg.inv(normal.v)
+        inverse: FloatArray = np.asarray(np.linalg.inv(normal.v), dtype=np.float64)
         return cls(
             frames,
-            (solution.scale * selection.inflation) ** 2 * inverse,
+            np.asarray((solution.scale * selection.inflation) ** 2 * inverse, dtype=np.float64),
             -(inverse @ normal.w).reshape(-1, normal.w.shape[2]),
             solution.covariance,
             np.searchsorted(model.frame_terms.free, VELOCITIES),

@@ -86,6 +86,6 @@ def _at_their_rows(layout: Layout, rows: Observations, poses: FloatArray) -> Obs
     path = partial(np.einsum, "kn,knc->nc")
     found = rows.pixels
     for _ in range(20):
-        time = row_times(layout.camera, found[:, 1])
-        found = path(time ** np.arange(len(TIMES))[:, None], powers.reshape(pixels.shape))
+        times = row_times(layout.camera, found[:, 1])
+        found = path(times ** np.arange(len(TIMES))[:, None], powers.reshape(pixels.shape))
     return replace(rows, pixels=found)
