@@ -357,8 +357,7 @@ def calibration_of(
     metrics["spatial_rms_mm"] = Metric(value=spatial, unit="mm")
     metrics |= held_out_metrics(solution, observations, selection.model, mirrored_frames=measured_frames)
     metrics |= diagnostics.metrics | unknown.metrics | fitted.metrics
-    size_mm = float(np.ptp(selection.model.board.corners_in_board_mm, axis=0).max())
-    if (shutter := readout(solution.estimate, fitted.frames[:measured_frames], size_mm)) is not None:
+    if (shutter := readout(selection, observations, fitted.frames[:measured_frames])) is not None:
         metrics["shutter_readout"] = Metric(value=shutter.periods, unit="1")
         metrics["shutter_readout_sigma"] = Metric(value=shutter.sigma, unit="1")
     return Calibration.of(

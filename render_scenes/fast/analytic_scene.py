@@ -291,7 +291,8 @@ class FastScene:
         """Return the readout times of the footprints' rows, 0 to 1."""
         rows, width = window.slices[0], window.weight.shape[1]
         row = self._xp.to_float(footprints.subpixel // self._xp.index(width)) + self._xp.scalars([float(rows.start)])[0]
-        return row * (1.0 / (self._shape[0] - 1))
+        # Subpixel row r of k per pixel is at row (r + 1/2) / k - 1/2; the first and the last row are read at 0 and 1.
+        return (row - 0.5 * (self._subpixels - 1)) * (1.0 / (self._shape[0] - self._subpixels))
 
     def _defocus_px2(self, window: _ViewWindow) -> NDArray[np.float32]:
         """Return the defocus variance (h, w), px^2, of a view: d^2 / 16 for a circle of confusion of diameter d."""

@@ -110,7 +110,9 @@ class BorderLight:
         white, black = (_linear_light(self.level + sign * self.light) for sign in (1.0, -1.0))
         step = 0.5
         slope = np.nanmax(_linear_light(self.level + self.light + step) - white, initial=0.0) / step
-        return BorderLight(self.border, (white - black) / 2.0, slope * self.sigma, (white + black) / 2.0)
+        determined = np.isfinite(self.sigma)
+        sigma = np.multiply(slope, self.sigma, where=determined, out=np.full_like(self.sigma, np.inf))
+        return BorderLight(self.border, (white - black) / 2.0, sigma, (white + black) / 2.0)
 
 
 def _linear_light(grey: FloatArray) -> FloatArray:

@@ -173,7 +173,7 @@ class _ScoreTest:
     frames
         Rows of each frame.
     d_frame
-        Derivatives (2n, 18) with respect to the parameters of their frame.
+        Derivatives (2n, 24) with respect to the parameters of their frame.
     own
         Orthonormal basis (m, d) of the free ones, for each frame.
     d_global
@@ -310,7 +310,7 @@ class _ScoreTest:
 
 
 def _standardised(estimate: Estimate, rows: Observations, board: Board) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Standardised residuals (2n,) and their derivatives (2n, g) and (2n, 18), x and y of each corner."""
+    """Standardised residuals (2n,) and their derivatives (2n, g) and (2n, 24), x and y of each corner."""
     weights = np.repeat(1.0 / rows.sigma_px, 2)
     r, d_global, d_frame = residuals_with_jacobians(estimate, rows, board)
     return (
@@ -429,7 +429,7 @@ def _causes_of_frames(fitted: Fitted, rows: Observations, test: _ScoreTest) -> I
     """Yield the causes with parameters of their own for each frame."""
     terms = fitted.model.frame_terms
     if not terms.has_motion:
-        yield test.cause_of_frames(_Candidate("shutter", test.d_frame[:, 12:], addition="motion"))
+        yield test.cause_of_frames(_Candidate("shutter", test.d_frame[:, 12:18], addition="motion"))
     if terms.bow_per_mm is None:
         yield test.cause_of_frames(_Candidate("bow", test.d_frame[:, 9:12], addition="bow"))
     if terms.rotation_per_rad is None and rows.direct_and_mirrored:

@@ -37,7 +37,7 @@ ROTATION_SIGMA_PX = 0.5
 INITIAL_BOW, MIN_BOW = 0.02, 1e-4
 """Initial and minimum standard deviation of the bow of boards, relative to a board's longer side."""
 INITIAL_MOTION, MIN_MOTION = 0.01, 1e-5
-"""The same of the motion of boards during a readout: of the translation, and of the rotation in rad."""
+"""The same of the velocity and the acceleration of boards per readout: of translations, and of rotations in rad."""
 PLATE_MM, PLATE_INDEX = 1.0, 1.49
 """Initial thickness and refractive index (acrylic) of plates if the layout has first-surface mirrors."""
 PLATE_FRACTION, GLASS_INDEX = 0.01, 1.52
@@ -177,11 +177,14 @@ def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addi
     if addition == "bow" or terms.bow_per_mm is not None:
         initial["bow_per_mm"] = INITIAL_BOW * size, MIN_BOW * size
     if addition == MOTION or terms.has_motion:
-        initial["motion_per_rad"] = INITIAL_MOTION, MIN_MOTION
-        initial["motion_per_mm"] = INITIAL_MOTION * size, MIN_MOTION * size
+        for order in ("motion", "acceleration"):
+            initial[f"{order}_per_rad"] = INITIAL_MOTION, MIN_MOTION
+            initial[f"{order}_per_mm"] = INITIAL_MOTION * size, MIN_MOTION * size
     has_rotations = addition == "turn" or terms.rotation_per_rad is not None
     sigmas = {prior: sigma for prior, (sigma, _) in initial.items()}
-    for _ in range(PRIOR_ROUNDS):
+    for last in (*[False] * (PRIOR_ROUNDS - 1), True):
+        if last:
+            sigmas = {prior: sigma * _widening(prior, estimate) for prior, sigma in sigmas.items()}
         priors = FrameTerms(
             rotation_per_rad=scale * estimate.camera.fx_px / ROTATION_SIGMA_PX if has_rotations else None,
             **{prior: scale / sigma for prior, sigma in sigmas.items()},
@@ -191,6 +194,15 @@ def _fit_with_terms(name: str, smaller: Fitted, observations: Observations, addi
         fitted_sigmas = _frame_sigmas(fitted, observations)
         sigmas = {prior: max(fitted_sigmas[prior], smallest) for prior, (_, smallest) in initial.items()}
     return fitted
+
+
+def _widening(prior: str, estimate: Estimate) -> float:
+    """Factor by which a fitted width is too narrow for the mean over all frames.
+
+    Boards in consecutive frames move alike, so the mean of their motions varies as much as a single one, not less by
+    the root of their number as under independent priors.
+    """
+    return 1.0 if prior == "bow_per_mm" else float(np.sqrt(len(estimate.rig_from_board)))
 
 
 def _frame_sigmas(fitted: Fitted, observations: Observations) -> dict[str, float]:

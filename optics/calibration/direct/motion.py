@@ -5,9 +5,9 @@ one homography, whatever their distance and whether they are mirrored, so the en
 Moving boards and hands are outliers.
 
 A rolling shutter exposes the rows of a frame one after another, which shears the image of a moving board. A corner in
-row v of h is exposed (v / h - 1/2) of the readout after the middle row, and its velocity gives its position at the time
-of the middle row. Velocities are measured by Lucas-Kanade tracking between the frames before and after, so a single
-number describes the shutter: the readout of a frame as a fraction of the frame period.
+row v of h is exposed v / (h - 1) - 1/2 of the readout after the middle row, and its velocity gives its position at the
+time of the middle row. Velocities are measured by Lucas-Kanade tracking between the frames before and after, so a
+single number describes the shutter: the readout of a frame as a fraction of the frame period.
 """
 
 from __future__ import annotations
@@ -200,7 +200,7 @@ def corrected_to_middle_row(
     observations: Observations, velocity: FloatArray, readout: float, height_px: int
 ) -> Observations:
     """Correct corners to their positions at the exposure of the middle row."""
-    delay = readout * ((observations.pixels[:, 1] + 0.5) / height_px - 0.5)
+    delay = readout * (observations.pixels[:, 1] / (height_px - 1) - 0.5)
     return replace(observations, pixels=observations.pixels - delay[:, None] * velocity)
 
 

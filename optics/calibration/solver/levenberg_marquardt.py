@@ -338,7 +338,7 @@ def _trial(estimate: Estimate, model: Model, step_global: FloatArray, step_frame
     focal = estimate.camera.intrinsics[:2] + step[:2]
     if not np.isfinite(step).all() or not np.isfinite(step_frames).all() or (focal <= 0.0).any():
         return None
-    step_all = np.zeros((len(step_frames), 18))
+    step_all = np.zeros((len(step_frames), 24))
     step_all[:, model.frame_terms.free] = step_frames
     trial = estimate.moved(step, step_all)
     return trial if np.array_equal(trial.thickness_mm > 0.0, estimate.thickness_mm > 0.0) else None

@@ -22,7 +22,9 @@ from mirrorcam.optics.calibration.solver.residuals import (
     LinearizedResiduals,
     linearized,
     mirrors_of_views,
+    moved_since_middle_row,
     row_times,
+    turned,
 )
 from mirrorcam.optics.geometry.mirror_imaging import images
 
@@ -229,7 +231,8 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
     The latter are the intrinsics, the mirror's centre and curvature (unless direct), the plate thickness, and the
     modes.
     """
-    about_origin, in_rig = _in_rig(estimate, chunk, corners, model.board)
+    moved = _moved_since_middle_row(estimate, chunk)
+    about_origin, in_rig = _in_rig(estimate, chunk, corners, model.board, moved)
     mirrors = None if chunk.direct else mirrors_of_views(estimate, chunk.view)
     linear = linearized(
         estimate.camera,
@@ -239,7 +242,7 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
         bent=model.curvature,
         row_time=row_times(estimate.camera, chunk.pixels[1]),
         camera_from_rig=_camera_from_rig(estimate, chunk),
-        board_turning=_board_turning(estimate, chunk),
+        board_turn=None if moved is None else moved[0],
     )
     parts = [linear.board_rotation, linear.corner]
     if model.frame_terms.rotation_per_rad is not None:
@@ -268,8 +271,13 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
     return columns
 
 
-def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray, board: Board) -> tuple[FloatArray, FloatArray]:
-    """Transform board corners (3, c) to a chunk's rows (3, n): about the board's origin in rig axes, and in the rig."""
+def _in_rig(
+    estimate: Estimate, chunk: Chunk, corners: FloatArray, board: Board, moved: tuple[FloatArray, FloatArray] | None
+) -> tuple[FloatArray, FloatArray]:
+    """Transform board corners (3, c) to a chunk's rows (3, n): about the board's origin in rig axes, and in the rig.
+
+    `moved` are the turns and shifts of `_moved_since_middle_row`.
+    """
     in_board = corners[:, chunk.corner]
     if estimate.bow_mm.any():
         for frame, first, last in chunk.runs:
@@ -279,12 +287,9 @@ def _in_rig(estimate: Estimate, chunk: Chunk, corners: FloatArray, board: Board)
         pose = estimate.rig_from_board[frame]
         np.matmul(pose[:3, :3], in_board[:, first:last], out=about_origin[:, first:last])
         np.add(about_origin[:, first:last], pose[:3, 3:], out=in_rig[:, first:last])
-    if estimate.motion.any():
-        time = row_times(estimate.camera, chunk.pixels[1])
-        for frame, first, last in chunk.runs:
-            rotation, shift = estimate.motion[frame, :3, None], estimate.motion[frame, 3:, None]
-            moved = np.cross(rotation, about_origin[:, first:last], axis=0) + shift
-            in_rig[:, first:last] += time[first:last] * moved
+    if moved is not None:
+        turn, shift = moved
+        in_rig += turned(about_origin, turn) - about_origin + shift
     return about_origin, in_rig
 
 
@@ -297,12 +302,13 @@ def _camera_from_rig(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
     return np.repeat(rotations[[frame for frame, _, _ in chunk.runs]], counts, axis=0).transpose(1, 2, 0)
 
 
-def _board_turning(estimate: Estimate, chunk: Chunk) -> FloatArray | None:
-    """Rotation vectors (3, n) by which the board turns during a readout; None if it rests in all frames."""
-    if not estimate.motion[:, :3].any():
+def _moved_since_middle_row(estimate: Estimate, chunk: Chunk) -> tuple[FloatArray, FloatArray] | None:
+    """Turns and shifts of the boards at a chunk's rows (`moved_since_middle_row`); None if all boards rest."""
+    if not estimate.motion.any():
         return None
     counts = [last - first for _, first, last in chunk.runs]
-    return np.repeat(estimate.motion[[frame for frame, _, _ in chunk.runs], :3], counts, axis=0).T
+    motion = np.repeat(estimate.motion[[frame for frame, _, _ in chunk.runs]], counts, axis=0)
+    return moved_since_middle_row(motion.T, row_times(estimate.camera, chunk.pixels[1]))
 
 
 def _d_modes(linear: LinearizedResiduals, estimate: Estimate, chunk: Chunk, modes: FloatArray) -> FloatArray:
@@ -327,7 +333,7 @@ def residuals_of(estimate: Estimate, grouped: Grouped, model: Model) -> FloatArr
     r = np.empty((2, len(grouped.order)))
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
     for chunk in grouped.chunks:
-        _, points = _in_rig(estimate, chunk, corners, model.board)
+        _, points = _in_rig(estimate, chunk, corners, model.board, _moved_since_middle_row(estimate, chunk))
         if not chunk.direct:
             points = images(points, mirrors_of_views(estimate, chunk.view)).image_mm
         camera_from_rig = _camera_from_rig(estimate, chunk)

@@ -40,14 +40,17 @@ class FrameTerms:
         Prior of the camera's rotation vector; None if the camera is not rotated.
     bow_per_mm
         Prior of the bow of the board; None if the board is the same in all frames.
-    motion_per_rad, motion_per_mm
-        Priors of the rotation and the translation of the board during a readout; None if the board rests.
+    motion_per_rad, motion_per_mm, acceleration_per_rad, acceleration_per_mm
+        Priors of the velocity and the acceleration of the board during a readout, of its rotation and its translation;
+        None if the board rests.
     """
 
     rotation_per_rad: float | None = None
     bow_per_mm: float | None = None
     motion_per_rad: float | None = None
     motion_per_mm: float | None = None
+    acceleration_per_rad: float | None = None
+    acceleration_per_mm: float | None = None
 
     @property
     def has_motion(self) -> bool:
@@ -66,7 +69,7 @@ class FrameTerms:
 
     @property
     def free(self) -> IntArray:
-        """Indices of the free parameters among the 18 of a frame, in the order of `Estimate.moved`."""
+        """Indices of the free parameters among the 24 of a frame, in the order of `Estimate.moved`."""
         groups = [range(6 + 3 * n, 9 + 3 * n) for n, prior in enumerate(self._priors) if prior is not None]
         return np.array([*range(6), *(index for group in groups for index in group)], dtype=np.int64)
 

@@ -6,8 +6,8 @@ through a mirror, from its image (`geometry.mirror_imaging`). The camera's rotat
 to both.
 
 A rolling shutter reads the rows of a picture one after the other. If the board moves meanwhile, a corner is at
-X + s (u_f x P + v_f), where s is the time at which its row is read, from -1/2 at the top to 1/2 at the bottom, and u_f
-and v_f are the motion during one readout.
+exp(s u_f + s^2/2 u'_f) P + t_f + s v_f + s^2/2 v'_f, where s is the time at which its row is read, from -1/2 at the top
+to 1/2 at the bottom. The velocities u_f and v_f and the accelerations u'_f and v'_f are per readout.
 """
 
 from __future__ import annotations
@@ -137,8 +137,9 @@ class Estimate:
     bow_mm
         Coefficients (f, 3) of `Board.bows` in each frame. Default: none.
     motion
-        Motion (f, 6) of the board in each frame, from the readout of the first row to that of the last: a rotation
-        vector about the board's origin in rig axes, rad, and a translation, mm. Default: none.
+        Motion (f, 12) of the board in each frame while its rows are read: velocity and acceleration at the middle row,
+        per readout. Each is a rotation vector about the board's origin in rig axes, rad, and a translation, mm.
+        Default: none.
     """
 
     camera: Camera
@@ -151,14 +152,14 @@ class Estimate:
     centroids_in_rig_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     camera_rotation: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     bow_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
-    motion: FloatArray = field(default_factory=lambda: np.zeros((0, 6)))
+    motion: FloatArray = field(default_factory=lambda: np.zeros((0, 12)))
 
     def __post_init__(self) -> None:
         mirrors = len(self.virtual_centres_in_rig_mm)
         defaults = {
             "camera_rotation": np.zeros((len(self.rig_from_board), 3)),
             "bow_mm": np.zeros((len(self.rig_from_board), 3)),
-            "motion": np.zeros((len(self.rig_from_board), 6)),
+            "motion": np.zeros((len(self.rig_from_board), 12)),
             "thickness_mm": np.zeros(mirrors),
             "refractive_index": np.ones(mirrors),
             "curvature_per_m": np.zeros((mirrors, 3)),
@@ -186,7 +187,7 @@ class Estimate:
     def with_poses(self, rig_from_board: FloatArray) -> Self:
         """Return camera and mirrors with new board poses (f, 4, 4), without other per-frame parameters."""
         empty = np.zeros((0, 3))
-        motion = np.zeros((0, 6))
+        motion = np.zeros((0, 12))
         return replace(self, rig_from_board=rig_from_board, camera_rotation=empty, bow_mm=empty, motion=motion)
 
     def of_frames(self, frames: NDArray[np.bool_] | IntArray) -> Self:
@@ -202,7 +203,7 @@ class Estimate:
     def moved(self, step_global: FloatArray, step_frames: FloatArray) -> Estimate:
         """Apply a step of all global parameters, in the order of `global_names`, and of each frame's parameters.
 
-        `step_frames` is (f, 6), a twist of rotation and translation, or (f, 18), followed by the camera's rotation, the
+        `step_frames` is (f, 6), a twist of rotation and translation, or (f, 24), followed by the camera's rotation, the
         bow and the motion. A rotation vector w rotates the board about its origin, R <- exp(w) R; the translation is
         added. The thickness correction applies to every plate.
         """
@@ -256,9 +257,9 @@ def points_at_camera(
     about_origin = np.einsum("nij,nj->ni", poses[:, :3, :3], in_board)
     in_rig = about_origin + poses[:, :3, 3]
     if estimate.motion.any():
-        rotation, shift = np.split(estimate.motion[observations.frame], 2, axis=1)
         time = row_times(estimate.camera, observations.pixels[:, 1])
-        in_rig = in_rig + time[:, None] * (np.cross(rotation, about_origin) + shift)
+        turn, shift = moved_since_middle_row(estimate.motion[observations.frame].T, time)
+        in_rig = (turned(about_origin.T, turn) + shift).T + poses[:, :3, 3]
     image = in_rig.copy()
     mirrored = observations.view != DIRECT
     mirrors = mirrors_of_views(estimate, observations.view[mirrored])
@@ -271,7 +272,28 @@ def points_at_camera(
 
 def row_times(camera: Camera, row_px: FloatArray) -> FloatArray:
     """Times (n,) at which a rolling shutter reads rows (n,), from -1/2 at the top to 1/2 at the bottom."""
-    return np.asarray((row_px + 0.5) / camera.height_px - 0.5)
+    return np.asarray(row_px / (camera.height_px - 1) - 0.5)
+
+
+def moved_since_middle_row(motion: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Rotation vectors, rad, and shifts, mm, each (3, n), of boards with `motion` (12, n) at the times (n,) of rows."""
+    moved = time * motion[:6] + time**2 / 2.0 * motion[6:]
+    return moved[:3], moved[3:]
+
+
+def turned(points: FloatArray, turn: FloatArray) -> FloatArray:
+    """Rotate points (3, n) by rotation vectors (3, n), rad."""
+    sine, versine, _ = _rotation_series(turn)
+    across = np.cross(turn, points, axis=0)
+    return np.asarray(points + sine * across + versine * np.cross(turn, across, axis=0))
+
+
+def _rotation_series(turn: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Coefficients (n,) sin(a) / a, (1 - cos(a)) / a^2 and (1 - sin(a) / a) / a^2 of rotations (3, n) by angles a."""
+    angle = np.linalg.norm(turn, axis=0)
+    sine, half = np.sinc(angle / np.pi), np.sinc(angle / (2.0 * np.pi))
+    rest = np.divide(1.0 - sine, angle**2, where=angle > 1e-3, out=np.full_like(angle, 1.0 / 6.0))
+    return sine, half**2 / 2.0, rest
 
 
 def mirrors_of_views(estimate: Estimate, view: IntArray) -> MirrorArrays:
@@ -298,7 +320,7 @@ class LinearizedResiduals:
     The derivatives are with respect to the intrinsics (2, k, n), the mirror's virtual centre (2, 3, n), thickness
     (2, n) and curvature (2, 3 or 0, n), the corner in the rig frame (2, 3, n), the corner on the board in rig axes
     (2, 3, n), which differs if the board rotates, the rotation of the board about its origin (2, 3, n), the rotation of
-    the camera (2, 3, n), and the motion of the board during a readout (2, 6, n).
+    the camera (2, 3, n), and the motion of the board during a readout (2, 12, n).
     """
 
     pixels: FloatArray
@@ -322,7 +344,7 @@ def linearized(
     bent: bool,
     row_time: FloatArray | float = 0.0,
     camera_from_rig: FloatArray | None = None,
-    board_turning: FloatArray | None = None,
+    board_turn: FloatArray | None = None,
 ) -> LinearizedResiduals:
     """Linearise the projection of corners through mirrors, or directly.
 
@@ -340,8 +362,8 @@ def linearized(
         Times (n,) at which the corners' rows are read; 0 if nothing moves.
     camera_from_rig
         Rotations (3, 3, n) of the camera at each corner; None if it is not rotated.
-    board_turning
-        Rotation vectors (3, n) by which the board turns during a readout; None if it rests.
+    board_turn
+        Rotation vectors (3, n) of the board since the middle row was read; None if it does not turn.
     """
     mirrored = None if mirrors is None else images(in_rig, mirrors, bent=bent)
     image = in_rig if mirrored is None else mirrored.image_mm
@@ -353,9 +375,16 @@ def linearized(
     if camera_from_rig is not None:
         rows = np.einsum("pin,ijn->pjn", rows, camera_from_rig)
     change = ImageDerivatives(rows, empty, empty, empty) if mirrored is None else mirrored.vjp(rows)
-    on_board = change.point
-    if board_turning is not None:
-        on_board = on_board + row_time * np.cross(on_board, board_turning[None], axis=1)  # J (w x p) = (J x w) p
+    on_board, d_turn = change.point, _d_rotation(about_origin, change.point)
+    if board_turn is not None:
+        # J (w x p) = (J x w) p; a change of the rotation vector rotates the board by the left Jacobian of SO(3).
+        sine, versine, rest = _rotation_series(board_turn)
+        across = np.cross(on_board, board_turn[None], axis=1)
+        on_board = on_board + sine * across + versine * np.cross(across, board_turn[None], axis=1)
+        d_turn = _d_rotation(turned(about_origin, board_turn), change.point)
+        across = np.cross(d_turn, board_turn[None], axis=1)
+        d_turn = d_turn + versine * across + rest * np.cross(across, board_turn[None], axis=1)
+    d_moved = np.concatenate([d_turn, change.point], axis=1)
     return LinearizedResiduals(
         pixels.T,
         d_intrinsics.transpose(1, 2, 0),
@@ -366,7 +395,7 @@ def linearized(
         on_board,
         _d_rotation(about_origin, on_board),
         camera_rotation,
-        row_time * np.concatenate([_d_rotation(about_origin, change.point), change.point], axis=1),
+        np.concatenate([row_time * d_moved, row_time**2 / 2.0 * d_moved], axis=1),
     )
 
 
@@ -381,7 +410,7 @@ def _d_rotation(points: FloatArray, d_point: FloatArray) -> FloatArray:
 def residuals_with_jacobians(
     estimate: Estimate, observations: Observations, board: Board
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (n, 2) and their derivatives (n, 2, g) and (n, 2, 18): global parameters and the frame's parameters.
+    """Residuals (n, 2) and their derivatives (n, 2, g) and (n, 2, 24): global parameters and the frame's parameters.
 
     Global parameters are ordered as in `global_names`, the frame's as in `Estimate.moved`. The result is dense and
     mostly zeros; the solver sums the same blocks by groups (`normal_equations`).
@@ -392,7 +421,7 @@ def residuals_with_jacobians(
     thickness = lens + 6 * count
     r = np.empty((len(observations), 2))
     d_global = np.zeros((len(observations), 2, thickness + 1 + estimate.shape.size))
-    d_frame = np.empty((len(observations), 2, 18))
+    d_frame = np.empty((len(observations), 2, 24))
     camera_rotations = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
     for is_direct in (True, False):
         rows = np.flatnonzero((observations.view == DIRECT) == is_direct)
@@ -400,15 +429,16 @@ def residuals_with_jacobians(
         mirrors = None if is_direct else mirrors_of_views(estimate, view)
         frame, corner = observations.frame[rows], observations.corner[rows]
         rotations = camera_rotations[frame].transpose(1, 2, 0)
+        time = row_times(estimate.camera, observations.pixels[rows, 1])
         linear = linearized(
             estimate.camera,
             about_origin[rows].T,
             in_rig[rows].T,
             mirrors,
             bent=True,
-            row_time=row_times(estimate.camera, observations.pixels[rows, 1]),
+            row_time=time,
             camera_from_rig=rotations,
-            board_turning=estimate.motion[frame, :3].T,
+            board_turn=moved_since_middle_row(estimate.motion[frame].T, time)[0],
         )
         r[rows] = linear.pixels.T - observations.pixels[rows]
         d_global[rows, :, :lens] = linear.intrinsics.transpose(2, 0, 1)

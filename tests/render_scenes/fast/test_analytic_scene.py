@@ -185,7 +185,8 @@ def test_a_moving_board_is_sheared_by_a_rolling_shutter(small_layout: Layout, sm
     rows = len(rolling)
     for row in (0, rows // 3, rows - 1):
         now = start.copy()
-        now[:3, 3] += 20.0 * row / (rows - 1) * small_layout.view_from_rig[0]
+        pixel = (row + 0.5) / CUT - 0.5
+        now[:3, 3] += 20.0 * pixel / (small_layout.camera.height_px - 1) * small_layout.view_from_rig[0]
         scene.place_board(now)
         np.testing.assert_allclose(rolling[row], scene.render()[row], atol=2e-3)
 

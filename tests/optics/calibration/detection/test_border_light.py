@@ -90,3 +90,15 @@ def test_points_off_the_sensor_are_unknown_and_short_borders_are_skipped(fold_90
         assert ((border.pixels[inside] >= 0.0) & (border.pixels[inside] <= size - 1.0)).all()
     assert any(np.isnan(border.pixels).any() for border in found)
     assert len(found) <= sum(len(mirror.outline_in_rig_mm) for mirror in fold_90_layout.mirrors)
+
+
+@pytest.mark.filterwarnings("error")
+def test_views_without_a_board_or_without_light_have_no_light(halved: Layout, frames: list[BoardFrame]) -> None:
+    black = [BoardFrame(np.zeros_like(frame.picture), frame.rig_from_board) for frame in frames]
+    for light in border_light(halved, black, BOARD):
+        decoded = light.from_srgb().light
+        np.testing.assert_allclose(decoded[np.isfinite(decoded)], 0.0, atol=1e-9)
+    away = [BoardFrame(frame.picture, np.diag([1.0, -1.0, -1.0, 1.0]) @ frame.rig_from_board) for frame in frames]
+    for light in border_light(halved, away, BOARD):
+        assert np.isnan(light.from_srgb().light).all()
+        assert np.isinf(light.from_srgb().sigma).all()

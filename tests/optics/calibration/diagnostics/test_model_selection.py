@@ -22,6 +22,7 @@ from tests.optics.calibration.diagnostics.conftest import (
     bent,
     scene_of,
 )
+from tests.optics.calibration.diagnostics.moving_boards import MovingBoards
 
 
 def selected(scene: Scene, nominal: Layout, seed: int, model: str = "auto") -> ModelSelection:
@@ -185,3 +186,11 @@ def test_the_figures_of_each_comparison_follow_from_its_residuals(of_warped: Mod
 def test_first_surface_mirrors_have_no_plate_thickness(scene: Scene, device: Layout) -> None:
     with pytest.raises(InputError, match="the layout has no second-surface mirror"):
         selected(scene, device, 0, model="joint+sheet")
+
+
+@pytest.mark.parametrize(("global_shutter", "expected"), [(True, "joint"), (False, "joint+motion")])
+def test_only_boards_before_a_rolling_shutter_are_in_motion(global_shutter: bool, expected: str) -> None:
+    boards = MovingBoards.of(0, frames=20, global_shutter=global_shutter)
+    found = select_model(boards.truth, boards.noisy(0), BOARD.corners_in_board_mm)
+    assert found.model_name == expected
+    assert found.causes == ()

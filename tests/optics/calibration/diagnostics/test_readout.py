@@ -2,49 +2,75 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.calibration.diagnostics.readout import readout
-from mirrorcam.optics.calibration.solver.residuals import Estimate
-from tests.optics.calibration.solver.four_mirrors import four_mirrors
-
-FRAMES, SIZE_MM = 20, 200.0
-
-
-def moving(periods: float, *, noise: float = 0.0) -> Estimate:
-    """A board that swings, with the motion during each readout."""
-    random = np.random.default_rng(0)
-    turn = np.array([0.3, 0.2, -0.1])
-    poses, motion = np.tile(np.eye(4), (FRAMES, 1, 1)), np.empty((FRAMES, 6))
-    for frame in range(FRAMES):
-        poses[frame, :3, :3] = Rotation.from_rotvec(turn * np.sin(0.2 * frame)).as_matrix()
-        poses[frame, :3, 3] = [30.0 * np.sin(0.2 * frame), 10.0 * np.cos(0.2 * frame), 400.0]
-        speed = 0.2 * np.array([np.cos(0.2 * frame), -np.sin(0.2 * frame)])
-        motion[frame, :3] = periods * turn * speed[0]
-        motion[frame, 3:] = periods * np.array([30.0 * speed[0], 10.0 * speed[1], 0.0])
-    motion += noise * random.standard_normal(motion.shape) * [*[1.0 / SIZE_MM] * 3, *[1.0] * 3]
-    return replace(four_mirrors().truth.with_poses(poses), motion=motion)
+from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection
+from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_with
+from mirrorcam.optics.calibration.diagnostics.readout import Readout, readout
+from mirrorcam.optics.calibration.solver.observations import Observations
+from tests.nightly import a_few
+from tests.optics.calibration.diagnostics.moving_boards import MovingBoards
 
 
-def test_the_readout_is_found_within_its_deviation() -> None:
-    found = readout(moving(0.9, noise=0.1), range(FRAMES), SIZE_MM)
+@cache
+def moving(seed: int, periods: float = 0.9) -> tuple[MovingBoards, Observations, Fitted]:
+    boards = MovingBoards.of(seed, readout=periods)
+    observations = boards.noisy(seed + 1000)
+    return boards, observations, fit_with("motion", boards.joint(observations), observations)
+
+
+def readout_of(observations: Observations, fitted: Fitted, numbers: Sequence[int]) -> Readout | None:
+    return readout(ModelSelection(fitted.name, fitted.model, fitted.solution, (), None, (), ()), observations, numbers)
+
+
+@pytest.mark.parametrize("sets", a_few(1, [4, 14]))
+def test_errors_of_readout_and_mirrors_are_as_large_as_stated(sets: int) -> None:
+    """Normalised squared errors are chi squared, of the readout with one degree of freedom in each set."""
+    squared, mirrors = [], []
+    for seed in range(sets):
+        boards, observations, fitted = moving(seed)
+        found = readout_of(observations, fitted, range(boards.mirrored))
+        assert found is not None
+        assert found.sigma < 1e-3
+        squared.append(((found.periods - boards.readout) / found.sigma) ** 2)
+        mirrors.append(boards.nees(fitted))
+    assert np.mean(squared) < 1.0 + 3.0 * np.sqrt(2.0 / sets)
+    # Over 15 to 36 parameters: a standard error of sqrt(2 / 20) for each set.
+    assert np.mean(mirrors) == pytest.approx(1.0, abs=3.0 * np.sqrt(0.1 / sets))
+
+
+def test_a_short_readout_is_found() -> None:
+    boards, observations, fitted = moving(2, 0.3)
+    found = readout_of(observations, fitted, range(boards.mirrored))
     assert found is not None
-    assert found.periods == pytest.approx(0.9, abs=3.0 * found.sigma + 0.01)
-    assert found.sigma < 0.02
+    assert found.periods == pytest.approx(0.3, abs=4.0 * found.sigma)
 
 
-@pytest.mark.parametrize("numbers", [range(0, 2 * FRAMES, 2), list(range(FRAMES))[:4]])
-def test_frames_that_do_not_follow_each_other_have_none(numbers: range) -> None:
-    assert readout(moving(0.9), numbers, SIZE_MM) is None
+@pytest.mark.parametrize("numbers", [range(0, 80, 2), range(8), np.random.default_rng(0).permutation(40).tolist()])
+def test_frames_that_do_not_follow_each_other_have_none(numbers: Sequence[int]) -> None:
+    _, observations, fitted = moving(2)
+    assert readout_of(observations, fitted, numbers) is None
 
 
 def test_motions_without_a_relation_to_the_poses_have_none() -> None:
-    assert readout(moving(0.0, noise=3.0), range(FRAMES), SIZE_MM) is None
+    """The frames in another order, numbered as if they followed each other."""
+    boards = MovingBoards.of(2)
+    frames = len(boards.truth.rig_from_board)
+    order = np.concatenate([np.random.default_rng(1).permutation(boards.mirrored), np.arange(boards.mirrored, frames)])
+    parts = [boards.clean.where(boards.clean.frame == frame) for frame in order]
+    rows = Observations.join([replace(part, frame=np.full(len(part), number)) for number, part in enumerate(parts)])
+    mixed = replace(boards, truth=boards.truth.of_frames(order), clean=rows)
+    observations = mixed.noisy(0)
+    fitted = fit_with("motion", mixed.joint(observations), observations)
+    assert readout_of(observations, fitted, range(boards.mirrored)) is None
 
 
 def test_a_board_at_rest_has_none() -> None:
-    assert readout(four_mirrors().truth, range(len(four_mirrors().truth.rig_from_board)), SIZE_MM) is None
+    boards, observations, _ = moving(2)
+    joint = boards.joint(observations)
+    assert readout_of(observations, joint, range(boards.mirrored)) is None

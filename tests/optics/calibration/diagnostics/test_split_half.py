@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from mirrorcam.optics.calibration.diagnostics.nested_models import fit_with
 from mirrorcam.optics.calibration.diagnostics.split_half import Split, _quadratic, splits
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.calibration.diagnostics.conftest import JOINT, Scene, scene_of
+from tests.optics.calibration.diagnostics.moving_boards import MovingBoards
 
 RANGE_MM = 420.0
 
@@ -45,6 +47,17 @@ def test_a_wrong_model_raises_the_alarm(device: Layout) -> None:
     alarms = [split.alarm for split in found if split.alarm is not None]
     assert alarms
     assert "times what the halves' uncertainties predict" in alarms[0]
+
+
+def test_halves_of_boards_in_motion_agree() -> None:
+    """A model without acceleration left differences of near and far boards of 10 times the prediction and more."""
+    boards = MovingBoards.of(2)
+    seen = boards.noisy(0)
+    fitted = fit_with("motion", boards.joint(seen), seen)
+    layout = scene_of(boards.layout, mirrored=1, direct=0).calibrated(fitted.solution)
+    found, notes = splits(fitted.solution, seen, fitted.model, layout, reference=0, range_mm=RANGE_MM)
+    assert notes == ()
+    assert [split.alarm for split in found] == [None, None]
 
 
 def test_a_claim_of_too_little_noise_raises_the_alarm(scene: Scene) -> None:

@@ -75,9 +75,9 @@ def problem(request: pytest.FixtureRequest) -> tuple[FourMirrors, Model]:
     if request.param == "a bow":
         terms = FrameTerms(bow_per_mm=0.2)
     if request.param == "a motion":
-        terms = FrameTerms(bow_per_mm=0.2, motion_per_rad=300.0, motion_per_mm=3.0)
-        motion = np.random.default_rng(3).normal(size=(len(scene.truth.rig_from_board), 6))
-        scene = replace(scene, truth=replace(scene.truth, motion=motion * [*[0.01] * 3, *[1.0] * 3]))
+        terms = FrameTerms(None, 0.2, 300.0, 3.0, 400.0, 4.0)
+        motion = np.random.default_rng(3).normal(size=(len(scene.truth.rig_from_board), 12))
+        scene = replace(scene, truth=replace(scene.truth, motion=motion * ([*[0.01] * 3, *[1.0] * 3] * 2)))
     if len(terms.free) > 6:
         turn, bow = np.random.default_rng(2).normal(size=(2, len(scene.truth.rig_from_board), 3))
         scene = replace(scene, truth=replace(scene.truth, camera_rotation=0.01 * turn, bow_mm=0.5 * bow))

@@ -50,11 +50,11 @@ def test_frame_terms_name_and_weight_their_numbers() -> None:
     frames = len(truth.rig_from_board)
     own = replace(truth, camera_rotation=np.full((frames, 3), 0.02), bow_mm=np.full((frames, 3), 0.5))
     none, bow, both = FrameTerms(), FrameTerms(bow_per_mm=4.0), FrameTerms(100.0, 4.0)
-    motion = FrameTerms(motion_per_rad=100.0, motion_per_mm=2.0)
-    assert [len(terms.free) for terms in (none, bow, both, motion)] == [6, 9, 12, 12]
+    motion = FrameTerms(None, None, 100.0, 2.0, 50.0, 1.0)
+    assert [len(terms.free) for terms in (none, bow, both, motion)] == [6, 9, 12, 18]
     assert bow.free[6:].tolist() == [9, 10, 11]
-    assert motion.free[6:].tolist() == [12, 13, 14, 15, 16, 17]
-    assert motion.names == ("motion_per_rad", "motion_per_mm")
+    assert motion.free[6:].tolist() == list(range(12, 24))
+    assert motion.names == ("motion_per_rad", "motion_per_mm", "acceleration_per_rad", "acceleration_per_mm")
     np.testing.assert_allclose(none.values(own), 0.0)
     np.testing.assert_allclose(both.values(own)[0], [*[0.0] * 6, *[2.0] * 3, *[2.0] * 3])
 

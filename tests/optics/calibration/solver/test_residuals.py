@@ -45,7 +45,7 @@ def test_derivatives_agree_with_finite_differences(modes: int, kind: str, own: s
     )
     if own != "rigid":
         turn, bow = np.random.default_rng(2).normal(size=(2, len(at.rig_from_board), 3))
-        motion = np.random.default_rng(3).normal(size=(len(at.rig_from_board), 6)) * [*[0.01] * 3, *[1.0] * 3]
+        motion = np.random.default_rng(3).normal(size=(len(at.rig_from_board), 12)) * ([*[0.1] * 3, *[1.0] * 3] * 2)
         at = replace(at, camera_rotation=0.01 * turn, bow_mm=0.5 * bow, motion=motion)
     r, d_global, d_frame = residuals_with_jacobians(at, seen, scene.board)
     np.testing.assert_allclose(r, residuals(at, seen, scene.board), atol=1e-9)
@@ -64,8 +64,8 @@ def test_derivatives_agree_with_finite_differences(modes: int, kind: str, own: s
         assert (np.abs(found).max() > 1e-3) == (name != "sheet_mm" or "plates" in kind), name
         scale = max(1.0, float(np.abs(found).max()))
         np.testing.assert_allclose(d_global[:, :, k] / scale, found / scale, atol=2e-7, err_msg=name)
-    for k in range(18):
-        found = difference(np.zeros(len(names)), np.tile(np.eye(18)[k], (frames, 1)), 1e-5)
+    for k in range(24):
+        found = difference(np.zeros(len(names)), np.tile(np.eye(24)[k], (frames, 1)), 1e-5)
         np.testing.assert_allclose(d_frame[:, :, k], found, atol=1e-6 * np.abs(found).max())
 
 
