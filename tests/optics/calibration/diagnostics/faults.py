@@ -129,7 +129,7 @@ def pupil(setup: Setup) -> tuple[list[Observations], int | None]:
 
 
 def colour(setup: Setup) -> tuple[list[Observations], int | None]:
-    growing = setup.truth.camera.replaced(defocus_growth_mm2=20.0 * setup.size)
+    growing = setup.truth.camera.replaced(defocus_growth_mm2=100.0 * setup.size)
     return setup.frames(setup.truth.replaced(camera=growing)), None
 
 
