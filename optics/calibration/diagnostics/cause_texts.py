@@ -24,8 +24,9 @@ _SENTENCES: dict[CauseKind, str] = {
     "bow": "the board is bowed differently in each picture",
     "turn": "the camera turned between the pictures",
     "board": "the corners of the board are not where its drawing has them",
+    "board changed": "the board changed its shape before {picture} was taken",
     "size": "the print of the board is stretched or sheared",
-    "focus": "focus or zoom changed between the pictures with and without mirrors",
+    "focus": "focus or zoom changed {when}",
 }
 _ADVICE: dict[CauseKind, str] = {
     "picture": "Calibrate again with {leave_out}.",
@@ -42,6 +43,7 @@ _ADVICE: dict[CauseKind, str] = {
     "bow": "Calibrate again with {addition}, or mount the board on a stiff plate.",
     "turn": "Calibrate again with {addition}, or fasten the camera.",
     "board": "Calibrate again with {addition}, or measure the print.",
+    "board changed": "Mount the board on a stiff plate, or calibrate from the pictures before {picture} alone.",
     "size": "Measure the print along both sides: printers may scale them differently.",
     "focus": "Take all pictures again with focus and zoom fixed.",
 }
@@ -76,6 +78,11 @@ def _filled(text: str, cause: Cause, calibration: Calibration) -> str:
     model_name = "auto" if calibration.diagnostics is None else calibration.diagnostics.model_name
     parts: dict[str, Callable[[], str]] = {
         "picture": lambda: f"picture {calibration.picture_names[cause.frame or 0]}",
+        "when": lambda: (
+            "between the pictures with and without mirrors"
+            if cause.frame is None
+            else f"before picture {calibration.picture_names[cause.frame]} was taken"
+        ),
         "mirror": lambda: f"mirror {calibration.layout.mirror_names[cause.mirror or 0]}",
         "addition": lambda: f"--model {model_name}+{cause.addition}",
         "leave_out": lambda: f"--leave-out {quote(calibration.picture_names[cause.frame or 0])}",

@@ -8,7 +8,7 @@ Poses, and all parameters of the model, are projected out first.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
@@ -50,6 +50,7 @@ CauseKind = Literal[
     "bow",
     "turn",
     "board",
+    "board changed",
     "focus",
 ]
 KIND_OF_ADDITION: dict[str, CauseKind] = {
@@ -73,6 +74,8 @@ MAX_CORNERS = 8000
 MIN_CORNERS = 8
 """Corners of a view for a field of errors of its own."""
 TRIAL_PLATE_MM = 0.01
+PINHOLE = 4
+"""Number of the pinhole's intrinsics fx, fy, cx and cy, which come first."""
 NO_COLUMNS: FloatArray = np.zeros((0, 0))
 MIN_NORM = 1e-12
 """Smallest norm of a column that counts."""
@@ -91,7 +94,8 @@ class Cause:
     mirror
         Index of the mirror; None if the cause concerns no single mirror.
     frame
-        Number of the frame, or of the first frame after a motion; None if the cause concerns all frames.
+        Number of the frame, or of the first frame after a change; None if the cause concerns all frames, or a focus
+        that differs between frames with and without mirrors.
     addition
         Addition to the model that removes the cause; empty if there is none.
     fraction
@@ -127,7 +131,8 @@ def ranked_causes(fitted: Fitted, observations: Observations) -> list[Cause]:
     rows = rows.where(np.arange(len(rows)) % -(-len(rows) // MAX_CORNERS) == 0)
     test = _ScoreTest.of(fitted, rows)
     causes = [test.cause(candidate) for candidate in _candidates(fitted, rows, test)]
-    causes += [*_causes_of_moved_mirrors(fitted, rows, test), *_causes_of_frames(fitted, rows, test)]
+    causes += [*_causes_of_moved_mirrors(fitted, rows, test), *_causes_of_changed_focus(fitted, rows, test)]
+    causes += [*_causes_of_changed_board(fitted, rows, test), *_causes_of_frames(fitted, rows, test)]
     estimate = fitted.solution.estimate
     if "fisheye" in further_cameras(estimate.camera, fitted.name.split("+")):
         fisheye = replace(estimate, camera=with_addition(estimate.camera, "fisheye"))
@@ -149,7 +154,8 @@ def _inliers_and_rejected_views(fitted: Fitted, observations: Observations) -> B
 class _Candidate:
     """Derivatives (2n, k) of standardised residuals with respect to the parameters of a cause.
 
-    `alternatives` is the number of such candidates, of which the best is chosen.
+    `alternatives` is the number of such candidates, of which the best is chosen. `priors` (k,) are those of the
+    parameters, as in `Model.intrinsic_priors`; empty without.
     """
 
     kind: CauseKind
@@ -158,28 +164,33 @@ class _Candidate:
     frame: int | None = None
     addition: str = ""
     alternatives: int = 1
+    priors: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 @dataclass(frozen=True)
 class _ScoreTest:
     """The residuals at a fit, and the space of all changes that its model allows.
 
+    The residuals (r,) are those of the corners, x and y of each, then those of all priors.
+
     Attributes
     ----------
     residuals
-        Standardised residuals (2n,), x and y of each corner.
+        Standardised residuals (r,).
     rest
-        Their part (2n,) outside that space.
+        Their part (r,) outside that space.
+    corners
+        Rows of the corners of each frame.
     frames
-        Rows of each frame.
+        Indices of all rows of each frame.
     d_frame
-        Derivatives (2n, 24) with respect to the parameters of their frame.
+        Derivatives (r, 24) with respect to the parameters of their frame.
     own
         Orthonormal basis (m, d) of the free ones, for each frame.
     d_global
-        Derivatives (2n, g) with respect to the free globals.
+        Derivatives (r, g) with respect to the free globals.
     shared
-        Orthonormal basis (2n, g) of these outside the space of the frames.
+        Orthonormal basis (r, g) of these outside the space of the frames.
     factor
         (g, g): derivatives outside that space are `shared` times it.
     floor
@@ -193,7 +204,8 @@ class _ScoreTest:
 
     residuals: FloatArray
     rest: FloatArray
-    frames: list[slice]
+    corners: list[slice]
+    frames: list[IntArray]
     d_frame: FloatArray
     own: list[FloatArray]
     d_global: FloatArray
@@ -215,7 +227,15 @@ class _ScoreTest:
         )
         d_global = d_global[:, [names.index(name) for name in solution.parameters]]
         starts = np.flatnonzero(np.diff(rows.frame, prepend=-1))
-        frames = [slice(2 * first, 2 * last) for first, last in zip(starts, [*starts[1:], len(rows)], strict=True)]
+        corners = [slice(2 * first, 2 * last) for first, last in zip(starts, [*starts[1:], len(rows)], strict=True)]
+        (priors, d_global_priors, d_frame_priors), of_frames = _priors(fitted, rows.frame[starts])
+        frames = [
+            np.append(np.arange(part.start, part.stop), len(r) + of_frame)
+            for part, of_frame in zip(corners, of_frames, strict=True)
+        ]
+        r = np.concatenate([r, priors])
+        d_global = np.concatenate([d_global, d_global_priors])
+        d_frame = np.concatenate([d_frame, d_frame_priors])
         own = [np.linalg.qr(d_frame[part][:, model.frame_terms.free])[0] for part in frames]
         shared, factor = np.linalg.qr(_outside(own, frames, d_global))
         rest = _outside(own, frames, r[:, None])[:, 0]
@@ -226,7 +246,9 @@ class _ScoreTest:
         information = np.asarray(np.linalg.pinv(solution.covariance[np.ix_(mirrors, mirrors)]), dtype=np.float64)
         floor = 2.0 * float(np.sum((NEGLIGIBLE_PX / rows.sigma_px) ** 2))
         intrinsics = len(model.intrinsics)
-        return cls(r, rest, frames, d_frame, own, d_global, shared, factor, floor, intrinsics, mirrors, information)
+        return cls(
+            r, rest, corners, frames, d_frame, own, d_global, shared, factor, floor, intrinsics, mirrors, information
+        )
 
     @cached_property
     def squares(self) -> float:
@@ -240,14 +262,14 @@ class _ScoreTest:
 
     def cause(self, candidate: _Candidate) -> Cause:
         """Predict the effect of a candidate whose parameters all frames share."""
-        columns = _outside(self.own, self.frames, candidate.columns)
+        columns = self._outside(candidate.columns)
         return self._from_sums(candidate, columns.T @ columns, self.shared.T @ columns, columns.T @ self.rest)
 
     def causes_of_changes(
         self, columns: FloatArray, firsts: Sequence[int], candidates: Sequence[_Candidate]
     ) -> Iterator[Cause]:
         """Predict the effect of changes of shared parameters, with derivatives (2n, k), each from a first frame on."""
-        columns = _outside(self.own, self.frames, columns)
+        columns = self._outside(columns)
         others = (columns, self.shared, self.rest)
         sums = (np.array([other[part].T @ columns[part] for part in self.frames]) for other in others)
         gram, inside, score = (np.cumsum(parts[::-1], axis=0)[::-1] for parts in sums)
@@ -256,17 +278,20 @@ class _ScoreTest:
 
     def _from_sums(self, candidate: _Candidate, gram: FloatArray, inside: FloatArray, score: FloatArray) -> Cause:
         """Predict the effect of columns (2n, k) from their products with themselves, `shared` and `rest`."""
-        norms = np.sqrt(np.diag(gram))
+        priors = candidate.priors**2 if candidate.priors.size else np.zeros(len(gram))
+        norms = np.sqrt(np.diag(gram) + priors)
         used = norms > MIN_NORM
-        norms, inside = norms[used], inside[:, used] / norms[used]
-        values, vectors = np.linalg.eigh(gram[np.ix_(used, used)] / np.outer(norms, norms) - inside.T @ inside)
+        norms, inside, priors = norms[used], inside[:, used] / norms[used], priors[used] / norms[used] ** 2
+        matrix = gram[np.ix_(used, used)] / np.outer(norms, norms) - inside.T @ inside
+        values, vectors = np.linalg.eigh(matrix + np.diag(priors))
         determined = values > MIN_EIGENVALUE
         white = vectors[:, determined] / np.sqrt(values[determined])
         explained = white.T @ (score[used] / norms)
         shift: FloatArray = np.zeros(0)
         if self.factor.size:
             shift = np.asarray(np.linalg.solve(self.factor, inside @ (white @ explained)), dtype=np.float64)
-        return self._cause(candidate, float(explained @ explained), int(determined.sum()), shift)
+        parameters = float(determined.sum() - np.sum(priors[:, None] * white**2))  # that corners, not priors, determine
+        return self._cause(candidate, float(explained @ explained), parameters, shift)
 
     def cause_of_frames(self, candidate: _Candidate) -> Cause:
         """Predict the effect of a candidate with parameters of its own for each frame."""
@@ -286,15 +311,20 @@ class _ScoreTest:
         """Predict the effect of a different lens, with an estimate that has the nearest one."""
         r, d_global, _ = _standardised(lens, rows, board)
         count = lens.camera.intrinsics.size
-        columns = np.concatenate([d_global[:, :count], self.d_global[:, self.intrinsics :]], axis=1)
-        columns = _outside(self.own, self.frames, columns)
-        rest = _outside(self.own, self.frames, r[:, None])[:, 0]
+        lens_columns = self._outside(d_global[:, :count])
+        columns = np.concatenate([lens_columns, self._outside(self.d_global[:, self.intrinsics :])], axis=1)
+        rest = self._outside(np.append(r, self.residuals[len(r) :])[:, None])[:, 0]
         rest = rest - columns @ np.linalg.lstsq(columns, rest, rcond=1e-12)[0]
         candidate = _Candidate(KIND_OF_ADDITION[addition], columns, addition=addition)
         explained = float(self.rest @ self.rest - rest @ rest)
         return self._cause(candidate, explained, max(count - self.intrinsics, 1), np.zeros(len(self.factor)))
 
-    def _cause(self, candidate: _Candidate, explained: float, parameters: int, shift: FloatArray) -> Cause:
+    def _outside(self, columns: FloatArray) -> FloatArray:
+        """Project columns, 0 in further rows, out of the space of each frame's own parameters."""
+        further = np.zeros((len(self.rest) - len(columns), columns.shape[1]))
+        return _outside(self.own, self.frames, np.concatenate([columns, further]))
+
+    def _cause(self, candidate: _Candidate, explained: float, parameters: float, shift: FloatArray) -> Cause:
         squares, freedom = float(self.squares), float(self.freedom)
         gain = freedom * np.log(squares / (squares - explained)) - parameters * np.log(freedom)
         shift = shift[self.mirrors]
@@ -320,8 +350,30 @@ def _standardised(estimate: Estimate, rows: Observations, board: Board) -> tuple
     )
 
 
-def _outside(own: list[FloatArray], frames: list[slice], columns: FloatArray) -> FloatArray:
-    """Project columns (2n, k) out of the space of each frame's own parameters."""
+def _priors(fitted: Fitted, numbers: IntArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray], list[IntArray]]:
+    """The residuals (p,) of a model's priors, their derivatives (p, g) and (p, 24), and the indices of each frame's."""
+    estimate, model = fitted.solution.estimate, fitted.model
+    terms, size = model.frame_terms, len(fitted.solution.parameters)
+    with_prior = np.flatnonzero(terms.weights)
+    count = len(with_prior)
+    of_frames = terms.values(estimate)[numbers][:, with_prior].reshape(-1)
+    d_frame = np.zeros((count, 24))
+    d_frame[np.arange(count), terms.free[with_prior]] = terms.weights[with_prior]
+    intrinsics = np.eye(len(model.intrinsics), size) * model.intrinsic_priors(estimate.camera)[:, None]
+    residuals_of_all = [of_frames, model.intrinsic_values(estimate.camera)]
+    d_global = [np.zeros((len(of_frames), size)), intrinsics]
+    if (prior := model.prior_of_centres) is not None:
+        start = fitted.solution.parameters.index("mirror 0 x_mm")
+        residuals_of_all.append(np.array([prior.value(estimate.virtual_centres_in_rig_mm)]))
+        d_global.append(np.zeros((1, size)))
+        d_global[-1][0, start : start + prior.coefficients.size] = prior.coefficients.reshape(-1)
+    values, d_values = np.concatenate(residuals_of_all), np.concatenate(d_global)
+    d_frames = np.concatenate([np.tile(d_frame, (len(numbers), 1)), np.zeros((len(values) - len(of_frames), 24))])
+    return (values, d_values, d_frames), list(np.arange(len(of_frames)).reshape(len(numbers), count))
+
+
+def _outside(own: list[FloatArray], frames: list[IntArray], columns: FloatArray) -> FloatArray:
+    """Project columns (r, k) out of the space of each frame's own parameters."""
     outside = columns.copy()
     for basis, part in zip(own, frames, strict=True):
         outside[part] -= basis @ (basis.T @ columns[part])
@@ -332,7 +384,7 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
     """Yield all causes whose parameters the frames share, and those of single frames."""
     solution, model = fitted.solution, fitted.model
     estimate, additions = solution.estimate, fitted.name.split("+")
-    board, modes = _deformable(model.board, free=rows.direct_and_mirrored or not (rows.view != DIRECT).any())
+    board, modes = _deformable(model.board, free=_determines_corners(rows))
     shape = np.concatenate([estimate.shape, np.zeros(len(board.modes) - len(estimate.shape))])
     _, d_global, _ = _standardised(replace(estimate, shape=shape), rows, board)
     intrinsics = estimate.camera.intrinsic_names
@@ -340,12 +392,13 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
     curvature, sheet = lens + 3 * count, lens + 6 * count
     for addition in further_cameras(estimate.camera, additions):
         if addition != "fisheye":
-            extended = replace(estimate, camera=with_addition(estimate.camera, addition))
-            columns = _standardised(extended, rows, model.board)[1][:, : extended.camera.intrinsics.size]
-            yield _Candidate(KIND_OF_ADDITION[addition], columns, addition=addition)
-    bare = np.repeat(~np.isin(rows.frame, rows.frame[rows.view != DIRECT]), 2)
+            camera = with_addition(estimate.camera, addition)
+            columns = _standardised(replace(estimate, camera=camera), rows, model.board)[1][:, : camera.intrinsics.size]
+            priors = 1.0 / camera.prior_sigmas
+            yield _Candidate(KIND_OF_ADDITION[addition], columns, addition=addition, priors=priors)
+    bare = np.repeat(_is_bare(rows), 2)
     if bare.any() and not bare.all():
-        yield _Candidate("focus", np.where(bare[:, None], d_global[:, :4], 0.0))
+        yield _Candidate("focus", np.where(bare[:, None], d_global[:, :PINHOLE], 0.0))
     if count and not model.curvature:
         yield _Candidate("bend", d_global[:, curvature:sheet], addition="bend")
         for mirror in range(count):
@@ -357,7 +410,7 @@ def _candidates(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterato
     for kind, part in modes.items():
         addition = kind if kind in KIND_OF_ADDITION else ""
         yield _Candidate(kind, d_global[:, sheet + 1 + part.start : sheet + 1 + part.stop], addition=addition)
-    for frame, part in zip(np.unique(rows.frame).tolist(), test.frames, strict=True):
+    for frame, part in zip(np.unique(rows.frame).tolist(), test.corners, strict=True):
         yield _Candidate("picture", _affine_fields(rows, part), frame=frame, alternatives=len(test.frames))
 
 
@@ -376,6 +429,49 @@ def _causes_of_moved_mirrors(fitted: Fitted, rows: Observations, test: _ScoreTes
             ],
         )
         yield from changes
+
+
+def _causes_of_changed_focus(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterator[Cause]:
+    """Yield the causes that focus or zoom changed before a frame was taken.
+
+    A change before the first of the frames without mirrors, if these are the last ones, is a candidate of its own.
+    """
+    numbers, bare = np.unique(rows.frame), np.unique(rows.frame[_is_bare(rows)])
+    firsts = [n for n in range(1, len(numbers)) if not np.array_equal(numbers[n:], bare)]
+    _, d_global, _ = _standardised(fitted.solution.estimate, rows, fitted.model.board)
+    candidates = [
+        _Candidate("focus", NO_COLUMNS, frame=int(numbers[first]), alternatives=len(firsts)) for first in firsts
+    ]
+    yield from test.causes_of_changes(d_global[:, :PINHOLE], firsts, candidates)
+
+
+def _causes_of_changed_board(fitted: Fitted, rows: Observations, test: _ScoreTest) -> Iterator[Cause]:
+    """Yield the causes that the board changed its shape before a frame was taken."""
+    estimate, drawn = fitted.solution.estimate, fitted.model.board
+    corners_mm = drawn.corners_in_board_mm
+    board = Board.free(corners_mm) if _determines_corners(rows) else Board.warped(corners_mm)
+    if len(drawn.modes) >= len(board.modes):
+        board, shape = drawn, estimate.shape
+    else:
+        board = Board(corners_mm, np.concatenate([drawn.modes, board.modes]))
+        shape = np.concatenate([estimate.shape, np.zeros(len(board.modes) - len(estimate.shape))])
+    _, d_global, _ = _standardised(replace(estimate, shape=shape), rows, board)
+    numbers = np.unique(rows.frame)
+    firsts = range(1, len(numbers))
+    candidates = [
+        _Candidate("board changed", NO_COLUMNS, frame=int(numbers[first]), alternatives=len(firsts)) for first in firsts
+    ]
+    yield from test.causes_of_changes(d_global[:, -len(board.modes) :], firsts, candidates)
+
+
+def _determines_corners(rows: Observations) -> bool:
+    """Whether frames determine the corners of their board: they see it directly as well as in mirrors, or only so."""
+    return rows.direct_and_mirrored or not (rows.view != DIRECT).any()
+
+
+def _is_bare(rows: Observations) -> BoolArray:
+    """Mask (n,) of the corners in frames without mirrors."""
+    return np.asarray(~np.isin(rows.frame, rows.frame[rows.view != DIRECT]))
 
 
 def _deformable(board: Board, *, free: bool) -> tuple[Board, dict[CauseKind, slice]]:
@@ -416,8 +512,8 @@ def _affine_fields(rows: Observations, part: slice) -> FloatArray:
         if of_view.sum() < MIN_CORNERS:
             continue
         centred = pixels - pixels[of_view].mean(axis=0)
-        for field in (np.ones(len(view)), *(centred / max(np.abs(centred[of_view]).max(), 1.0)).T):
-            standardised = np.where(of_view, field / sigma_px, 0.0)
+        for values in (np.ones(len(view)), *(centred / max(np.abs(centred[of_view]).max(), 1.0)).T):
+            standardised = np.where(of_view, values / sigma_px, 0.0)
             columns += [np.outer(standardised, axis).reshape(-1) for axis in np.eye(2)]
     fields = np.zeros((2 * len(rows), len(columns)))
     if columns:

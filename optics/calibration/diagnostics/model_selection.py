@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
     ADDITIONS,
     CAMERA_ADDITIONS,
     IN_WORDS,
+    INDEX_SIGMA,
     LENS_ADDITIONS,
     PLAIN_ADDITIONS,
     PLATE_INDEX,
@@ -251,6 +252,8 @@ def _extended(
     if observations.direct_and_mirrored:
         additions += DIRECT_ADDITIONS
     first_plates = "glass" if surface_known else "plates"
+    if not surface_known:  # nor is the refractive index of plates
+        current = replace(current, model=replace(current.model, index_sigma=INDEX_SIGMA))
     for name in model.additions:
         on_step(f"fitting {IN_WORDS[name]}")
         addition = "plates" if name == "sheet" and not surface_known and not _has_plates(current) else name
@@ -282,8 +285,11 @@ def _forward_selection(
     comparisons: list[ModelComparison] = []
     alarms: list[Alarm] = []
     notes: list[str] = []
-    while remaining := _remaining(current, additions):
-        candidates, undetermined = _fit_additions(current, remaining, observations, first_plates, on_step)
+    unsupported: set[str] = set()
+    while remaining := [name for name in _remaining(current, additions) if name not in unsupported]:
+        tried, candidates, undetermined = _fit_additions(
+            current, remaining, unsupported, observations, first_plates, on_step
+        )
         notes += undetermined
         best = None
         likelihoods = [(fitted, compare_likelihood(fitted, current, observations)) for fitted in candidates]
@@ -294,8 +300,12 @@ def _forward_selection(
             )
             if comparisons[-1].supported:
                 best = fitted
+        if best is None and tried:
+            unsupported |= {*tried}
+            continue
         if best is None:
             break
+        unsupported = set()
         addition = best.name.removeprefix(f"{current.name}+")
         if addition == "glass" or not extend:
             alarms.append(_alarm(best, addition))
@@ -317,19 +327,26 @@ def _has_plates(fitted: Fitted) -> bool:
 
 
 def _fit_additions(
-    current: Fitted, remaining: Sequence[str], observations: Observations, first_plates: str, on_step: Step
-) -> tuple[list[Fitted], list[str]]:
-    """Fit each further addition; also return a note on each addition that the corners do not determine.
+    current: Fitted,
+    remaining: Sequence[str],
+    unsupported: Collection[str],
+    observations: Observations,
+    first_plates: str,
+    on_step: Step,
+) -> tuple[list[str], list[Fitted], list[str]]:
+    """Fit further additions; return their names, the fits, and a note on each that the corners do not determine.
 
-    An addition is fitted only if its score test predicts an information gain close to the greatest.
+    An addition is fitted only if its score test predicts an information gain close to the greatest, of causes other
+    than the `unsupported` additions.
     """
     fits, notes = [], []
-    causes = ranked_causes(current, observations)
+    causes = [cause for cause in ranked_causes(current, observations) if cause.addition not in unsupported]
     gains = {cause.addition: cause.gain for cause in reversed(causes)}
     # One picture may be left out later, but a cause that concerns many makes the test of others invalid.
     largest = max((cause.gain for cause in causes if cause.kind != "picture"), default=0.0)
     min_gain = max(MIN_RELATIVE_GAIN * largest, MIN_GAIN)
-    for name in (name for name in remaining if gains.get(name, 0.0) >= min_gain):
+    tried = [name for name in remaining if gains.get(name, 0.0) >= min_gain]
+    for name in tried:
         addition = first_plates if name == "sheet" and not _has_plates(current) else name
         on_step(f"trying {IN_WORDS[name]}")
         try:
@@ -342,7 +359,7 @@ def _fit_additions(
             notes.append(f"{larger.name} not used: {outliers:.0%} of the corners do not fit it")
         elif addition != "glass" or _has_thick_plates(larger):
             fits.append(larger)
-    return fits, notes
+    return tried, fits, notes
 
 
 def _has_thick_plates(fitted: Fitted) -> bool:

@@ -42,6 +42,8 @@ PLATE_MM, PLATE_INDEX = 1.0, 1.49
 """Initial thickness and refractive index (acrylic) of plates if the layout has first-surface mirrors."""
 PLATE_FRACTION, GLASS_INDEX = 0.01, 1.52
 """The same without a layout: thickness relative to the mirrors' mean distance, and index of soda-lime glass."""
+INDEX_SIGMA = 0.02
+"""Standard deviation of the index without a layout: float glass has 1.51 to 1.53, acrylic 1.49."""
 LENS_ADDITIONS: Mapping[str, LensName] = MappingProxyType(
     {"rational": "rational", "prism": "thin_prism", "fisheye": "fisheye", "spline": "spline"}
 )

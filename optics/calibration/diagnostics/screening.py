@@ -189,7 +189,7 @@ def _camera_disagreement(
     common = fit_as("joint", mirrored_fit.with_poses(poses), rows, model)
     focal_px = mirrored_fit.camera.fx_px, direct_fit.camera.fx_px
     causes = ranked_causes(common, rows)
-    if not causes or causes[0].kind != "focus":
+    if not causes or causes[0].kind != "focus" or causes[0].frame is not None:
         return 1.0, focal_px
     intrinsics = mirrored_fit.camera.intrinsics.size
     common_fit, _ = minimise(common.solution.estimate, rows, model)  # without rejecting contradictions as outliers

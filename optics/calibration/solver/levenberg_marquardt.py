@@ -24,7 +24,7 @@ from mirrorcam.optics.calibration.solver.normal_equations import (
     normal_equations,
     residuals_of,
 )
-from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate, global_names, residuals
 
@@ -135,7 +135,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
     inliers = np.ones(len(observations), dtype=bool)
     scale = _robust_scale(r)
     while True:
-        inliers = _without_outliers(r, observations.view, inliers, scale)
+        inliers = _without_outliers(r, observations, inliers, scale)
         used = observations.where(inliers)
         terms = effective_frame_terms(estimate, used, model)
         unknowns = len(parameters) + 6 * frames + terms
@@ -147,7 +147,7 @@ def fit(start: Estimate, observations: Observations, model: Model) -> Solution:
         r_px = residuals(estimate, observations, model.board)
         r = observations.standardised(r_px)
         scale = float(np.sqrt(np.sum(r[inliers] ** 2) / degrees_of_freedom))
-        if np.array_equal(_without_outliers(r, observations.view, inliers, scale), inliers):
+        if np.array_equal(_without_outliers(r, observations, inliers, scale), inliers):
             break
     covariance = scale**2 * _inverse_information(estimate, used, model) + common_error_covariance(estimate, used, model)
     sigma_px = scale * float(np.median(used.sigma_px))
@@ -190,11 +190,17 @@ def _inverse_information(estimate: Estimate, observations: Observations, model: 
     return np.asarray((vectors / values) @ vectors.T)
 
 
-def _without_outliers(r: FloatArray, view: NDArray[np.int64], inliers: BoolArray, scale: float) -> BoolArray:
-    """Inliers after removing outliers; unchanged if a mirror would lose too many, because the model is wrong."""
+def _without_outliers(r: FloatArray, observations: Observations, inliers: BoolArray, scale: float) -> BoolArray:
+    """Inliers after removing outliers; unchanged if a mirror would lose too many, because the model is wrong.
+
+    So it is for a frame that would keep too few for the pose of its board: it keeps all of them.
+    """
+    view, frame = observations.view, observations.frame
     norm = np.abs(r).max(axis=1)
     outliers = inliers & (norm > FIND_SIGMAS * scale)
     remaining = inliers & ~(np.isin(view, view[outliers]) & (norm > DROP_SIGMAS * scale))
+    lost = np.bincount(frame, weights=remaining) < MIN_CORNERS
+    remaining |= inliers & lost[frame]
     _, mirror, corners = np.unique(view, return_inverse=True, return_counts=True)
     kept_fraction = np.bincount(mirror, weights=remaining) / corners
     return remaining if (kept_fraction >= 1.0 - MAX_OUTLIERS).all() else inliers
@@ -347,6 +353,8 @@ def _trial(estimate: Estimate, model: Model, step_global: FloatArray, step_frame
 def common_error_covariance(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
     """Covariance (g, g) of the free global parameters due to errors common to corners.
 
+    These are smooth errors of each mirror's corners, and that of the plates' refractive index.
+
     Parameters
     ----------
     estimate
@@ -363,6 +371,10 @@ def common_error_covariance(estimate: Estimate, observations: Observations, mode
         return np.zeros((index.size, index.size))
     grouped = Grouped.of(observations, model)
     matrix, solved = normal_equations(estimate, grouped, model).reduced(0.0)
+    shifts: list[FloatArray] = []
+    if model.index_sigma > 0.0:
+        other_index = replace(estimate, refractive_index=estimate.refractive_index + model.index_sigma)
+        shifts.append(normal_equations(other_index, grouped, model).step(0.0)[0][:, None])
     corners = np.ascontiguousarray(model.board.shaped(estimate.shape).T)
     centres, sizes = _extents(observations, mirrors)
     gradients = np.zeros((index.size, mirrors, FIELDS))
@@ -377,8 +389,8 @@ def common_error_covariance(estimate: Estimate, observations: Observations, mode
                 frame_size = solved.shape[1]
                 gradients[:, mirror] -= solved[frame, :, :-1].T @ sums[:frame_size]
                 gradients[group_indices, mirror] += sums[frame_size + 1 :]
-    shifts = COMMON_ERROR_PX * cho_solve(cho_factor(matrix), gradients.reshape(index.size, mirrors * FIELDS))
-    return np.asarray(shifts @ shifts.T)
+    shifts.append(COMMON_ERROR_PX * cho_solve(cho_factor(matrix), gradients.reshape(index.size, mirrors * FIELDS)))
+    return np.asarray(sum(shift @ shift.T for shift in shifts))
 
 
 def _groups(chunk: Chunk, index: ParameterIndices) -> list[tuple[FloatArray, int, int, int, int]]:

@@ -122,6 +122,8 @@ class Model:
         Free per-frame parameters besides the pose.
     centres_prior
         Prior on the virtual centres in a direction that no picture determines; None if there is no such direction.
+    index_sigma
+        Standard deviation of the plates' refractive index, which the covariance includes; 0 if the layout states it.
     """
 
     intrinsics: tuple[str, ...]
@@ -131,6 +133,7 @@ class Model:
     mirrors: bool = True
     frame_terms: FrameTerms = FrameTerms()
     centres_prior: CentresPrior | None = None
+    index_sigma: float = 0.0
 
     @property
     def prior_of_centres(self) -> CentresPrior | None:

@@ -148,6 +148,13 @@ def bow(setup: Setup) -> tuple[list[Observations], int | None]:
     return [setup.frames(board=board)[number] for number, board in enumerate(boards)], None
 
 
+def board_changed(setup: Setup) -> tuple[list[Observations], int | None]:
+    """The board sags before one of the pictures with mirrors, and stays so."""
+    first = int(setup.random.integers(1, MIRRORED))
+    after = setup.frames(board=Misprinted(**BOARD.model_dump(), sag_mm=0.3 * setup.size))
+    return [*setup.frames()[:first], *after[first:]], first
+
+
 def size(setup: Setup) -> tuple[list[Observations], int | None]:
     return setup.frames(board=Misprinted(**BOARD.model_dump(), stretched=0.001 * setup.size)), None
 
@@ -156,6 +163,14 @@ def focus(setup: Setup) -> tuple[list[Observations], int | None]:
     camera, factor = setup.truth.camera, 1.0 + 0.001 * setup.size
     other = camera.replaced(fx_px=factor * camera.fx_px, fy_px=factor * camera.fy_px, cx_px=camera.cx_px + setup.size)
     return [*setup.frames()[:MIRRORED], *setup.frames(setup.truth.replaced(camera=other))[MIRRORED:]], None
+
+
+def refocused(setup: Setup) -> tuple[list[Observations], int | None]:
+    """Focus changes by 0.3 to 1 % before one of the pictures with mirrors."""
+    camera, first = setup.truth.camera, int(setup.random.integers(1, MIRRORED))
+    factor = 1.0 + setup.random.choice([-1.0, 1.0]) * setup.random.uniform(0.003, 0.01)
+    other = camera.replaced(fx_px=factor * camera.fx_px, fy_px=factor * camera.fy_px)
+    return [*setup.frames()[:first], *setup.frames(setup.truth.replaced(camera=other))[first:]], first
 
 
 def shutter(setup: Setup) -> tuple[list[Observations], int | None]:
@@ -189,7 +204,7 @@ def _moved_board(
     return dict(zip(zip(frame.view.tolist(), frame.corner.tolist(), strict=True), frame.pixels, strict=True))
 
 
-FAULTS: dict[CauseKind, Fault] = {
+FAULTS: dict[str, Fault] = {
     "picture": picture,
     "mirror moved": mirror_moved,
     "mirror bent": mirror_bent,
@@ -202,27 +217,33 @@ FAULTS: dict[CauseKind, Fault] = {
     "plate": plate,
     "warp": warp,
     "bow": bow,
+    "board changed": board_changed,
     "size": size,
     "focus": focus,
+    "refocused": refocused,
 }
+KINDS: dict[str, CauseKind] = {"refocused": "focus"}
+"""Kinds of cause of the faults that are not named after theirs."""
 
 
-def causes_of(kind: CauseKind | None, seed: int) -> tuple[list[Cause], int | None]:
-    """Rank the causes of a fault of a kind, or of none; also return the index of the frame or mirror at fault."""
-    fitted, observations, index = fitted_with(kind, seed)
+def causes_of(fault: str | None, seed: int) -> tuple[list[Cause], int | None]:
+    """Rank the causes of a fault, or of none; also return the index of the frame or mirror at fault."""
+    fitted, observations, index = fitted_with(fault, seed)
     return ranked_causes(fitted, observations), index
 
 
-def fitted_with(kind: CauseKind | None, seed: int) -> tuple[Fitted, Observations, int | None]:
-    """Fit `joint` to corners with a fault of a kind; also return the index of the frame or mirror at fault."""
+def fitted_with(fault: str | None, seed: int) -> tuple[Fitted, Observations, int | None]:
+    """Fit `joint` to corners with a fault; also return the index of the frame or mirror at fault."""
     setup = Setup.of(seed)
-    frames, index = (setup.frames(), None) if kind is None else FAULTS[kind](setup)
+    frames, index = (setup.frames(), None) if fault is None else FAULTS[fault](setup)
     shown = [number for number, frame in enumerate(frames) if len(frame)]
     observations = noisy_corners([frames[number] for number in shown], setup.random)
     poses = [*setup.mirrored, *setup.direct]
     start = Estimate.of(setup.truth.camera, setup.truth.mirrors, np.array([poses[number] for number in shown]))
     fitted = fit_as("joint", start, observations, JOINT)
-    return fitted, observations, shown.index(index) if kind == "picture" and index is not None else index
+    if fault in ("picture", "board changed", "refocused"):
+        index = None if index is None else sum(number < index for number in shown)
+    return fitted, observations, index
 
 
 def noisy_corners(frames: Sequence[Observations], random: np.random.Generator) -> Observations:

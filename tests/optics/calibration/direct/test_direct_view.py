@@ -17,6 +17,8 @@ from mirrorcam.optics.calibration.diagnostics.calibration_result import (
     Calibration,
     mirror_sigmas,
 )
+from mirrorcam.optics.calibration.diagnostics.causes import ranked_causes
+from mirrorcam.optics.calibration.diagnostics.model_comparison import compare_likelihood
 from mirrorcam.optics.calibration.diagnostics.model_selection import ModelSelection, select_model
 from mirrorcam.optics.calibration.diagnostics.nested_models import fit_as, fit_with
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
@@ -167,6 +169,23 @@ def test_a_yielding_camera_and_a_flexing_board_are_detected() -> None:
     places = [names.index(f"mirror {m} {axis}_mm") for m in range(2) for axis in "xyz"]
     off = (found.estimate.virtual_centres_in_rig_mm - truth.virtual_centres_in_rig_mm).ravel()
     assert off @ np.linalg.solve(found.covariance[np.ix_(places, places)], off) < 20.0
+
+
+def test_the_score_test_predicts_the_gain_of_bent_mirrors_beside_bows_with_a_prior() -> None:
+    random = np.random.default_rng(5)
+    flat = corner_of_two_mirrors(90.0)
+    curvature = np.array([0.01, -0.005, 0.004])
+    bent = flat.replaced(mirrors=tuple(mirror.replaced(curvature_per_m=curvature) for mirror in flat.mirrors))
+    truth, clean = corners_of(bent, moved_by_hand(9), bows=random.normal(0.0, 0.3, (9, 3)))
+    seen = replace(clean, pixels=clean.pixels + random.normal(0.0, 0.05, clean.pixels.shape))
+    start = Estimate.of(CAMERA, flat.mirrors, truth.rig_from_board)
+    board = Board.rigid(BOARD.corners_in_board_mm)
+    joint = Model(CAMERA.intrinsic_names, thickness=False, curvature=False, board=board)
+    bowed = fit_with("bow", fit_as("joint", start, seen, joint), seen)
+    cause = ranked_causes(bowed, seen)[0]
+    assert cause.kind == "bend"
+    fitted = compare_likelihood(fit_with("bend", bowed, seen), bowed, seen)
+    assert cause.gain == pytest.approx(fitted.information_gain, rel=0.02)
 
 
 def test_a_fixed_camera_and_a_flat_board_need_no_extension() -> None:

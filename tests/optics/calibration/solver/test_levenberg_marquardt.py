@@ -18,7 +18,7 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import (
     fit,
     minimise,
 )
-from mirrorcam.optics.calibration.solver.observations import DIRECT
+from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
 from tests.optics.calibration.solver.four_mirrors import SIGMA_PX, FourMirrors, four_mirrors
 from tests.optics.calibration.solver.peer import Peer
@@ -158,6 +158,31 @@ def test_shared_errors_enter_the_covariance_and_do_not_average_out() -> None:
     fewer = common_error_covariance(scene.truth, half, scene.model)
     complete = common_error_covariance(scene.truth, scene.clean, scene.model)
     assert 0.8 < np.median(np.sqrt(np.diag(fewer) / np.diag(complete))) < 1.25
+
+
+def test_an_uncertain_refractive_index_shifts_the_mirrors_as_a_fit_with_another_index() -> None:
+    scene = built("sheet")
+    sigma = 0.02
+    known, unknown = (
+        common_error_covariance(scene.truth, scene.clean, replace(scene.model, index_sigma=index_sigma))
+        for index_sigma in (0.0, sigma)
+    )
+    other = replace(scene.truth, refractive_index=scene.truth.refractive_index + sigma)
+    fitted = fit(other, scene.clean, scene.model)
+    start = fitted.parameters.index("mirror 0 x_mm")
+    centres = slice(start, start + scene.truth.virtual_centres_in_rig_mm.size)
+    shift = (fitted.estimate.virtual_centres_in_rig_mm - scene.truth.virtual_centres_in_rig_mm).ravel()
+    added = (unknown - known)[centres, centres]
+    np.testing.assert_allclose(np.sqrt(np.diag(added)), np.abs(shift), rtol=0.05, atol=0.05 * np.abs(shift).max())
+
+
+def test_a_frame_keeps_corners_even_if_all_contradict_the_model(scene: FourMirrors) -> None:
+    """Without them nothing would determine its pose; what is wrong with it is found from its residuals."""
+    seen = scene.noisy(3)
+    last = seen.frame == seen.frame.max()
+    pixels = seen.pixels + np.where(last[:, None], np.random.default_rng(1).normal(0.0, 10.0, (len(seen), 2)), 0.0)
+    solution = fit(scene.truth, replace(seen, pixels=pixels), scene.model)
+    assert solution.inliers[last].sum() >= MIN_CORNERS
 
 
 def test_corners_in_first_surface_mirrors_share_no_errors() -> None:
