@@ -20,9 +20,8 @@ from mirrorcam.optics.light_field.io.formats.lftoolbox import intrinsics
 from mirrorcam.optics.light_field.io.formats.registry import formats, open_light_fields, write_light_field
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.io.recording import Recording, about
-from mirrorcam.optics.light_field.io.views_file import parallel_views
 from mirrorcam.optics.light_field.io.zarr_store import ZarrSink
-from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.light_field import LightField, Views
 
 SUBJECTS = tuple(HOSTILE)
 FRAMES = 3
@@ -34,7 +33,7 @@ _ASSUMED = Assumed(rows=3, cols=3, step_mm=10.0, focal_px=20.0, reference_depth_
 def light_field() -> LightField:
     """Return a light field of noise, with some pixels without a sample."""
     positions_mm = np.stack(np.meshgrid(np.arange(3.0), np.arange(3.0)), axis=-1) * 10.0
-    views, random = parallel_views(positions_mm, (24, 18), 20.0, 400.0), np.random.default_rng(1)
+    views, random = Views.parallel(positions_mm, (24, 18), 20.0, 400.0), np.random.default_rng(1)
     weights = random.integers(0, 2, (3, 3, 18, 24)).astype(np.float32)
     weights[:, :, :, 12:] = 1.0
     samples = random.integers(0, 200, (3, 3, 18, 24, 3), dtype=np.uint8)

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, InvalidValue, Shaped
+from mirrorcam.optics.light_field.camera_array import MAX_UNEVENNESS, even_grid
+from mirrorcam.optics.light_field.image_arrays import (
+    numbers_in,
+    pictures_of,
+    positions_of,
+    rectified_pictures,
+    weights_of,
+)
 
 Axis = Literal["s", "t"]
 Samples = NDArray[np.uint8] | NDArray[np.float32]
-
-MAX_UNEVENNESS = 0.5
-"""Maximum RMS deviation of views from an even grid, as a fraction of the smaller grid step."""
 
 _SHAPES = {
     "positions_mm": (None, None, 3),
@@ -90,6 +97,36 @@ class Views:
         if self.reference_distance_mm <= self.positions_mm[..., 2].max():
             raise InvalidValue(f"reference plane at depth {self.reference_depth_mm} mm lies behind a view")
 
+    @classmethod
+    def parallel(
+        cls,
+        positions_mm: FloatArray,
+        size: tuple[int, int],
+        focal_px: float,
+        distance_mm: float,
+        centre_px: FloatArray | None = None,
+    ) -> Views:
+        """Return views at positions (t, s, 2) or (t, s, 3), x, y and z, that coincide on the plane at `distance_mm`.
+
+        The central view is the reference, with the pupil in it; `size` is width and height in px. The default principal
+        point is the centre of the view.
+        """
+        rows, cols, axes = positions_mm.shape
+        positions = np.zeros((rows, cols, 3))
+        positions[..., :axes] = positions_mm - positions_mm[rows // 2, cols // 2]
+        picture_centre = np.array([(size[0] - 1) / 2.0, (size[1] - 1) / 2.0])
+        return Views(
+            positions_mm=positions,
+            focal_px=focal_px,
+            centre_px=picture_centre if centre_px is None else centre_px,
+            width_px=size[0],
+            height_px=size[1],
+            reference_depth_mm=distance_mm,
+            reference_view_in_rig_mm=np.zeros(3),
+            view_from_rig=np.eye(3),
+            layout_identity="",
+        )
+
     @property
     def rows(self) -> int:
         return self.positions_mm.shape[0]
@@ -160,15 +197,7 @@ class Views:
 
         Their RMS deviation from the best-fitting even grid, with any two axes, is at most half its smaller step.
         """
-        t, s = np.indices((self.rows, self.cols)).reshape(2, -1)
-        positions = self.positions_mm[..., :2].reshape(-1, 2)
-        indices = [index - index.mean() for index, count in ((s, self.cols), (t, self.rows)) if count > 1]
-        if not indices:
-            return True
-        steps_mm = np.array([(index @ positions) / (index @ index) for index in indices])
-        deviations = positions - positions.mean(axis=0) - np.array(indices).T @ steps_mm
-        rms_mm = float(np.sqrt((deviations**2).sum(axis=1).mean()))
-        return rms_mm <= MAX_UNEVENNESS * float(np.linalg.norm(steps_mm, axis=1).min())
+        return even_grid(self.positions_mm[..., :2])[1] <= MAX_UNEVENNESS
 
     def require_grid(self, purpose: str) -> None:
         """Raise InputError, naming the purpose, unless the views form a grid."""
@@ -275,6 +304,78 @@ class LightField(Views):
         """Return the light field of samples (t, s, v, u, c) and weights (t, s, v, u) at these views."""
         geometry: dict[str, Any] = {field.name: getattr(views, field.name) for field in fields(Views)}
         return cls(**geometry, samples=samples, weights=weights)
+
+    @classmethod
+    def from_views(
+        cls,
+        images: ArrayLike | Sequence[ArrayLike],
+        *,
+        focal_px: ArrayLike,
+        step_mm: float | None = None,
+        positions_mm: ArrayLike | None = None,
+        poses: ArrayLike | None = None,
+        centre_px: ArrayLike | None = None,
+        distortion: ArrayLike = (0.0,) * 5,
+        reference_depth_mm: float | None = None,
+        weights: ArrayLike | Sequence[ArrayLike] | None = None,
+    ) -> Self:
+        """Return the light field of pictures, with one of `step_mm`, `positions_mm` and `poses`.
+
+        Parameters
+        ----------
+        images
+            Pictures (t, s, h, w[, c]) row by row from the top left, or (n, h, w[, c]) or a sequence of n pictures: a
+            row, or views at any positions. Grey or RGB, uint8, uint16 or floats from 0 to 1. With poses, sizes may
+            differ.
+        focal_px
+            Focal length; with poses, also one per picture (n,).
+        step_mm
+            Distance between adjacent views.
+        positions_mm
+            Positions (t, s, 2 or 3) or (n, 2 or 3) of the views: x right, y down, z forward.
+        poses
+            world_from_camera (n, 4, 4) or (t, s, 4, 4), mm, in OpenCV's axes (x right, y down, z forward). Pictures of
+            cameras that are not parallel or not alike are rectified, and a warning says what is lost.
+        centre_px
+            Principal point (2,), or with poses (n, 2); the middle of the pictures by default.
+        distortion
+            With poses, OpenCV's coefficients (k1, k2, p1, p2, k3), also one row per picture.
+        reference_depth_mm
+            Distance of the plane of zero disparity from the central view. By default infinity; with poses, where the
+            optical axes come closest.
+        weights
+            Weights of the pixels, in the shape of the pictures without colour; 1 by default.
+
+        Raises
+        ------
+        InputError
+            In one line, for arrays that do not fit each other, and for cameras that share no field of view.
+        """
+        geometry = {"step_mm": step_mm, "positions_mm": positions_mm, "poses": poses}
+        given = [name for name, value in geometry.items() if value is not None]
+        if len(given) != 1:
+            raise InputError(f"{', '.join(given) or 'no geometry'} given, expected one of step_mm, positions_mm, poses")
+        pictures, grid = pictures_of(images)
+        if poses is not None:
+            result = rectified_pictures(pictures, weights, poses, focal_px, centre_px, distortion, reference_depth_mm)
+            if result.note is not None:
+                warnings.warn(result.note, stacklevel=2)
+            return cls(**result.geometry, samples=result.samples, weights=result.weights)
+        if len({picture.shape for picture in pictures}) > 1:
+            raise InputError("images differ in size, expected equal ones, or poses of their cameras")
+        height, width = pictures[0].shape[:2]
+        positions, order = positions_of(grid, step_mm, positions_mm, len(pictures))
+        views = Views.parallel(
+            positions,
+            (width, height),
+            float(numbers_in("focal_px", focal_px, ())),
+            np.inf if reference_depth_mm is None else reference_depth_mm,
+            None if centre_px is None else numbers_in("centre_px", centre_px, (2,)),
+        )
+        full = np.ones((height, width), np.float32)
+        opacity = np.stack([full if weight is None else weight for weight in weights_of(weights, pictures)])[order]
+        samples: Any = np.stack(pictures)[order]
+        return cls.of(views, np.where(opacity[..., None] > 0, samples, 0).astype(samples.dtype), opacity)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> NDArray[Any]:
         """The samples (t, s, v, u, c), for NumPy's functions."""

@@ -23,7 +23,8 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CAMERAS
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.light_field.io.views_file import parallel_views, write_views
+from mirrorcam.optics.light_field.io.views_file import write_views
+from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.render_scenes.sets.render_set import render_set
 from tests.shared import built_once
 from tests.small_set import small_set_request
@@ -89,7 +90,7 @@ def test_figures_and_views_are_valid(tmp_path: Path) -> None:
     write_metrics(tmp_path / "metrics.json", {"error": Metric(value=0.1, unit="px", limit=1.0)})
     assert findings("metrics", of_file(tmp_path / "metrics.json")) == []
     places = np.stack(np.meshgrid([0.0, 1.0], [0.0, 1.0]), axis=-1)
-    write_views(tmp_path / "views.json", parallel_views(places, (4, 3), 100.0, 400.0))
+    write_views(tmp_path / "views.json", Views.parallel(places, (4, 3), 100.0, 400.0))
     assert findings("views", of_file(tmp_path / "views.json")) == []
 
 

@@ -153,38 +153,9 @@ def read_views(path: Path) -> tuple[Views, ViewsFile] | None:
     return views_of_fields(stated.views, str(path)), stated
 
 
-def parallel_views(
-    positions_mm: FloatArray,
-    size: tuple[int, int],
-    focal_px: float,
-    distance_mm: float,
-    centre_px: FloatArray | None = None,
-) -> Views:
-    """Build views at coplanar positions (t, s, 2), x and y, that coincide on the plane at `distance_mm`.
-
-    The central view is the reference, with the pupil in it; `size` is width and height in px. The default principal
-    point is the centre of the view.
-    """
-    rows, cols = positions_mm.shape[:2]
-    positions = np.zeros((rows, cols, 3))
-    positions[..., :2] = positions_mm - positions_mm[rows // 2, cols // 2]
-    picture_centre = np.array([(size[0] - 1) / 2.0, (size[1] - 1) / 2.0])
-    return Views(
-        positions_mm=positions,
-        focal_px=focal_px,
-        centre_px=picture_centre if centre_px is None else centre_px,
-        width_px=size[0],
-        height_px=size[1],
-        reference_depth_mm=distance_mm,
-        reference_view_in_rig_mm=np.zeros(3),
-        view_from_rig=np.eye(3),
-        layout_identity="",
-    )
-
-
 def even_views(path: Path, assumed: Assumed, grid: tuple[int, int], size: tuple[int, int]) -> Views:
     """Build views (rows, cols) with even steps, as assumed for the light field at a path."""
     t, s = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
     step_mm, focal_px, distance_mm = assumed.need(path, "step_mm", "focal_px", "reference_depth_mm")
     positions_mm = np.stack([s, t], axis=-1).astype(np.float64) * step_mm
-    return parallel_views(positions_mm, size, focal_px, distance_mm)
+    return Views.parallel(positions_mm, size, focal_px, distance_mm)

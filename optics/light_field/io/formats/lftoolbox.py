@@ -22,7 +22,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Format, depthless_writer, single_reader
 from mirrorcam.optics.light_field.io.view_images import weight_bytes
-from mirrorcam.optics.light_field.io.views_file import check_weights, even_views, parallel_views, views_of_fields
+from mirrorcam.optics.light_field.io.views_file import check_weights, even_views, views_of_fields
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 STRUCT = "MirrorCam"
@@ -71,7 +71,7 @@ def views_of(h: FloatArray, grid: tuple[int, int], size: tuple[int, int], source
     ]
     t, s = np.meshgrid(np.arange(grid[0]), np.arange(grid[1]), indexing="ij")
     positions_mm = np.stack([s, t], axis=-1).astype(np.float64) * np.where(counts > 1, steps, 0.0) * 1000.0
-    return parallel_views(
+    return Views.parallel(
         positions_mm,
         size,
         1.0 / float(h[2, 2]),

@@ -23,8 +23,8 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, depthless_writer
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.view_order import has_named_views, named_views
-from mirrorcam.optics.light_field.io.views_file import VIEWS, even_views, parallel_views, read_views, write_views
-from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.io.views_file import VIEWS, even_views, read_views, write_views
+from mirrorcam.optics.light_field.light_field import LightField, Views
 
 MASKS = "masks"
 
@@ -78,7 +78,7 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
         if assumed.step_mm is not None:
             positions_mm *= assumed.step_mm / _mean_step(folder, positions_mm)
         focal_px, distance_mm = assumed.need(folder, "focal_px", "reference_depth_mm")
-        views = parallel_views(positions_mm, size, focal_px, distance_mm)
+        views = Views.parallel(positions_mm, size, focal_px, distance_mm)
     opacity = np.full((rows, cols, size[1], size[0]), 255, np.uint8)
     for index, file in zip(np.ndindex(rows, cols), files, strict=True):
         mask = folder / MASKS / file.name

@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name, views_of_pinholes
+from mirrorcam.optics.light_field.camera_array import pinhole_geometry
+from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name
 from mirrorcam.optics.light_field.light_field import Views
 from tests.optics.light_field.depth.surfaces import grid_views
 
 
 def pinholes_of(views: Views, matrices: Any) -> Views:
     size = (views.width_px, views.height_px)
-    return views_of_pinholes(centres_in_rig_mm(views), views.view_from_rig, matrices, size, "a.json")
+    geometry = pinhole_geometry(centres_in_rig_mm(views), views.view_from_rig, matrices, size, "a.json")
+    return Views(**geometry)
 
 
 @pytest.mark.parametrize("reference_depth_mm", [375.0, 2000.0, np.inf])

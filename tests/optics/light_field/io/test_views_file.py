@@ -14,7 +14,6 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.io.views_file import (
     check_weights,
     fields_of_views,
-    parallel_views,
     read_views,
     views_of_fields,
 )
@@ -61,7 +60,7 @@ def test_invalid_fields_are_refused_in_one_line(change: dict[str, Any], message:
 
 def test_parallel_views_share_the_centre_of_the_middle_view() -> None:
     places = np.stack(np.meshgrid([0.0, 10.0, 20.0], [5.0, 15.0]), axis=-1)
-    views = parallel_views(places, (7, 5), 100.0, 400.0)
+    views = Views.parallel(places, (7, 5), 100.0, 400.0)
     assert views.positions_mm[1, 1].tolist() == [0.0, 0.0, 0.0]
     assert views.positions_mm[0, 2].tolist() == [10.0, -10.0, 0.0]
     assert views.centre_px.tolist() == [3.0, 2.0]
