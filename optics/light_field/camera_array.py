@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -319,6 +318,8 @@ def _resampled(
     shape: tuple[int, ...],
 ) -> tuple[Picture, NDArray[np.float32]]:
     """Return a picture and its weights as a pinhole (f, cx, cy) sees it, without samples outside the picture."""
+    import cv2
+
     v, u = np.indices(shape, dtype=np.float64)
     rays = np.stack([(u - pinhole[1]) / pinhole[0], (v - pinhole[2]) / pinhole[0], np.ones(shape)], axis=-1)
     pixels = camera.project(rays @ camera_from_view.T)

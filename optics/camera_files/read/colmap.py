@@ -111,7 +111,7 @@ def read_colmap(folder: Path) -> CameraRig:
             raise InputError(
                 f"{folder}: an image or a rig refers to camera {camera_id}, which is missing from the model"
             )
-        lens = _projection(camera, f"{folder}: camera {camera_id}")
+        lens = projection_of(camera, f"{folder}: camera {camera_id}")
         cameras.append(RigCamera(name, lens, pose, (camera.width_px, camera.height_px)))
     return CameraRig(FORMAT, tuple(cameras), unit_mm=None, notes=(note,))
 
@@ -123,14 +123,14 @@ def _views(model: ColmapModel, folder: Path) -> tuple[dict[str, tuple[int, Float
     for image in model.images:
         path = PurePosixPath(image.name)
         name, picture = (path.parent.as_posix(), path.name) if len(path.parts) > 1 else (path.stem, "")
-        pictures[picture][name] = image.camera_id, _matrix(image.pose)
+        pictures[picture][name] = image.camera_id, matrix_of(image.pose)
         folders[image.camera_id].add(name)
     rig = max(model.rigs, key=len, default={})
     if len(rig) > 1:
         unnamed = next((camera_id for camera_id in rig if len(folders[camera_id]) != 1), None)
         if unnamed is not None:
             raise InputError(f"{folder}: camera {unnamed} has no name, expected its pictures in their own folder")
-        views = {min(folders[camera_id]): (camera_id, _matrix(pose)) for camera_id, pose in rig.items()}
+        views = {min(folders[camera_id]): (camera_id, matrix_of(pose)) for camera_id, pose in rig.items()}
         return views, "poses are taken from the rig"
     if not pictures:
         raise InputError(f"{folder}: no images, expected a model with poses")
@@ -138,12 +138,12 @@ def _views(model: ColmapModel, folder: Path) -> tuple[dict[str, tuple[int, Float
     return pictures[picture], f"poses are taken from {f'the picture {picture}' if picture else 'the pictures'}"
 
 
-def _matrix(pose: tuple[float, ...]) -> FloatArray:
+def matrix_of(pose: tuple[float, ...]) -> FloatArray:
     """Rigid transform (4, 4) from a quaternion w, x, y, z and a translation."""
     return rigid(Rotation.from_quat(pose[:4], scalar_first=True).as_matrix(), np.array(pose[4:]))
 
 
-def _projection(camera: ColmapCamera, where: str) -> Projection:
+def projection_of(camera: ColmapCamera, where: str) -> Projection:
     if camera.model not in LENSES:
         raise InputError(f"{where}: {camera.model[:40]}, expected one of {', '.join(LENSES)}")
     mapping, values = LENSES[camera.model], camera.parameters

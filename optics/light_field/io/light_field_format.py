@@ -10,6 +10,7 @@ from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from mirrorcam.core.bounds import FOCAL_PX, GRID, LENGTH_MM
 from mirrorcam.core.disk.files import read_model
@@ -40,11 +41,14 @@ class Assumed(Value):
         Distance of the plane of zero disparity from the views.
     """
 
-    rows: int | None = GRID.field(None)
-    cols: int | None = GRID.field(None)
-    step_mm: float | None = LENGTH_MM.field(None)
-    focal_px: float | None = FOCAL_PX.field(None)
-    reference_depth_mm: DepthOrInf | None = None
+    rows: int | None = GRID.field(None, "rows of views, where a file or folder does not state them")
+    cols: int | None = GRID.field(None, "columns of views, likewise")
+    step_mm: float | None = LENGTH_MM.field(None, "distance between adjacent views, likewise")
+    focal_px: float | None = FOCAL_PX.field(None, "focal length of the views, likewise")
+    reference_depth_mm: DepthOrInf | None = Field(
+        default=None,
+        description="distance of the plane of zero disparity from the views, likewise; inf for parallel cameras",
+    )
 
     def complete(self, path: Path) -> Assumed:
         """Fill values that are None from the light field's `views_toml`, if it exists.
@@ -59,7 +63,8 @@ class Assumed(Value):
         missing = [name for name in names if getattr(self, name) is None]
         if missing:
             file = views_toml(path).relative_to(path.parent)
-            raise InputError(f"{path}: does not state its {', '.join(missing)}: expected in {file}")
+            options = ", ".join(f"--{name.replace('_', '-')}" for name in missing)
+            raise InputError(f"{path}: does not state its {', '.join(missing)}: expected in {file}, or as {options}")
         return tuple(getattr(self, name) for name in names)
 
 

@@ -41,8 +41,13 @@ _COUNT = r"([0-9]{1,9})"
 # The shortest prefix matches: following numbers that could be a position are taken as one.
 POSITIONED = re.compile(rf"(?:.*?_)?{_COUNT}_{_COUNT}_{_NUMBER}_{_NUMBER}_?", re.DOTALL)
 UNPOSITIONED = re.compile(rf"(?:.*_)?{_COUNT}_{_COUNT}", re.DOTALL)
+# As Blender's exporter of linusmossberg/light-field-renderer writes it: focal length and sensor width, mm, at the end.
+_DECIMAL = r"(-?[0-9]{1,12}\.[0-9]{1,20})"
+_LENS = r"([0-9]{1,6}(?:\.[0-9]{1,20})?)"
+WITH_LENS = re.compile(rf"(?:.*?_)?{_COUNT}_{_COUNT}_{_DECIMAL}_{_DECIMAL}_{_LENS}_{_LENS}", re.DOTALL)
 # Complete numbers only; a negative number's minus sign follows an underscore.
 _WORD = re.compile(r"(?<![0-9])(?<!_-)[0-9]{1,9}(?![0-9])|(?<=_)-[0-9]{1,9}(?![0-9])")
+_DIGITS = re.compile(r"[0-9]{1,18}")
 _NO_WORD = -(10**10)
 _MAX_WORDS = 8
 """Maximum count of numbers considered, from the end of a name."""
@@ -246,62 +251,111 @@ def _rearrange(light_field: LightField, order: _Order) -> LightField:
 
 @dataclass(frozen=True, eq=False)
 class NamedViews:
-    """Pictures row by row, their positions (t, s, 2), x and y, if named, and the numbers of rows and columns."""
+    """Pictures row by row, their positions (t, s, 2), x and y, if named, and the numbers of rows and columns.
+
+    `focal_widths` is the focal length as a fraction of the width of the picture, if named.
+    """
 
     files: tuple[Path, ...]
     positions: FloatArray | None
     grid: tuple[int, int]
+    focal_widths: float | None = None
 
 
 @dataclass(frozen=True)
 class _Named:
-    """Row and column of a picture by its name, and its position (x, y) if named."""
+    """Row and column of a picture by its name, and its position (x, y) and lens if named."""
 
     file: Path
     row: int
     col: int
     position: tuple[float, float] | None = None
+    focal_widths: float | None = None
 
 
-def has_named_views(files: Sequence[Path]) -> bool:
-    """Return whether pictures are named as views: NAME_ROW_COLUMN, or with numbers that form a grid."""
-    if any(POSITIONED.fullmatch(file.stem) or UNPOSITIONED.fullmatch(file.stem) for file in files):
-        return True
-    return any(_is_plane(views) for views in _named_grids(files))
-
-
-def named_views(folder: Path, files: Sequence[Path]) -> NamedViews:
+def named_views(folder: Path, files: Sequence[Path], grid: tuple[int | None, int | None] = (None, None)) -> NamedViews:
     """Return the views among the pictures of a folder.
 
-    A grid of rows and columns is preferred to a single row, and names with positions to names without. Raises
-    a one-line InputError for names that do not form a grid.
+    A grid of rows and columns is preferred to a single row, and names with positions to names without. Given rows or
+    columns (`grid`), names that form another grid or none are taken row by row in natural order, in which view10
+    follows view9. Raises a one-line InputError for names that do not form a grid.
     """
-    positioned = [
-        _Named(file, int(match[1]), int(match[2]), (float(match[4]), float(match[3])))
-        for file in files
-        if (match := POSITIONED.fullmatch(file.stem))
-    ]
+    positioned = [_positioned(file) for file in files]
     unpositioned = [
         _Named(file, int(match[1]), int(match[2])) for file in files if (match := UNPOSITIONED.fullmatch(file.stem))
     ]
     grids, reasons = [], []
-    for names in (positioned, unpositioned):
+    for names in ([name for name in positioned if name is not None], unpositioned):
         views = _named_grid(names) if names else "has no pictures NAME_ROW_COLUMN_Y_X"
         if isinstance(views, str):
             reasons += [views] if names else []
         else:
             grids.append(views)
     grids += _named_grids(files)
+    if any(grid):
+        fitting = [views for views in grids if all(a in (None, b) for a, b in zip(grid, views.grid, strict=True))]
+        grids = [views for views in fitting if 2 * len(views.files) >= len(files)] or [
+            _in_natural_order(folder, files, grid)
+        ]
     if not grids:
-        raise InputError(f"{folder}: {reasons[0] if reasons else 'has no pictures NAME_ROW_COLUMN_Y_X'}")
+        raise InputError(
+            f"{folder}: {reasons[0] if reasons else 'has no pictures NAME_ROW_COLUMN_Y_X'}; for pictures row by row in "
+            "the order of their names, give rows or cols in views.toml, or --rows or --cols"
+        )
     planes = [views for views in grids if _is_plane(views)]
     views = max(planes, key=lambda views: len(views.files)) if planes else grids[0]
-    if 2 * len(views.files) < len(files):
+    if 2 * len(views.files) < len(files) and not any(grid):
         raise InputError(
             f"{folder}: only {len(views.files)} of {len(files)} pictures form a grid by the numbers in their names, "
             f"such as {views.files[0].name}, expected NAME_ROW_COLUMN pictures of all views"
         )
     return views
+
+
+def _positioned(file: Path) -> _Named | None:
+    """Return a picture named with its position, with or without its lens."""
+    if match := WITH_LENS.fullmatch(file.stem):
+        width = float(match[6])
+        return _Named(
+            file,
+            int(match[1]),
+            int(match[2]),
+            (float(match[4]), float(match[3])),
+            float(match[5]) / width if width > 0 else None,
+        )
+    if match := POSITIONED.fullmatch(file.stem):
+        return _Named(file, int(match[1]), int(match[2]), (float(match[4]), float(match[3])))
+    return None
+
+
+def _in_natural_order(folder: Path, files: Sequence[Path], grid: tuple[int | None, int | None]) -> NamedViews:
+    """Return the pictures of a folder row by row in natural order.
+
+    If there are more, those whose names differ only in their numbers are the views.
+    """
+    alike: dict[str, list[Path]] = {}
+    for file in files:
+        alike.setdefault(_DIGITS.sub("0", file.name.lower()), []).append(file)
+    groups = sorted([list(files), *alike.values()], key=len, reverse=True)
+    rows, cols = grid
+    for group in groups:
+        count = len(group)
+        across = cols or (count // rows if rows and count % rows == 0 else 0)
+        down = rows or (count // across if across and count % across == 0 else 0)
+        if down * across == count > 0 and ((rows and cols) or group is max(alike.values(), key=len)):
+            return NamedViews(tuple(sorted(group, key=_natural)), None, (down, across))
+    expected = " and ".join(f"{number} {name}" for number, name in ((rows, "rows"), (cols, "columns")) if number)
+    raise InputError(f"{folder}: {len(files)} pictures, of which none or several kinds form {expected} of views")
+
+
+def _natural(file: Path) -> list[tuple[int, str]]:
+    """Return a key that sorts numbers in names by value."""
+    words = _DIGITS.split(file.name.lower())
+    numbers = _DIGITS.findall(file.name.lower())
+    key = [(-1, words[0])]
+    for number, word in zip(numbers, words[1:], strict=True):
+        key += [(int(number), ""), (-1, word)]
+    return key
 
 
 def _is_plane(views: NamedViews) -> bool:
@@ -317,8 +371,8 @@ def _named_grids(files: Sequence[Path]) -> Iterator[NamedViews]:
         for row in range(col + 1, _MAX_WORDS):
             named = np.flatnonzero(numbers[:, row] > _NO_WORD)
             pairs = numbers[named][:, [row, col]]
-            # A quick test for folders of many pictures: a grid has as many pictures as its numbers span.
-            if len(pairs) < 4 or np.prod(np.ptp(pairs, axis=0) + 1.0) != len(pairs):
+            # A quick test for folders of many pictures: a grid has as many pictures as its rows and columns.
+            if len(pairs) < 4 or len(np.unique(pairs[:, 0])) * len(np.unique(pairs[:, 1])) != len(pairs):
                 continue
             views = _named_grid(
                 [_Named(files[index], *pair) for index, pair in zip(named.tolist(), pairs.tolist(), strict=True)]
@@ -328,27 +382,42 @@ def _named_grids(files: Sequence[Path]) -> Iterator[NamedViews]:
 
 
 def _named_grid(names: Sequence[_Named]) -> NamedViews | str:
-    """Return views at all rows and columns from the first (0, 1 or negative), or why they do not form a grid."""
+    """Return views at evenly spaced rows and columns, or why they do not form a grid.
+
+    Rows and columns count from any number, in any steps: a block of a larger grid, or every second view of it. Names
+    with a lens have x right and y down: positions that run upwards or leftwards turn the grid around.
+    """
     numbers = np.array([(name.row, name.col) for name in names])
     first, last = (tuple(ends.tolist()) for ends in (numbers.min(axis=0), numbers.max(axis=0)))
     # Numbers relative to a central view are partly negative; if all are, the minus sign is a hyphen.
-    if max(first) > 1 or any(begin < 0 and end <= 0 for begin, end in zip(first, last, strict=True)):
+    if any(begin < 0 and end <= 0 for begin, end in zip(first, last, strict=True)):
         return f"its first view is {first}, expected rows and columns from 0 or from 1"
     pictures: dict[tuple[int, int], _Named] = {}
     for name in names:
-        index = name.row - first[0], name.col - first[1]
-        if index in pictures:
-            return f"{pictures[index].file.name} and {name.file.name} show the same view, expected one picture per view"
-        pictures[index] = name
-    rows, cols = (1 + max(index[axis] for index in pictures) for axis in (0, 1))
-    if len(pictures) != rows * cols:
-        missing = next((row, col) for row in range(rows) for col in range(cols) if (row, col) not in pictures)
-        view = missing[0] + first[0], missing[1] + first[1]
-        return f"lacks view {view}, expected NAME_ROW_COLUMN pictures of all {rows}x{cols}"
-    order = [pictures[index] for index in np.ndindex(rows, cols)]
-    positions = [name.position for name in order if name.position is not None]
-    return NamedViews(
-        tuple(name.file for name in order),
-        np.array(positions).reshape(rows, cols, 2) if positions else None,
-        (rows, cols),
-    )
+        if (name.row, name.col) in pictures:
+            other = pictures[name.row, name.col].file.name
+            return f"{other} and {name.file.name} show the same view, expected one picture per view"
+        pictures[name.row, name.col] = name
+    rows, cols = (np.unique(numbers[:, axis]).tolist() for axis in (0, 1))
+    if len(pictures) != len(rows) * len(cols):
+        missing = next((row, col) for row in rows for col in cols if (row, col) not in pictures)
+        return f"lacks view {missing}, expected NAME_ROW_COLUMN pictures of all {len(rows)}x{len(cols)}"
+    has_positions = all(name.position is not None for name in names)
+    for axis, kept in (("rows", rows), ("columns", cols)):
+        if not has_positions and len(set(np.diff(kept).tolist())) > 1:
+            listed = ", ".join(map(str, kept[:8]))
+            return f"{axis} {listed} are not evenly spaced, expected pictures of all {axis}"
+    positions = None
+    if has_positions:
+        positions = np.array([pictures[row, col].position for row in rows for col in cols])
+        positions = positions.reshape(len(rows), len(cols), 2)
+    order = [[pictures[row, col] for col in cols] for row in rows]
+    lenses = {name.focal_widths for name in names}
+    focal_widths = lenses.pop() if len(lenses) == 1 else None
+    if positions is not None and focal_widths is not None:
+        if (positions[-1, :, 1] < positions[0, :, 1]).all():
+            positions, order = positions[::-1], order[::-1]
+        if (positions[:, -1, 0] < positions[:, 0, 0]).all():
+            positions, order = positions[:, ::-1], [row[::-1] for row in order]
+    files = tuple(name.file for row in order for name in row)
+    return NamedViews(files, positions, (len(rows), len(cols)), focal_widths)

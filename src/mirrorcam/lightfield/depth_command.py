@@ -9,8 +9,9 @@ from cyclopts import Parameter
 
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_first
+from mirrorcam.lightfield.light_fields import AssumedViews, FrameLayout, LightFieldPaths, say_first
 from mirrorcam.lightfield.requests import DepthRequest
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING
 
 
 def depth(
@@ -18,6 +19,7 @@ def depth(
     /,
     *,
     layout: FrameLayout = None,
+    views: AssumedViews = NOTHING,
     request: DepthRequest = DepthRequest(),
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/depth"),
     force: Force = False,
@@ -36,7 +38,7 @@ def depth(
     from mirrorcam.lightfield.depth_maps import write_depths
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
-    inputs = LightFieldInputs(light_fields, layout, reporter=TERMINAL)
+    inputs = LightFieldInputs(light_fields, layout, TERMINAL, views)
     with long_work("depth", inputs.count_text, "files") as advance:
         summaries = write_depths(inputs, out, request, force=force, progress=advance)
     empty = [summary.name for summary in summaries if not summary.depth_fraction]

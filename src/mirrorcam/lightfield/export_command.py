@@ -16,7 +16,9 @@ from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import say
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Value
+from mirrorcam.lightfield.light_fields import AssumedViews
 from mirrorcam.optics.light_field.io.formats.registry import NAMES
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 
 if TYPE_CHECKING:
     from mirrorcam.optics.light_field.io.light_field_format import Contents, Depth
@@ -53,33 +55,35 @@ def export(
         Parameter(
             name="LIGHTFIELD",
             help=".npz, .zarr or .mcap of mirrorcam decode, .mat of the Light Field Toolbox, ESLF or tiled .png, or a "
-            "folder in the format of HCI, the Stanford gantry, plenpy, PlenoptiCam, COLMAP or nerfstudio",
+            "folder in the format of HCI, the Stanford gantry, plenpy, PlenoptiCam, COLMAP or nerfstudio, "
+            "or of pictures",
         ),
     ],
     /,
     *,
     request: ExportRequest,
+    views: AssumedViews = NOTHING,
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/exported"),
     force: Force = False,
 ) -> int:
     """Convert a light field between formats.
 
-    Its format is detected from its name and contents; values that it lacks are read from views.toml
+    Its format is detected from its name and contents; values that it lacks are options, or read from views.toml
     (docs/formats.md). Writes NAME with the suffix of the format.
 
     Examples:
         mirrorcam export decoded/frame_0000.npz --to hci
         mirrorcam export decoded/recording.zarr --frame 12 --to ply
     """
-    exported = export_light_field(light_field, out, request, force=force)
+    exported = export_light_field(light_field, out, request, views, force=force)
     for note in exported.notes:
         say("views", note)
     if exported.measured is not None:
         say("export", f"depth estimated: {exported.measured:.0%} of the pixels with confidence above 0.5")
     field = exported.light_field
     count = f"{field.rows}x{field.cols}" if field.is_grid else str(field.rows * field.cols)
-    views = f"{count} views of {field.width_px}x{field.height_px} px"
-    say("export", f"{exported.path} written ({request.to}), from {exported.source_format}: {views}")
+    size = f"{count} views of {field.width_px}x{field.height_px} px"
+    say("export", f"{exported.path} written ({request.to}), from {exported.source_format}: {size}")
     return 0
 
 
@@ -98,7 +102,9 @@ class Exported:
     notes: tuple[str, ...] = ()
 
 
-def export_light_field(source: Path, folder: Path, request: ExportRequest, *, force: bool = False) -> Exported:
+def export_light_field(
+    source: Path, folder: Path, request: ExportRequest, assumed: Assumed = NOTHING, *, force: bool = False
+) -> Exported:
     """Read a light field in any format and write it in another format into a folder, under its name.
 
     PLY needs a depth, which is estimated if neither the request nor the source has one; `force` also replaces files
@@ -121,7 +127,7 @@ def export_light_field(source: Path, folder: Path, request: ExportRequest, *, fo
         output.refuse_others(
             *([inner_pattern] if output.path.joinpath(name).is_dir() else [inner_pattern, glob.escape(name)])
         )
-        contents = open_light_fields(source)
+        contents = open_light_fields(source, assumed=assumed)
         light_field, depth_mm, measured = _read(contents, source, request)
         with output.staged(complete=False) as staged:
             write_light_field(staged / name, light_field, request.to, depth_mm)

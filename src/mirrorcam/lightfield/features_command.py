@@ -12,8 +12,9 @@ from cyclopts import Parameter
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_first
+from mirrorcam.lightfield.light_fields import AssumedViews, FrameLayout, LightFieldPaths, say_first
 from mirrorcam.lightfield.requests import FeaturesRequest
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING
 
 if TYPE_CHECKING:
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
@@ -33,6 +34,7 @@ def features(
     /,
     *,
     layout: FrameLayout = None,
+    views: AssumedViews = NOTHING,
     request: FeaturesRequest = FeaturesRequest(),
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/features"),
     force: Force = False,
@@ -50,7 +52,7 @@ def features(
     from mirrorcam.core.console.reporter import TERMINAL
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
-    inputs = LightFieldInputs(light_fields, layout, TERMINAL)
+    inputs = LightFieldInputs(light_fields, layout, TERMINAL, views)
     with long_work("features", inputs.count_text, "files") as advance:
         summaries = write_features(inputs, out, request, force=force, progress=advance)
     lines = []

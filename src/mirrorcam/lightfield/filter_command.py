@@ -11,8 +11,9 @@ from cyclopts import Parameter
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_first
+from mirrorcam.lightfield.light_fields import AssumedViews, FrameLayout, LightFieldPaths, say_first
 from mirrorcam.lightfield.requests import FilterRequest
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING
 
 if TYPE_CHECKING:
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
@@ -25,6 +26,7 @@ def filter(  # the command's name
     /,
     *,
     layout: FrameLayout = None,
+    views: AssumedViews = NOTHING,
     request: FilterRequest = FilterRequest(),
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/filter"),
     force: Force = False,
@@ -41,7 +43,7 @@ def filter(  # the command's name
     from mirrorcam.core.console.reporter import TERMINAL
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
-    inputs = LightFieldInputs(light_fields, layout, TERMINAL)
+    inputs = LightFieldInputs(light_fields, layout, TERMINAL, views)
     with long_work("filter", inputs.count_text, "files") as advance:
         summaries = write_filtered(inputs, out, request, force=force, progress=advance)
     lines = []

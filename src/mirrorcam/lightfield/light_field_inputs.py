@@ -19,6 +19,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.equalisation import Equalisation, equalised, needed_equalisation
 from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 from mirrorcam.optics.light_field.light_field import LightField
 from mirrorcam.optics.light_field.temporal import TemporalFilter
 
@@ -47,12 +48,13 @@ class LightFieldInputs:
     """Files and folders of light fields, whose different names name the results.
 
     `layout` is the `layout.json` for decoding frames of the camera. `reporter` gets remarks on views that are reordered
-    or matched in brightness.
+    or matched in brightness. `assumed` is the geometry of views that files do not state.
     """
 
     paths: tuple[Path, ...]
     layout: Path | None = None
     reporter: Reporter = SILENT
+    assumed: Assumed = NOTHING
 
     def __post_init__(self) -> None:
         names = [path.stem for path in self.paths]
@@ -75,7 +77,7 @@ class LightFieldInputs:
         has_frames = any(is_picture(path) for path in self.paths)
         decoder = Decoder(Layout.load(self.layout)) if self.layout is not None and has_frames else None
         for done, path in enumerate(self.paths, start=1):
-            yield from open_inputs(path, decoder, self.reporter)
+            yield from open_inputs(path, decoder, self.reporter, self.assumed)
             progress(done, len(self.paths))
 
     def open_for(
@@ -112,13 +114,15 @@ class RecordingFilter:
         return self._filter.filtered(named.light_field)
 
 
-def open_inputs(path: Path, decoder: Decoder | None, reporter: Reporter = SILENT) -> Iterator[NamedLightField]:
+def open_inputs(
+    path: Path, decoder: Decoder | None, reporter: Reporter = SILENT, assumed: Assumed = NOTHING
+) -> Iterator[NamedLightField]:
     """Open the light fields of a file or folder; a recording has one per frame.
 
     Views that differ visibly in brightness or colour are matched to the central view, in a recording according
     to its first frame, and reported; others are returned exactly as stored.
     """
-    contents = open_light_fields(path, decoder=decoder)
+    contents = open_light_fields(path, assumed=assumed, decoder=decoder)
     name = path.name if path.is_dir() and not contents.is_recording else path.stem
     bits = line_on_bits(path)
     if bits is not None:

@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mirrorcam.core.console.progress import say
+from mirrorcam.optics.light_field.io.light_field_format import Assumed
 
 PRINTED_LINES = 20
 
@@ -23,6 +24,7 @@ LightFieldPaths = Annotated[
 FrameLayout = Annotated[
     Path | None, Parameter(metavar="FILE", help="layout.json to decode frames with, calibrated if possible")
 ]
+AssumedViews = Annotated[Assumed, Parameter(name="*")]
 
 
 def say_first(title: str, lines: Sequence[str]) -> None:

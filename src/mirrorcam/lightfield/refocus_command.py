@@ -9,8 +9,9 @@ from cyclopts import Parameter
 
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_first
+from mirrorcam.lightfield.light_fields import AssumedViews, FrameLayout, LightFieldPaths, say_first
 from mirrorcam.lightfield.requests import RefocusRequest
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING
 
 
 def refocus(
@@ -18,6 +19,7 @@ def refocus(
     /,
     *,
     layout: FrameLayout = None,
+    views: AssumedViews = NOTHING,
     request: RefocusRequest = RefocusRequest(),
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/refocus"),
     force: Force = False,
@@ -38,7 +40,7 @@ def refocus(
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
     from mirrorcam.lightfield.refocusing import write_refocused
 
-    inputs = LightFieldInputs(light_fields, layout, TERMINAL)
+    inputs = LightFieldInputs(light_fields, layout, TERMINAL, views)
     with long_work("refocus", inputs.count_text, "files") as advance:
         written = write_refocused(inputs, out, request, force=force, progress=advance)
     depth_lines = []

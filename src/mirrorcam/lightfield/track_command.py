@@ -14,8 +14,9 @@ from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.lightfield.light_fields import FrameLayout, LightFieldPaths, say_first
+from mirrorcam.lightfield.light_fields import AssumedViews, FrameLayout, LightFieldPaths, say_first
 from mirrorcam.lightfield.requests import TrackRequest
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING
 
 if TYPE_CHECKING:
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
@@ -34,6 +35,7 @@ def track(
     /,
     *,
     layout: FrameLayout = None,
+    views: AssumedViews = NOTHING,
     request: TrackRequest = TrackRequest(),
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/track"),
     force: Force = False,
@@ -52,7 +54,7 @@ def track(
     from mirrorcam.core.figures.figure_texts import count_text
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 
-    inputs = LightFieldInputs(light_fields, layout, TERMINAL)
+    inputs = LightFieldInputs(light_fields, layout, TERMINAL, views)
     with long_work("track", inputs.count_text, "files") as advance:
         trajectory = write_trajectory(inputs, out, request, force=force, progress=advance)
     lost = [name for name, pose in zip(trajectory.names, trajectory.poses, strict=True) if pose.is_lost]

@@ -6,31 +6,41 @@ pictures get margins, which the masks exclude.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
-from mirrorcam.core.disk.array_files import as_input_error
-from mirrorcam.core.disk.files import inside, read_lines, write_text
+from mirrorcam.core.disk.files import inside, is_inside, write_text
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.optics.camera_files.read.colmap import (
+    ColmapCamera,
+    ColmapImage,
+    ColmapModel,
+    matrix_of,
+    model_folder,
+    projection_of,
+    read_model,
+)
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, SfmCamera, rig_config, sparse_model
-from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.optics.geometry.transforms import inverse, rigid
+from mirrorcam.optics.light_field.camera_array import PosedCamera
 from mirrorcam.optics.light_field.depth.parallax import reference_index
-from mirrorcam.optics.light_field.io.light_field_format import Format, depthless_writer, single_reader
-from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, row_by_row, view_name, views_of_pinholes
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, depthless_writer
+from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name
+from mirrorcam.optics.light_field.io.posed_pictures import PosedPicture, read_posed
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
-from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_views
+from mirrorcam.optics.light_field.io.views_file import VIEWS, ViewsFile, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 PICTURE = "0000.png"
 EDGE_PX = 1.0
 """Minimum distance of principal points from the border."""
-_FIELDS = 10
-"""Number of fields in a picture's line of `images.txt`."""
+MM_PER_UNIT = 1000.0
+"""A model has no unit; ours are in metres."""
 
 
 def margins(views: Views) -> tuple[int, int, int, int]:
@@ -72,88 +82,110 @@ def write_colmap(folder: Path, light_field: LightField) -> None:
 
 
 def is_colmap(folder: Path) -> bool:
-    """Return whether a folder has a text model, as laid out by `write_colmap` and `colmap model_converter`."""
-    return (folder / "sparse" / "cameras.txt").exists() and (folder / "sparse" / "images.txt").exists()
+    """Return whether a folder has a sparse model, as text or binary, in the places where COLMAP's tools write it."""
+    model = model_folder(folder) if folder.is_dir() else None
+    return model is not None and any((model / f"images{suffix}").is_file() for suffix in (".bin", ".txt"))
 
 
-def read_colmap(folder: Path) -> LightField:
-    """Read the light field of a model of parallel PINHOLE cameras, with pictures named `..._ROW_COLUMN/NAME`.
+def read_colmap(folder: Path, assumed: Assumed = NOTHING) -> Contents:
+    """Read the light field of a model of any cameras with pictures of any names.
 
-    Without `views.json`, the rig is COLMAP's world in mm, and pictures keep their margins. Raises InputError
-    for any other model.
+    Without `views.json`, the rig is COLMAP's world in mm, if the world is in metres; a step that is assumed scales it.
+    Of several frames of a rig, the first complete one is read. Raises InputError for cameras that are not the views of
+    a light field.
     """
-    model = folder / "sparse"
-    with as_input_error(model, "a model of a grid of views"):
-        (rows, cols), order = row_by_row(_named_views(model))
-        poses, numbers = (np.array([view[part] for view in order]) for part in (0, 1))
-        if poses.shape[1:] != (7,) or numbers.shape[1:] != (6,) or not np.isfinite([poses.sum(), numbers.sum()]).all():
-            raise ValueError("numbers are missing or not finite")
-        rotations = Rotation.from_quat(poses[:, :4], scalar_first=True).as_matrix()
-    if np.abs(rotations - rotations[0]).max() > 1e-6 or np.ptp(numbers[:, :2], axis=0).any():
-        raise InputError(f"{model}: cameras have different orientations or sizes, expected parallel views")
-    files = [inside(folder / "images", name) for _, _, name in order]
+    where = model_folder(folder)
+    if where is None:
+        raise InputError(f"{folder}: no sparse model, expected cameras.bin or cameras.txt")
+    model, saved = read_model(where), read_views(folder / VIEWS)
+    images, note = _one_frame(model.images)
+    if not images:
+        raise InputError(f"{where}: no pictures, expected those of a light field")
+    unknown = next((image for image in images if image.camera_id not in model.cameras), None)
+    if unknown is not None:
+        raise InputError(f"{where}: {unknown.name[:80]} refers to camera {unknown.camera_id}, which is missing")
+    if saved is not None:
+        return Contents((_own(folder, saved, images, model),))
+    cameras = {number: _camera(f"{where}: camera {number}", model.cameras[number]) for number in _ids(images)}
+    root = next((name for name in ("images", ".") if _has(folder / name, images[0].name)), "images")
+    pictures = []
+    for image in images:
+        file, mask = inside(folder / root, image.name), inside(folder / "masks", f"{image.name}.png")
+        world_from_camera = inverse(matrix_of(image.pose))
+        world_from_camera[:3, 3] *= MM_PER_UNIT
+        posed = PosedCamera(image.name[:80], cameras[image.camera_id], world_from_camera)
+        pictures.append(PosedPicture(file, mask if mask.exists() else None, posed))
+    contents = read_posed(where, pictures, assumed)
+    return contents if note is None else replace(contents, notes=(note, *contents.notes))
+
+
+def _ids(images: Sequence[ColmapImage]) -> set[int]:
+    return {image.camera_id for image in images}
+
+
+def _has(folder: Path, name: str) -> bool:
+    return is_inside(folder, name) and (folder / name).is_file()
+
+
+def _one_frame(images: Sequence[ColmapImage]) -> tuple[list[ColmapImage], str | None]:
+    """Return pictures taken at one time, by name, and a note if there are others.
+
+    In a rig, each camera has a folder, and pictures of one time have one name.
+    """
+    ordered = sorted(images, key=lambda image: image.name)
+    frames: dict[str, list[ColmapImage]] = {}
+    for image in ordered:
+        frames.setdefault(PurePosixPath(image.name).name, []).append(image)
+    folders = {PurePosixPath(image.name).parent for image in ordered}
+    complete = [name for name, members in frames.items() if len(members) == len(folders)]
+    if len(folders) < 2 or len(frames) < 2 or not complete:
+        return ordered, None
+    return frames[complete[0]], f"{complete[0]} of each camera read, of {len(frames)} pictures"
+
+
+def _camera(where: str, camera: ColmapCamera) -> Camera:
+    lens = projection_of(camera, where)
+    if not isinstance(lens, Camera):
+        raise InputError(f"{where}: {camera.model}, expected a pinhole with a lens")
+    return lens
+
+
+def _own(folder: Path, saved: tuple[Views, ViewsFile], images: Sequence[ColmapImage], model: ColmapModel) -> LightField:
+    """Read the pictures of the views in `views.json`, whose sorted names are row by row, without their margins."""
+    views, (left, top, right, bottom) = saved[0], saved[1].margins
+    rows, cols = views.rows, views.cols
+    if len(images) != rows * cols:
+        raise InputError(f"{folder}: not a model of a grid of views: {len(images)} views, expected {rows}x{cols}")
+    files = [inside(folder / "images", image.name) for image in images]
     size = common_size(files)
-    if size != tuple(numbers[0, :2]):
-        raise InputError(f"{files[0]}: {size[0]}x{size[1]} px, expected {numbers[0, :2].tolist()} as for its camera")
-    saved = read_views(folder / VIEWS)
-    left, top, right, bottom = saved[1].margins if saved else (0, 0, 0, 0)
-    if saved:
-        views = saved[0]
-        if size != (views.width_px + left + right, views.height_px + top + bottom):
-            raise InputError(
-                f"{folder / VIEWS}: views of {views.width_px}x{views.height_px} px, but pictures of {size[0]}x{size[1]}"
-            )
-    else:
-        matrices = np.zeros((rows * cols, 3, 3))
-        matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = numbers[:, 2], numbers[:, 3], 1.0
-        matrices[:, :2, 2] = numbers[:, 4:] - HALF_PIXEL
-        centres_mm = (-1000.0 * poses[:, 4:] @ rotations[0]).reshape(rows, cols, 3)
-        views = views_of_pinholes(centres_mm, rotations[0], matrices.reshape(rows, cols, 3, 3), size, str(model))
+    stated = model.cameras[images[0].camera_id]
+    if size != (stated.width_px, stated.height_px):
+        raise InputError(
+            f"{files[0]}: {size[0]}x{size[1]} px, expected {stated.width_px}x{stated.height_px} as for its camera"
+        )
+    if size != (views.width_px + left + right, views.height_px + top + bottom):
+        raise InputError(
+            f"{folder / VIEWS}: views of {views.width_px}x{views.height_px} px, but pictures of {size[0]}x{size[1]}"
+        )
     inner = (slice(top, size[1] - bottom), slice(left, size[0] - right))
     shape = (rows, cols, views.height_px, views.width_px)
     colours, opacity = np.empty((*shape, 3), np.uint8), np.full(shape, 255, np.uint8)
-    for index, file, (_, _, name) in zip(np.ndindex(rows, cols), files, order, strict=True):
+    for index, file, image in zip(np.ndindex(rows, cols), files, images, strict=True):
         picture = read_image(file)
         check_size(file, picture, size)
         colours[index] = picture[inner]
-        mask = inside(folder / "masks", f"{name}.png")
+        mask = inside(folder / "masks", f"{image.name}.png")
         if mask.exists():
             grey = read_image(mask, grey=True)
             check_size(mask, grey, size)
             opacity[index] = grey[inner]
-    return light_field_of(views, colours, opacity, saved[1].channels if saved else 3)
-
-
-_View = tuple[NDArray[np.float64], list[float], str]
-
-
-def _named_views(where: Path) -> dict[tuple[int, int], _View]:
-    """Return pose, intrinsics and picture of each view by row and column, from the pictures' names."""
-    cameras, views = {}, dict[tuple[int, int], _View]()
-    for words in _lines(where / "cameras.txt"):
-        if words[1] != "PINHOLE":
-            raise InputError(f"{where / 'cameras.txt'}: camera {words[0]} is {words[1]}, expected PINHOLE"[:300])
-        cameras[words[0]] = [float(word) for word in words[2:8]]
-    for words in _lines(where / "images.txt"):
-        # Lines of points do not have ten words ending in a picture's name.
-        if len(words) == _FIELDS and "/" in words[9]:
-            row, col = (int(word) for word in words[9].split("/")[0].split("_")[-2:])
-            views[row, col] = np.array(words[1:8], np.float64), cameras[words[8]], words[9]
-    return views
-
-
-def _lines(path: Path) -> Iterator[list[str]]:
-    """Yield the first words (the rest as one) of each line that is neither empty nor a comment."""
-    for raw in read_lines(path):
-        line = raw.decode("utf-8")
-        if line.strip() and not line.startswith("#"):
-            yield line.split(maxsplit=_FIELDS)
+    return light_field_of(views, colours, opacity, saved[1].channels)
 
 
 FORMAT = Format(
     name="colmap",
     ending="_colmap",
     detect=is_colmap,
-    read=single_reader(lambda path, assumed: read_colmap(path)),
+    read=read_colmap,
     write=depthless_writer(write_colmap),
 )

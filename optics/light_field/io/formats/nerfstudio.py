@@ -5,8 +5,8 @@ The world's origin is the pupil: x right, y towards the scene, z up.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import ConfigDict
@@ -14,18 +14,29 @@ from pydantic import ConfigDict
 from mirrorcam.core.disk.array_files import as_input_error
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, inside, read_json, write_json
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.core.images.pictures import is_picture, picture_size, read_image, write_image
 from mirrorcam.core.values import Matrix4, Value
+from mirrorcam.optics.camera_files.camera_rig import camera_of, orthogonal, size_of
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, OPENCV_FROM_OPENGL, WORLD_FROM_VIEW, frame
 from mirrorcam.optics.geometry.transforms import rigid
-from mirrorcam.optics.light_field.io.light_field_format import Format, depthless_writer, single_reader
-from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, row_by_row, view_name, views_of_pinholes
+from mirrorcam.optics.light_field.camera_array import MAX_VIEWS, PosedCamera
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, depthless_writer
+from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name
+from mirrorcam.optics.light_field.io.posed_pictures import PosedPicture, read_posed
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
-from mirrorcam.optics.light_field.io.views_file import VIEWS, read_views, write_views
-from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.io.views_file import VIEWS, ViewsFile, read_views, write_views
+from mirrorcam.optics.light_field.light_field import LightField, Views
 
 TRANSFORMS = "transforms.json"
 MAX_FRAMES = 20_000
+MM_PER_UNIT = 1000.0
+"""A data set has no unit; ours are in metres."""
+LENSES = {
+    **dict.fromkeys(("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"), "brown_conrady"),
+    "OPENCV_FISHEYE": "fisheye",
+}
+"""Families of lenses by `camera_model`."""
 
 
 def write_nerfstudio(folder: Path, light_field: LightField) -> None:
@@ -45,86 +56,135 @@ def write_nerfstudio(folder: Path, light_field: LightField) -> None:
 
 
 class _Frame(Value):
-    """Fields that are read from a frame, or from the values common to all frames."""
+    """Fields that are read from a frame, or from the values common to all frames.
+
+    Sizes may be left out, and `camera_angle_x` be given in place of the focal length, as in the data sets of NeRF.
+    """
 
     model_config = ConfigDict(extra="ignore")
 
     file_path: str
     mask_path: str | None = None
     transform_matrix: Matrix4
-    fl_x: float
-    fl_y: float
-    cx: float
-    cy: float
-    w: float
-    h: float
+    camera_model: str = "OPENCV"
+    is_fisheye: bool = False
+    camera_angle_x: float | None = None
+    fl_x: float | None = None
+    fl_y: float | None = None
+    cx: float | None = None
+    cy: float | None = None
+    w: float | None = None
+    h: float | None = None
     k1: float = 0.0
     k2: float = 0.0
     k3: float = 0.0
+    k4: float = 0.0
     p1: float = 0.0
     p2: float = 0.0
 
 
-def read_nerfstudio(folder: Path) -> LightField:
-    """Read a dataset of parallel, undistorted views named `..._ROW_COLUMN.png`.
+def read_nerfstudio(folder: Path, assumed: Assumed = NOTHING) -> Contents:
+    """Read a dataset of any cameras with pictures of any names, in any order.
 
-    Without `views.json`, the rig is nerfstudio's world in mm. Raises a one-line InputError for any other dataset.
+    Without `views.json`, the rig is nerfstudio's world in mm, if the world is in metres; a step that is assumed scales
+    it. Raises a one-line InputError for cameras that are not the views of a light field.
     """
     path = folder / TRANSFORMS
-    dataset = read_json(path, LARGEST_LAYOUT_BYTES)
-    with as_input_error(path, "a dataset of a grid of views"):
-        frames, common = {}, {name: dataset[name] for name in _Frame.model_fields if name in dataset}
+    dataset, saved = read_json(path, LARGEST_LAYOUT_BYTES), read_views(folder / VIEWS)
+    with as_input_error(path, "a dataset of views"):
+        common = {name: dataset[name] for name in _Frame.model_fields if name in dataset}
         if len(dataset["frames"]) > MAX_FRAMES:
             raise ValueError(f"more than {MAX_FRAMES} frames")
-        for fields in dataset["frames"]:
-            frame = _Frame.model_validate({**common, **fields}, strict=True)
-            frames[_index(frame.file_path)] = frame
-        (rows, cols), order = row_by_row(frames)
-    transforms = np.array([frame.transform_matrix for frame in order])
-    numbers = np.array([[frame.fl_x, frame.fl_y, frame.cx, frame.cy] for frame in order])
-    distortion = max(abs(k) for frame in order for k in (frame.k1, frame.k2, frame.k3, frame.p1, frame.p2))
-    if np.abs(transforms[:, :3, :3] - transforms[0, :3, :3]).max() > 1e-6:
-        raise InputError(f"{path}: cameras have different orientations, expected parallel views")
-    if distortion > 0.0:
-        raise InputError(f"{path}: cameras have distortion, expected undistorted views")
-    matrices = np.zeros((rows * cols, 3, 3))
-    matrices[:, 0, 0], matrices[:, 1, 1], matrices[:, 2, 2] = numbers[:, 0], numbers[:, 1], 1.0
-    matrices[:, :2, 2] = numbers[:, 2:] - HALF_PIXEL
-    files = [inside(folder, frame.file_path) for frame in order]
-    size, stated = common_size(files), read_views(folder / VIEWS)
-    if size != (order[0].w, order[0].h):
-        raise InputError(f"{files[0]}: {size[0]}x{size[1]} px, expected {order[0].w:g}x{order[0].h:g}")
-    views: Any = stated[0] if stated else None
-    if views is None:
-        centres_mm = 1000.0 * transforms[:, :3, 3].reshape(rows, cols, 3)
-        view_from_world = (transforms[0, :3, :3] @ OPENCV_FROM_OPENGL[:3, :3]).T
-        views = views_of_pinholes(centres_mm, view_from_world, matrices.reshape(rows, cols, 3, 3), size, str(path))
-    pictures, masks = [], []
-    for frame, file in zip(order, files, strict=True):
+        frames = [_Frame.model_validate({**common, **fields}, strict=True) for fields in dataset["frames"]]
+        if not frames:
+            raise ValueError("no frames")
+    frames.sort(key=lambda frame: frame.file_path)
+    if len(frames) > MAX_VIEWS:
+        raise InputError(f"{path}: {len(frames)} frames, expected at most {MAX_VIEWS} views of a light field")
+    files = [_picture(folder, frame.file_path) for frame in frames]
+    masks = [None if frame.mask_path is None else inside(folder, frame.mask_path) for frame in frames]
+    if saved is not None:
+        return Contents((_own(path, saved, frames, files, masks),))
+    size = picture_size(files[0])
+    pictures = []
+    for stated, file, mask in zip(frames, files, masks, strict=True):
+        where = f"{path}: {stated.file_path[:80]}"
+        world_from_camera = rigid(orthogonal(stated.transform_matrix[:3, :3], where), stated.transform_matrix[:3, 3])
+        world_from_camera[:3, :3] = world_from_camera[:3, :3] @ OPENCV_FROM_OPENGL[:3, :3]
+        if np.linalg.det(world_from_camera[:3, :3]) < 0:
+            raise InputError(f"{where}: transform_matrix is a reflection, expected a rotation")
+        world_from_camera[:3, 3] *= MM_PER_UNIT
+        posed = PosedCamera(stated.file_path[:80], _camera(where, stated, size), world_from_camera)
+        pictures.append(PosedPicture(file, mask, posed))
+    return read_posed(path, pictures, assumed)
+
+
+def _picture(folder: Path, name: str) -> Path:
+    """Return the picture of a frame; names may lack the ending, as in the data sets of NeRF."""
+    file = inside(folder, name)
+    endings = (".png", ".jpg", ".jpeg", ".JPG")
+    if is_picture(file) or file.exists():
+        return file
+    return next((found for ending in endings if (found := inside(folder, name + ending)).is_file()), file)
+
+
+def _camera(where: str, frame: _Frame, picture_px: tuple[int, int]) -> Camera:
+    """Return the camera of a frame; a size that is not stated is that of the first picture."""
+    if frame.camera_model not in LENSES:
+        raise InputError(f"{where}: camera_model {frame.camera_model[:40]!r}, expected one of {', '.join(LENSES)}")
+    width, height = size_of([frame.w or picture_px[0], frame.h or picture_px[1]], where)
+    focal = frame.fl_x
+    if focal is None and frame.camera_angle_x is not None and 0 < frame.camera_angle_x < np.pi:
+        focal = width / 2.0 / np.tan(frame.camera_angle_x / 2.0)
+    if focal is None:
+        raise InputError(f"{where}: has no fl_x, expected a focal length in px")
+    centre = (width / 2.0 if frame.cx is None else frame.cx, height / 2.0 if frame.cy is None else frame.cy)
+    core = [focal, frame.fl_y or focal, centre[0] - HALF_PIXEL, centre[1] - HALF_PIXEL]
+    lens = "fisheye" if frame.is_fisheye else LENSES[frame.camera_model]
+    distortion = (frame.k1, frame.k2, frame.p1, frame.p2, frame.k3)
+    if lens == "fisheye":
+        distortion = (frame.k1, frame.k2, frame.k3, frame.k4)
+    elif frame.k4:
+        raise InputError(f"{where}: has a coefficient k4, expected k1, k2, k3, p1 and p2")
+    return camera_of(where, core, lens, distortion, (width, height))
+
+
+def _own(
+    path: Path,
+    saved: tuple[Views, ViewsFile],
+    frames: Sequence[_Frame],
+    files: Sequence[Path],
+    masks: Sequence[Path | None],
+) -> LightField:
+    """Read the pictures of the views in `views.json`, whose sorted names are row by row."""
+    views = saved[0]
+    if len(files) != views.rows * views.cols:
+        raise InputError(
+            f"{path}: not a dataset of a grid of views: {len(files)} views, expected {views.rows}x{views.cols}"
+        )
+    size = common_size(files)
+    other = next((stated for stated in frames if (stated.w, stated.h) != size), None)
+    if other is not None:
+        raise InputError(f"{files[0]}: {size[0]}x{size[1]} px, expected {other.w or 0:g}x{other.h or 0:g}")
+    pictures, opacities = [], []
+    for file, mask in zip(files, masks, strict=True):
         picture = read_image(file)
         check_size(file, picture, size)
-        mask = np.full((size[1], size[0]), 255, np.uint8)
-        if frame.mask_path is not None:
-            mask_path = inside(folder, frame.mask_path)
-            mask = read_image(mask_path, grey=True)
-            check_size(mask_path, mask, size)
+        opacity = np.full((size[1], size[0]), 255, np.uint8)
+        if mask is not None:
+            opacity = read_image(mask, grey=True)
+            check_size(mask, opacity, size)
         pictures.append(picture)
-        masks.append(mask)
-    shape = (rows, cols, size[1], size[0])
-    channels = stated[1].channels if stated else 3
-    return light_field_of(views, np.stack(pictures).reshape(*shape, 3), np.stack(masks).reshape(shape), channels)
-
-
-def _index(file: str) -> tuple[int, int]:
-    """Return row and column of a view from its picture's name."""
-    row, col = Path(file).stem.split("_")[-2:]
-    return int(row), int(col)
+        opacities.append(opacity)
+    shape = (views.rows, views.cols, size[1], size[0])
+    colours = np.stack(pictures).reshape(*shape, 3)
+    return light_field_of(views, colours, np.stack(opacities).reshape(shape), saved[1].channels)
 
 
 FORMAT = Format(
     name="nerfstudio",
     ending="_nerfstudio",
     detect=lambda path: (path / TRANSFORMS).exists(),
-    read=single_reader(lambda path, assumed: read_nerfstudio(path)),
+    read=read_nerfstudio,
     write=depthless_writer(write_nerfstudio),
 )

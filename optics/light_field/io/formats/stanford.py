@@ -4,9 +4,11 @@ Rows and columns count from the top left view, with two digits, so sorted names 
 position, y down and x right, in the gantry's unit in the archive, and in mm here. Pictures are rectified to a plane of
 zero disparity. `masks/` holds the weights of views with missing samples.
 
-Such folders are read with any name before ROW, counted from 0 or 1, with any picture type, and without Y and X:
-`Original Camera_00_00_-1.5_2.25_.png`, `2067_01_01.jpg`. All names together show which numbers are ROW and COLUMN, and
-the pictures show which of the two is the row: `IMG_0001_002_01_02.png`.
+Such folders are read with any name before ROW, with any picture type, and without Y and X: `2067_01_01.jpg`. They may
+be a block of a larger grid, or every second view of it, and have the focal length and the sensor width, mm, at the end:
+`Original Camera_11_11_61.5_61.5_30_36.jpg`. All names together show which numbers are ROW and COLUMN, and the pictures
+show which of the two is the row: `IMG_0001_002_01_02.png`. With rows or columns assumed, pictures of any other names
+are the views row by row in natural order: `view0.png`, ..., `view10.png`.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ from mirrorcam.core.images.pictures import is_picture, read_image, write_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, depthless_writer
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
-from mirrorcam.optics.light_field.io.view_order import has_named_views, named_views
+from mirrorcam.optics.light_field.io.view_order import named_views
 from mirrorcam.optics.light_field.io.views_file import VIEWS, even_views, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
@@ -44,8 +46,8 @@ def write_stanford(folder: Path, light_field: LightField) -> None:
 
 
 def is_stanford(folder: Path) -> bool:
-    """Return whether a folder has pictures named as views."""
-    return folder.is_dir() and has_named_views([file for file in folder.iterdir() if is_picture(file)])
+    """Return whether a folder has several pictures."""
+    return folder.is_dir() and sum(is_picture(file) for file in folder.iterdir()) > 1
 
 
 def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
@@ -59,7 +61,7 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
     """
     with as_input_error(folder, "pictures of a grid of views"):
         pictures_in_folder = [file for file in sorted(folder.iterdir()) if is_picture(file)]
-        named = named_views(folder, pictures_in_folder)
+        named = named_views(folder, pictures_in_folder, (assumed.rows, assumed.cols))
     files, positions_mm, (rows, cols) = named.files, named.positions, named.grid
     size, stated = common_size(files), read_views(folder / VIEWS)
     if stated is not None:
@@ -77,6 +79,8 @@ def read_stanford(folder: Path, assumed: Assumed = NOTHING) -> Contents:
     else:
         if assumed.step_mm is not None:
             positions_mm *= assumed.step_mm / _mean_step(folder, positions_mm)
+        if assumed.focal_px is None and named.focal_widths is not None:
+            assumed = assumed.replaced(focal_px=named.focal_widths * size[0])
         focal_px, distance_mm = assumed.need(folder, "focal_px", "reference_depth_mm")
         views = Views.parallel(positions_mm, size, focal_px, distance_mm)
     opacity = np.full((rows, cols, size[1], size[0]), 255, np.uint8)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.optics.light_field.io.view_order import has_named_views, in_order, named_views
+from mirrorcam.optics.light_field.io.view_order import in_order, named_views
 from tests.optics.light_field.io.orders import scene, with_samples
 
 GRIDS = [(2, 2), (2, 3), (3, 3), (4, 2)]
@@ -208,7 +208,6 @@ def test_row_and_column_are_the_numbers_with_all_combinations(text: str, has_pla
     expected = names(text, first)
     shuffled = [*expected, Path("cover.png"), Path("map.png")]
     random.Random(3).shuffle(shuffled)
-    assert has_named_views(shuffled)
     found = named_views(Path("a"), shuffled)
     assert found.files == tuple(expected)
     assert found.grid == (ROWS, COLS)
@@ -225,6 +224,55 @@ def test_rows_and_columns_may_count_from_the_middle(text: str) -> None:
     assert found.grid == (ROWS, COLS)
 
 
+@pytest.mark.parametrize(
+    ("text", "count", "grid", "expected"),
+    [
+        ("view{}.png", 12, (1, 12), (1, 12)),
+        ("view{}.png", 12, (1, None), (1, 12)),
+        ("view{}.png", 12, (None, 4), (3, 4)),
+        ("IMG_{:04d}.JPG", 9, (3, 3), (3, 3)),
+        ("2024-05-01 ({}).png", 12, (3, 4), (3, 4)),
+    ],
+)
+def test_given_rows_or_columns_take_names_in_natural_order(
+    text: str, count: int, grid: tuple[int | None, int | None], expected: tuple[int, int]
+) -> None:
+    views = [Path(text.format(n)) for n in range(count)]
+    mixed = [*views, Path("left.png"), Path("right 3.png")]
+    random.Random(2).shuffle(mixed)
+    found = named_views(Path("a"), mixed, grid)
+    assert found.files == tuple(views)
+    assert found.grid == expected
+    assert named_views(Path("a"), sorted(views), grid).files == tuple(views)
+
+
+def test_names_of_a_grid_take_precedence_over_natural_order_if_they_fit() -> None:
+    columns_first = sorted(Path(f"{s}_{t}.png") for t, s in np.ndindex(2, 3))
+    assert named_views(Path("a"), columns_first, (3, 2)).files == tuple(columns_first)
+    assert named_views(Path("a"), columns_first, (2, 3)).files == tuple(columns_first)
+    with pytest.raises(InputError, match="a: 6 pictures, of which none or several kinds form 2 rows and 2 columns"):
+        named_views(Path("a"), columns_first, (2, 2))
+
+
+@pytest.mark.parametrize("text", ["Original Camera_{t:02d}_{s:02d}_{y:.6f}_{x:.6f}_30_36.jpg", "out_{t}_{s}.png"])
+def test_blocks_of_a_larger_grid_may_skip_views(text: str) -> None:
+    """Rows 11, 13, 15 and columns 30, 32: from the bottom right, as in a set that Blender exported."""
+    files = [
+        Path(text.format(t=t, s=s, y=400.0 - 10.0 * t, x=400.0 - 10.0 * s)) for t in (11, 13, 15) for s in (30, 32)
+    ]
+    found = named_views(Path("a"), files)
+    assert found.grid == (3, 2)
+    if found.positions is None:
+        assert found.files == tuple(files)
+    else:
+        assert found.files == tuple(files[::-1])
+        assert found.focal_widths == 30 / 36
+        assert found.positions[:, 0].tolist() == [[80.0, 250.0], [80.0, 270.0], [80.0, 290.0]]
+    uneven = [Path(f"out_{t}_{s}.png") for t in (11, 12, 15) for s in (30, 32)]
+    with pytest.raises(InputError, match="rows 11, 12, 15 are not evenly spaced"):
+        named_views(Path("a"), uneven)
+
+
 def test_a_grid_of_few_of_the_pictures_is_refused() -> None:
     files = [Path(f"v_{t}_{s}.png") for t, s in np.ndindex(2, 2)] + [Path(f"photo {n}.png") for n in range(5)]
     with pytest.raises(InputError, match="only 4 of 9 pictures form a grid"):
@@ -237,7 +285,6 @@ def test_a_grid_of_few_of_the_pictures_is_refused() -> None:
 )
 def test_pictures_of_other_types_are_not_views(text: str) -> None:
     files = sorted(set(names(text)))
-    assert not has_named_views(files)
     with pytest.raises(InputError, match="has no pictures NAME_ROW_COLUMN_Y_X"):
         named_views(Path("a"), files)
 
@@ -269,9 +316,9 @@ def test_names_of_any_kind_give_a_grid_or_one_line() -> None:
         files = [
             Path("_".join(chosen.choices(parts, k=chosen.randint(1, 6))) + ".png") for _ in range(chosen.randint(1, 9))
         ]
-        has_named_views(files)
+        grid = chosen.choice([(None, None), (None, None), (1, None), (None, 2), (2, 3)])
         try:
-            found = named_views(Path("a"), files)
+            found = named_views(Path("a"), files, grid)
         except InputError as error:
             refused += 1
             assert str(error).startswith("a: ")

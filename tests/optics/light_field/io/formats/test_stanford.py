@@ -93,12 +93,37 @@ def test_folders_of_pictures_that_form_no_grid_are_refused(tmp_path: Path) -> No
     (tmp_path / "other").mkdir()
     for folder, message in (
         ("gap", r"lacks view \(1, 1\), expected NAME_ROW_COLUMN pictures of all 2x2"),
-        ("late", r"its first view is \(6, 6\), expected rows and columns from 0 or from 1"),
+        ("late", r"lacks view \(7, 7\), expected NAME_ROW_COLUMN pictures of all 2x2"),
         ("twice", "a_0_0.png and b_0_0.jpg show the same view"),
         ("other", "has no pictures NAME_ROW_COLUMN_Y_X"),
     ):
         with pytest.raises(InputError, match=message):
             read_stanford(tmp_path / folder)
+
+
+def test_plain_folders_are_read_with_rows_and_columns(tmp_path: Path) -> None:
+    light_field = plane(2, 6, 1.0)
+    for number, (t, s) in enumerate(np.ndindex(2, 6)):
+        write_image(tmp_path / f"view{number}.png", light_field.samples[t, s].astype(np.uint8))
+    given = Assumed(focal_px=400.0, reference_depth_mm=455.0, step_mm=10.0)
+    with pytest.raises(InputError, match=r"give rows or cols in views\.toml, or --rows or --cols"):
+        open_light_fields(tmp_path, assumed=given)
+    (found,) = open_light_fields(tmp_path, assumed=given.replaced(rows=2)).frames
+    assert np.array_equal(found.samples, light_field.samples)
+    (tmp_path / "views.toml").write_text("rows = 2\ncols = 6\n", encoding="utf-8")
+    (found,) = open_light_fields(tmp_path, assumed=given).frames
+    assert np.array_equal(found.samples, light_field.samples)
+
+
+def test_names_may_state_the_lens(tmp_path: Path) -> None:
+    light_field = plane(2, 2, 1.0)
+    for t, s in np.ndindex(2, 2):
+        x, y = light_field.positions_mm[t, s, :2]
+        name = f"Camera_{7 - t:02d}_{9 - s:02d}_{y:.6f}_{x:.6f}_30_36.png"
+        write_image(tmp_path / name, light_field.samples[t, s].astype(np.uint8))
+    (found,) = open_light_fields(tmp_path, assumed=Assumed(reference_depth_mm=455.0)).frames
+    assert np.array_equal(found.samples, light_field.samples)
+    assert found.focal_px == light_field.width_px * 30 / 36
 
 
 def test_views_at_one_position_have_no_step(tmp_path: Path) -> None:
