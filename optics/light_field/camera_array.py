@@ -28,6 +28,8 @@ NEGLIGIBLE_PX = 1e-6
 """Negligible differences of principal points and focal lengths, for zero disparity at infinity."""
 TOLERANCE_PX = 0.01
 """Tolerance of principal points and focal lengths for views that share a plane of zero disparity."""
+_NEAREST = 0.5
+"""Part of the distance of the reference plane before which no scene is expected."""
 _LOST_STEPS = 24
 """Number of rays along each side of a picture that measure how much of it lies in the common frame."""
 
@@ -156,8 +158,8 @@ def rectified(
     Parameters
     ----------
     cameras
-        Cameras in any order. The world becomes the rig; an origin in front of the views, from which depths would not be
-        positive, is moved back to the central view along its axis.
+        Cameras in any order. The world becomes the rig; an origin so far in front of the views that depths may not be
+        positive is moved back to the central view along its axis.
     picture_of
         Returns picture (h, w, c) and weights (h, w), or None for full weight, of a camera by its number.
     where
@@ -215,7 +217,8 @@ def rectified(
             f"view lost, {1.0 - (weights > 0).mean():.1%} of the views without a sample"
         )
     behind_mm = -float(view_from_world[2] @ geometry["reference_view_in_rig_mm"])
-    if behind_mm > NEGLIGIBLE_MM:
+    distance_mm = geometry["reference_depth_mm"] + behind_mm
+    if behind_mm > (_NEAREST * distance_mm if np.isfinite(distance_mm) else NEGLIGIBLE_MM):
         geometry["reference_view_in_rig_mm"] = geometry["reference_view_in_rig_mm"] + behind_mm * view_from_world[2]
         geometry["reference_depth_mm"] += behind_mm
         moved = f"the origin of the world lies {behind_mm:.4g} mm before the views: moved to their plane"
