@@ -186,7 +186,7 @@ def rectified(
     positions = worlds[:, :3, 3] @ view_from_world.T
     order = arrangement(positions[:, :2])
     grid, flat = order.shape, order.ravel()
-    ordered = [cameras[number] for number in flat]
+    ordered = [cameras[number] for number in flat.tolist()]
     geometry = None
     if reference_depth_mm is None and turns_deg[widest] < NEGLIGIBLE_DEG:
         geometry = _of_parallel(ordered, worlds[flat, :3, 3].reshape(*grid, 3), view_from_world)

@@ -68,7 +68,7 @@ def positions_of(
         if step_mm is None or not (np.isfinite(step_mm) and step_mm > 0):
             raise InputError(f"step_mm: {step_mm}, expected a positive number")
         t, s = np.indices(numbers.shape)
-        return np.stack([s, t], axis=-1) * float(step_mm), numbers
+        return np.stack([s, t], axis=-1).astype(np.float64) * float(step_mm), numbers
     positions = numbers_in("positions_mm", positions_mm)
     if positions.shape[-1:] not in {(2,), (3,)} or positions.size != count * positions.shape[-1]:
         raise InputError(f"positions_mm has shape {positions.shape}, expected {count} views with 2 or 3 numbers")

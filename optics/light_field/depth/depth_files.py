@@ -59,11 +59,17 @@ def save_depth(path: Path, depth: DepthMap, record: DepthRecord | None = None) -
 
 
 def load_depth(path: Path, light_field: LightField) -> NDArray[np.float32]:
-    """Return the depth (v, u) in mm that `save_depth` wrote for a light field.
+    """Return the depth (v, u) in mm that `save_depth` wrote for a light field; raises as `load_depth_map`."""
+    return load_depth_map(path, light_field).depth_mm
 
-    Raises InputError for any other file, and for a depth map of another layout, view or size.
+
+def load_depth_map(path: Path, light_field: LightField) -> DepthMap:
+    """Return the depth map that `save_depth` wrote for a light field.
+
+    Without sigma or confidence in the file, sigma is NaN, and the confidence of every depth 1. Raises InputError for
+    any other file, and for a depth map of another layout, view or size.
     """
-    arrays = read_npz(path, ("depth_mm", "layout_identity", "view"), EXPECTED)
+    arrays = read_npz(path, ("depth_mm", "sigma_mm", "confidence", "layout_identity", "view"), EXPECTED)
     with as_input_error(path, EXPECTED):
         depth_mm, identity = arrays["depth_mm"], str(arrays["layout_identity"])[:MAX_IDENTITY_LENGTH]
         row, col = (int(number) for number in arrays["view"])
@@ -76,4 +82,15 @@ def load_depth(path: Path, light_field: LightField) -> NDArray[np.float32]:
     if depth_mm.shape != light_field.weights.shape[2:]:
         height, width = light_field.weights.shape[2:]
         raise InputError(f"{path}: depth of {depth_mm.shape} px, expected {(height, width)} of the views")
-    return np.asarray(depth_mm, dtype=np.float32)
+    measures = {"sigma_mm": np.full(depth_mm.shape, np.nan), "confidence": np.isfinite(depth_mm)}
+    measures = {name: np.asarray(arrays.get(name, measure)) for name, measure in measures.items()}
+    for name, measure in measures.items():
+        if measure.shape != depth_mm.shape or measure.dtype.kind not in "fb":
+            raise InputError(f"{path}: {name} is {measure.dtype} of {measure.shape}, expected numbers {depth_mm.shape}")
+    return DepthMap(
+        views=light_field,
+        view=(row, col),
+        depth_mm=depth_mm.astype(np.float32),
+        sigma_mm=measures["sigma_mm"].astype(np.float32),
+        confidence=measures["confidence"].astype(np.float32),
+    )

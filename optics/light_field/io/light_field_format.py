@@ -21,6 +21,15 @@ from mirrorcam.optics.light_field.light_field import LightField
 Depth = NDArray[np.float32]
 
 
+@dataclass(frozen=True, eq=False)
+class KnownDepth:
+    """Depth (v, u) of the reference view from the pupil, mm; with sigma_mm and confidence (v, u) if estimated."""
+
+    depth_mm: Depth
+    sigma_mm: Depth | None = None
+    confidence: Depth | None = None
+
+
 def views_toml(path: Path) -> Path:
     """Return the file with the missing geometry: `views.toml` in a folder, `NAME.views.toml` next to a file."""
     return path / "views.toml" if path.is_dir() else path.with_name(f"{path.stem}.views.toml")
@@ -112,19 +121,22 @@ class Format:
     detect
         Whether a file or folder has this format, judged by name and folder contents.
     write
-        Writer of a light field and, if supported, the depth (v, u) of the central view.
+        Writer of a light field and, if supported, the depth of the central view.
     read
         Reader, given the assumed geometry; None for a write-only format.
     needs_grid
         Whether it can only hold views in rows and columns.
+    has_points
+        Whether it holds the points of the depth.
     """
 
     name: str
     ending: str
     detect: Callable[[Path], bool]
-    write: Callable[[Path, LightField, Depth | None], None]
+    write: Callable[[Path, LightField, KnownDepth | None], None]
     read: Callable[[Path, Assumed], Contents] | None
     needs_grid: bool = False
+    has_points: bool = False
 
     @property
     def is_folder(self) -> bool:
@@ -136,9 +148,11 @@ def single_reader(read: Callable[[Path, Assumed], LightField]) -> Callable[[Path
     return lambda path, assumed: Contents((read(path, assumed),))
 
 
-def depthless_writer(write: Callable[[Path, LightField], None]) -> Callable[[Path, LightField, Depth | None], None]:
+def depthless_writer(
+    write: Callable[[Path, LightField], None],
+) -> Callable[[Path, LightField, KnownDepth | None], None]:
     """Adapt the writer of a format without depth."""
-    return lambda path, light_field, depth_mm: write(path, light_field)
+    return lambda path, light_field, depth: write(path, light_field)
 
 
 class StoredFrames(Sequence[LightField]):

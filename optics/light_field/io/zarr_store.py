@@ -17,6 +17,8 @@ from mirrorcam.optics.light_field.io.views_file import light_field_of_fields
 from mirrorcam.optics.light_field.light_field import LightField
 
 DIMENSIONS = ("frame", "t", "s", "v", "u", "c")
+COORDINATES = ("number", "time_s", "x_mm", "y_mm", "z_mm")
+"""Arrays that label the samples: by frame, and by view."""
 GROWTH_FRAMES = 256
 """Number of frames by which the array grows during writing."""
 MAX_FRAMES = 10_000_000
@@ -27,7 +29,8 @@ class ZarrSink:
     """Stores a recording as a Zarr group.
 
     The group's attributes are the recording's metadata and `lost`; its arrays are `samples` (frame, t, s, v, u, c),
-    `weights` (t, s, v, u), and `number` and `time_s` (frame,), the frames' numbers in the source and times.
+    `weights` (t, s, v, u), `number` and `time_s` (frame,), the frames' numbers in the source and times, and `x_mm`,
+    `y_mm` and `z_mm` (t, s), the positions of the views. Xarray shows the last five as coordinates.
     """
 
     def open(self, folder: Path, about: dict[str, Any]) -> None:
@@ -55,6 +58,8 @@ class ZarrSink:
         group = zarr.open_group(folder, mode="r+")
         for name, values in (("number", np.array(entries.numbers)), ("time_s", np.array(entries.times_s))):
             group.create_array(name, data=values, dimension_names=("frame",), overwrite=True)
+        # As xarray reads the conventions for climate data: coordinates of the samples that are not indices.
+        self._samples.attrs["coordinates"] = " ".join(COORDINATES)
         group.attrs.update({**about, "lost": [[number, reason] for number, reason in sorted(entries.lost.items())]})
 
     def read(self, path: Path) -> tuple[dict[str, Any], Entries]:
@@ -84,7 +89,13 @@ class ZarrSink:
         from zarr.codecs import BloscCodec
 
         group = zarr.open_group(self._folder, mode="a")
-        group.create_array("weights", data=light_field.weights, dimension_names=DIMENSIONS[1:5], overwrite=True)
+        weights = group.create_array(
+            "weights", data=light_field.weights, dimension_names=DIMENSIONS[1:5], overwrite=True
+        )
+        weights.attrs["coordinates"] = " ".join(COORDINATES[2:])
+        for axis, name in enumerate(COORDINATES[2:]):
+            values = np.ascontiguousarray(light_field.positions_mm[..., axis])
+            group.create_array(name, data=values, dimension_names=DIMENSIONS[1:3], overwrite=True)
         # Pictures hardly compress: this fast codec mainly removes the parts of views without samples.
         codec = BloscCodec(cname="lz4", clevel=1, shuffle="noshuffle")
         shape = light_field.samples.shape

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 from cyclopts import Parameter
 from pydantic import Field
 
@@ -17,19 +16,17 @@ from mirrorcam.core.console.progress import say
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Value
 from mirrorcam.lightfield.light_fields import AssumedViews
-from mirrorcam.optics.light_field.io.formats.registry import NAMES
+from mirrorcam.optics.light_field.io.formats.registry import MIN_CONFIDENCE, NAMES
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
 
 if TYPE_CHECKING:
+    from mirrorcam.optics.light_field.depth import DepthMap
     from mirrorcam.optics.light_field.io.light_field_format import Contents, Depth
     from mirrorcam.optics.light_field.light_field import LightField
 
     FormatName = str
 else:
     FormatName = Literal[NAMES]
-
-MIN_CONFIDENCE = 0.5
-"""Confidence above which an estimated depth is exported."""
 
 
 @Parameter(name="*")
@@ -38,14 +35,17 @@ class ExportRequest(Value):
 
     to: FormatName = Field(
         description="format to write. lftoolbox: .mat with H and weights; hci, stanford: folders of pictures; eslf, "
-        "tiles: one .png; mcap: a ROS 2 bag; plenpy, plenopticam: .npy; colmap: rig and masks; nerfstudio: "
-        "transforms.json; ply: points in mm, in the rig frame"
+        "tiles: one .png; mcap: a ROS 2 bag; plenpy, plenopticam: .npy; colmap: rig, masks and points; nerfstudio: "
+        "transforms.json and points; ply: points in mm, in the rig frame, with confidence and sigma"
     )
     frame: int = Bounds(0, 10**9).field(0, "frame of a recording, counted from 0")
     depth: Path | None = Field(
         default=None,
-        description="NAME_depth.npz of mirrorcam depth, as depth for ply and as ground truth for hci [default: the "
-        "depth of an HCI scene; otherwise estimated for ply]",
+        description="NAME_depth.npz of mirrorcam depth, as points for ply, colmap and nerfstudio, and as ground truth "
+        "for hci [default: the depth of an HCI scene; otherwise estimated for points]",
+    )
+    min_confidence: float = Bounds(0.0, 1.0).field(
+        MIN_CONFIDENCE, "points need a higher confidence; 0 keeps all that have any"
     )
 
 
@@ -79,7 +79,8 @@ def export(
     for note in exported.notes:
         say("views", note)
     if exported.measured is not None:
-        say("export", f"depth estimated: {exported.measured:.0%} of the pixels with confidence above 0.5")
+        confidence = f"confidence above {request.min_confidence:g}"
+        say("export", f"depth estimated: {exported.measured:.0%} of the pixels with {confidence}")
     field = exported.light_field
     count = f"{field.rows}x{field.cols}" if field.is_grid else str(field.rows * field.cols)
     size = f"{count} views of {field.width_px}x{field.height_px} px"
@@ -107,9 +108,9 @@ def export_light_field(
 ) -> Exported:
     """Read a light field in any format and write it in another format into a folder, under its name.
 
-    PLY needs a depth, which is estimated if neither the request nor the source has one; `force` also replaces files
-    that this command did not write. Raises InputError for a source that cannot be read, or cannot be written in the
-    format.
+    For formats with points, a depth is estimated if neither the request nor the source has one; `force` also replaces
+    files that this command did not write. Raises InputError for a source that cannot be read, or cannot be written in
+    the format.
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.io.formats.registry import (
@@ -130,24 +131,36 @@ def export_light_field(
         contents = open_light_fields(source, assumed=assumed)
         light_field, depth_mm, measured = _read(contents, source, request)
         with output.staged(complete=False) as staged:
-            write_light_field(staged / name, light_field, request.to, depth_mm)
+            write_light_field(staged / name, light_field, request.to, depth_mm, min_confidence=request.min_confidence)
     return Exported(folder / name, format_of(source).name, light_field, measured, contents.notes)
 
 
-def _read(contents: Contents, source: Path, request: ExportRequest) -> tuple[LightField, Depth | None, float | None]:
-    """Return the light field, its depth if any, and the fraction of pixels with a depth estimated for the export."""
-    from mirrorcam.optics.light_field.depth import DepthEstimator
-    from mirrorcam.optics.light_field.depth.depth_files import load_depth
-    from mirrorcam.optics.light_field.io.formats.registry import frame_of
+def _read(
+    contents: Contents, source: Path, request: ExportRequest
+) -> tuple[LightField, Depth | DepthMap | None, float | None]:
+    """Return the light field, its depth if any, and the fraction of sure pixels if depth was estimated for points.
 
-    light_field, depth_mm = frame_of(contents, request.frame, source), contents.depth_mm
+    Without any sure pixel, a model of cameras is exported without points.
+    """
+    from mirrorcam.optics.light_field.depth import DepthEstimator
+    from mirrorcam.optics.light_field.depth.depth_files import load_depth_map
+    from mirrorcam.optics.light_field.io.formats.registry import formats, frame_of
+
+    light_field = frame_of(contents, request.frame, source)
     if request.depth is not None:
-        depth_mm = load_depth(request.depth, light_field)
-    measured = None
-    if depth_mm is None and request.to == "ply":
+        return light_field, load_depth_map(request.depth, light_field), None
+    if contents.depth_mm is not None or not formats()[request.to].has_points:
+        return light_field, contents.depth_mm, None
+    needs_depth = request.to == "ply"
+    try:
         depth = DepthEstimator(light_field).estimate(light_field)
-        depth_mm = np.where(depth.valid & (depth.confidence > MIN_CONFIDENCE), depth.depth_mm, np.float32(np.nan))
-        measured = float(np.isfinite(depth_mm).mean())
-        if not measured:
-            raise InputError(f"{source}: no depth with confidence above {MIN_CONFIDENCE:g}; is the layout calibrated?")
-    return light_field, depth_mm, measured
+    except InputError:
+        if needs_depth:
+            raise
+        return light_field, None, 0.0
+    sure = float((depth.valid & (depth.confidence > request.min_confidence)).mean())
+    if not sure and needs_depth:
+        raise InputError(
+            f"{source}: no depth with confidence above {request.min_confidence:g}; is the layout calibrated?"
+        )
+    return light_field, depth if sure else None, sure

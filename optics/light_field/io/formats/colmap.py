@@ -1,4 +1,4 @@
-"""COLMAP: the views as one rig of pinholes, in metres, with a sparse model of one frame without points.
+"""COLMAP: the views as one rig of pinholes, in metres, with a sparse model of one frame and the points of its depth.
 
 COLMAP drops cameras whose principal point lies outside their picture, which is common for views in mirrors, so
 pictures get margins, which the masks exclude.
@@ -11,10 +11,12 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mirrorcam.core.disk.files import inside, is_inside, write_text
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.read.colmap import (
     ColmapCamera,
     ColmapImage,
@@ -29,7 +31,8 @@ from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, SfmCamera, rig_config
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 from mirrorcam.optics.light_field.camera_array import PosedCamera
 from mirrorcam.optics.light_field.depth.parallax import reference_index
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, depthless_writer
+from mirrorcam.optics.light_field.io.formats.ply import point_cloud
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, KnownDepth
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name
 from mirrorcam.optics.light_field.io.posed_pictures import PosedPicture, read_posed
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
@@ -52,11 +55,12 @@ def margins(views: Views) -> tuple[int, int, int, int]:
     return int(before[0]), int(before[1]), int(after[0]), int(after[1])
 
 
-def write_colmap(folder: Path, light_field: LightField) -> None:
+def write_colmap(folder: Path, light_field: LightField, depth: KnownDepth | None = None) -> None:
     """Write `images/VIEW/0000.png`, `masks/`, `rig_config.json` and `sparse/`; the world is the rig frame.
 
     Numbers follow COLMAP's database: cameras and images from 1 in the order of names, then the joint rig and
-    frame. `colmap point_triangulator` adds points to the model.
+    frame. With a depth, `points3D.txt` has its points, without tracks: splats start from them. Without, `colmap
+    point_triangulator` adds points to the model.
     """
     views = light_field
     left, top, right, bottom = margins(views)
@@ -78,7 +82,17 @@ def write_colmap(folder: Path, light_field: LightField) -> None:
     write_text(folder / "rig_config.json", rig_config(cameras, reference))
     for name, text in sparse_model(cameras, reference, PICTURE).items():
         write_text(folder / "sparse" / name, text)
+    if depth is not None:
+        write_text(folder / "sparse" / "points3D.txt", _points(*point_cloud(light_field, depth.depth_mm)))
     write_views(folder / VIEWS, views, channels=views.samples.shape[-1], margins=[left, top, right, bottom])
+
+
+def _points(points_in_rig: FloatArray, colours: NDArray[np.uint8]) -> str:
+    """Format points (n, 3), mm, with colours (n, 3); -1 is COLMAP's mark for an error that was not computed."""
+    lines = ["# POINT3D_ID X Y Z R G B ERROR TRACK[]\n"]
+    for number, (point, colour) in enumerate(zip(points_in_rig / 1000.0, colours.tolist(), strict=True), start=1):
+        lines.append(f"{number} {point[0]:.7g} {point[1]:.7g} {point[2]:.7g} {colour[0]} {colour[1]} {colour[2]} -1\n")
+    return "".join(lines)
 
 
 def is_colmap(folder: Path) -> bool:
@@ -187,5 +201,6 @@ FORMAT = Format(
     ending="_colmap",
     detect=is_colmap,
     read=read_colmap,
-    write=depthless_writer(write_colmap),
+    write=write_colmap,
+    has_points=True,
 )

@@ -278,6 +278,6 @@ FORMAT = Format(
     ending="_hci",
     detect=lambda path: (path / PARAMETERS).exists(),
     read=lambda path, assumed: _contents(path),
-    write=write_hci,
+    write=lambda path, light_field, depth: write_hci(path, light_field, None if depth is None else depth.depth_mm),
     needs_grid=True,
 )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import ConfigDict
@@ -21,14 +22,15 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.sfm_rigs import HALF_PIXEL, OPENCV_FROM_OPENGL, WORLD_FROM_VIEW, frame
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.camera_array import MAX_VIEWS, PosedCamera
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, depthless_writer
+from mirrorcam.optics.light_field.io.formats.ply import point_cloud, write_ply
+from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Format, KnownDepth
 from mirrorcam.optics.light_field.io.pinholes import centres_in_rig_mm, view_name
 from mirrorcam.optics.light_field.io.posed_pictures import PosedPicture, read_posed
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size, light_field_of, rgb, weight_bytes
 from mirrorcam.optics.light_field.io.views_file import VIEWS, ViewsFile, read_views, write_views
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
-TRANSFORMS = "transforms.json"
+TRANSFORMS, POINTS = "transforms.json", "points.ply"
 MAX_FRAMES = 20_000
 MM_PER_UNIT = 1000.0
 """A data set has no unit; ours are in metres."""
@@ -39,8 +41,11 @@ LENSES = {
 """Families of lenses by `camera_model`."""
 
 
-def write_nerfstudio(folder: Path, light_field: LightField) -> None:
-    """Write a light field as a nerfstudio dataset; masks are 255 for samples of full weight."""
+def write_nerfstudio(folder: Path, light_field: LightField, depth: KnownDepth | None = None) -> None:
+    """Write a light field as a nerfstudio dataset; masks are 255 for samples of full weight.
+
+    With a depth, `points.ply` has its points in the world, in metres: splats start from them.
+    """
     views, frames = light_field, []
     centres_mm = centres_in_rig_mm(views) @ views.view_from_rig.T @ WORLD_FROM_VIEW.T
     for t, s in np.ndindex(views.rows, views.cols):
@@ -52,7 +57,13 @@ def write_nerfstudio(folder: Path, light_field: LightField) -> None:
         undistorted = dict.fromkeys(("k1", "k2", "p1", "p2"), 0.0)
         frames.append(frame(name, (views.width_px, views.height_px), focal, centre, world_from_camera, undistorted))
     write_views(folder / VIEWS, views, channels=views.samples.shape[-1])
-    write_json(folder / TRANSFORMS, {"camera_model": "OPENCV", "frames": frames})
+    dataset: dict[str, Any] = {"camera_model": "OPENCV", "frames": frames}
+    if depth is not None:
+        points_in_rig, colours = point_cloud(light_field, depth.depth_mm)
+        in_world = points_in_rig @ views.view_from_rig.T @ WORLD_FROM_VIEW.T / MM_PER_UNIT
+        write_ply(folder / POINTS, in_world, colours, comment="metres, world of transforms.json")
+        dataset["ply_file_path"] = POINTS
+    write_json(folder / TRANSFORMS, dataset)
 
 
 class _Frame(Value):
@@ -186,5 +197,6 @@ FORMAT = Format(
     ending="_nerfstudio",
     detect=lambda path: (path / TRANSFORMS).exists(),
     read=read_nerfstudio,
-    write=depthless_writer(write_nerfstudio),
+    write=write_nerfstudio,
+    has_points=True,
 )

@@ -21,14 +21,24 @@ from mirrorcam.core.disk.files import readable, refuse_pointer
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.messages import shortened
-from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed, Contents, Depth, Format
+from mirrorcam.optics.light_field.io.light_field_format import (
+    NOTHING,
+    Assumed,
+    Contents,
+    Depth,
+    Format,
+    KnownDepth,
+)
 from mirrorcam.optics.light_field.light_field import LightField
 
 if TYPE_CHECKING:
     from mirrorcam.optics.light_field.decoder import Decoder
+    from mirrorcam.optics.light_field.depth import DepthMap
 
 NAMES = tuple(sorted(module.name for module in iter_modules([str(Path(__file__).parent)]) if module.name != "registry"))
 """Names of all formats."""
+MIN_CONFIDENCE = 0.5
+"""Confidence above which a depth is written as a point."""
 BAGS = {
     ".bag": "a ROS 1 bag; rosbags-convert turns it into a ROS 2 bag",
     ".db3": "a file of a ROS 2 bag; give its folder, with metadata.yaml",
@@ -141,7 +151,14 @@ def frame_of(contents: Contents, frame: int, path: Path) -> LightField:
     return contents.frames[frame]
 
 
-def write_light_field(path: AnyPath, light_field: LightField, to: str, depth_mm: Depth | None = None) -> None:
+def write_light_field(
+    path: AnyPath,
+    light_field: LightField,
+    to: str,
+    depth_mm: Depth | DepthMap | None = None,
+    *,
+    min_confidence: float = MIN_CONFIDENCE,
+) -> None:
     """Write a light field in a format.
 
     Parameters
@@ -153,7 +170,10 @@ def write_light_field(path: AnyPath, light_field: LightField, to: str, depth_mm:
     to
         Name of the format, one of `NAMES`.
     depth_mm
-        Depth (v, u) of the central view from the pupil: optional for HCI, required for PLY, ignored by others.
+        Depth (v, u) of the central view from the pupil, or a depth map: optional for HCI and, as points, COLMAP and
+        nerfstudio; required for PLY; ignored by others.
+    min_confidence
+        Points of a depth map must have a higher confidence; -1 keeps all.
 
     Raises
     ------
@@ -161,9 +181,11 @@ def write_light_field(path: AnyPath, light_field: LightField, to: str, depth_mm:
         For an unknown format, a folder that exists and is not empty, whose files would mix with the new ones, and for
         light fields that the format cannot store: most need views in rows and columns.
     """
+    from mirrorcam.optics.light_field.depth import DepthMap
+
     path = path_of("path", path)
     check_type("light_field", light_field, LightField)
-    check_type("depth_mm", depth_mm, np.ndarray, type(None))
+    check_type("depth_mm", depth_mm, np.ndarray, DepthMap, type(None))
     if to not in NAMES:
         raise InputError(f"to: {to!r}, expected one of {', '.join(NAMES)}")
     form = formats()[to]
@@ -175,7 +197,15 @@ def write_light_field(path: AnyPath, light_field: LightField, to: str, depth_mm:
             f"{path}: {form.name} holds rows and columns of views, but these form another pattern, expected one of "
             f"{', '.join(others)}"
         )
-    form.write(path, light_field, depth_mm)
+    known = None
+    if isinstance(depth_mm, DepthMap):
+        sure = depth_mm.depth_mm
+        if form.has_points:
+            sure = np.where(depth_mm.confidence > min_confidence, sure, np.float32(np.nan))
+        known = KnownDepth(sure, depth_mm.sigma_mm, depth_mm.confidence)
+    elif depth_mm is not None:
+        known = KnownDepth(depth_mm)
+    form.write(path, light_field, known)
 
 
 def name_of(path: Path) -> str:

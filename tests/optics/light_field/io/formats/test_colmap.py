@@ -15,7 +15,13 @@ from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse
 from mirrorcam.optics.light_field.io.formats.colmap import margins, read_colmap, write_colmap
-from mirrorcam.optics.light_field.io.formats.registry import format_of, open_light_field, open_light_fields
+from mirrorcam.optics.light_field.io.formats.ply import point_cloud
+from mirrorcam.optics.light_field.io.formats.registry import (
+    format_of,
+    open_light_field,
+    open_light_fields,
+    write_light_field,
+)
 from mirrorcam.optics.light_field.io.light_field_format import Assumed
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.io.formats.conftest import SURFACES, points
@@ -118,6 +124,16 @@ def test_views_are_read_from_colmaps_model_alone(scene: tuple[LightField, FloatA
     binary = open_light_field(tmp_path)
     assert np.allclose(binary.positions_mm, found.positions_mm, atol=1e-6)
     assert np.array_equal(binary.samples, found.samples)
+
+
+def test_points_of_the_depth_are_in_the_model(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    write_light_field(tmp_path, scene[0], "colmap", scene[1].astype(np.float32))
+    model, (expected, colours) = pycolmap.Reconstruction(tmp_path / "sparse"), point_cloud(*scene)
+    assert len(model.points3D) == len(expected)
+    found = np.array([model.points3D[number].xyz for number in range(1, 1 + len(expected))])
+    assert np.allclose(1000.0 * found, expected, atol=1e-3)
+    assert np.array_equal(model.points3D[1].color, colours[0])
+    assert open_light_field(tmp_path).layout_identity == scene[0].layout_identity
 
 
 def test_our_export_as_binary_keeps_its_exact_views(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:

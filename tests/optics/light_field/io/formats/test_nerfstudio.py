@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.io.formats.nerfstudio import read_nerfstudio, write_nerfstudio
 from mirrorcam.optics.light_field.io.formats.ply import point_cloud
-from mirrorcam.optics.light_field.io.formats.registry import open_light_fields
+from mirrorcam.optics.light_field.io.formats.registry import open_light_fields, write_light_field
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.io.formats.conftest import points
 from tests.optics.light_field.wall_cameras import FOCAL_PX, SIZE, cameras, photographs, wall_error
@@ -44,6 +45,15 @@ def test_nerfstudio_sees_the_same_colours_in_all_views(scene: tuple[LightField, 
         assert inside.mean() > 0.6
         assert np.median(np.abs(picture[v[inside], u[inside]] - colours[inside])) < 6.0
         assert frame["mask_path"].startswith("masks/")
+
+
+def test_points_of_the_depth_are_seen_where_they_are(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    write_light_field(tmp_path, scene[0], "nerfstudio", scene[1].astype(np.float32))
+    stated = json.loads((tmp_path / "transforms.json").read_text(encoding="utf-8"))
+    cloud = trimesh.load(tmp_path / stated["ply_file_path"])
+    seen = nerfstudio_pixels(stated["frames"][4], 1000.0 * np.asarray(cloud.vertices))
+    assert np.allclose(seen - 0.5, scene[0].pixel_grid().reshape(-1, 2), atol=1e-3)
+    assert np.array_equal(cloud.colors[:, :3], point_cloud(*scene)[1])
 
 
 def test_views_are_read_from_nerfstudios_file_alone(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:

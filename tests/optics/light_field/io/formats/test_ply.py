@@ -11,7 +11,9 @@ import trimesh
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.light_field.depth import DepthMap
 from mirrorcam.optics.light_field.io.formats.ply import point_cloud, write_ply
+from mirrorcam.optics.light_field.io.formats.registry import write_light_field
 from mirrorcam.optics.light_field.light_field import LightField
 
 
@@ -38,6 +40,28 @@ def test_open3d_opens_the_same_points_and_colours(scene: tuple[LightField, Float
     opened = open3d.io.read_point_cloud(str(tmp_path / "a.ply"))
     assert np.allclose(np.asarray(opened.points), cloud, atol=1e-4)
     assert np.array_equal(np.rint(255.0 * np.asarray(opened.colors)), colours)
+
+
+def test_points_of_a_depth_map_state_how_sure_they_are(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
+    """Doubtful ones are left out by default."""
+    light_field, depth_mm = scene
+    confidence = np.broadcast_to(np.linspace(0.0, 1.0, 240, dtype=np.float32), (180, 240)).copy()
+    sigma_mm = np.broadcast_to(np.arange(180, dtype=np.float32)[:, None], (180, 240)).copy()
+    depth = DepthMap(
+        views=light_field,
+        view=(1, 1),
+        depth_mm=depth_mm.astype(np.float32),
+        sigma_mm=sigma_mm,
+        confidence=confidence,
+    )
+    for name, kept in (("default", confidence > 0.5), ("sure", confidence > 0.9), ("all", confidence >= 0)):
+        limits: dict[str, float] = {"sure": {"min_confidence": 0.9}, "all": {"min_confidence": -1.0}}.get(name, {})
+        write_light_field(tmp_path / f"{name}.ply", light_field, "ply", depth, **limits)
+        vertex = trimesh.load(tmp_path / f"{name}.ply").metadata["_ply_raw"]["vertex"]["data"]
+        assert np.array_equal(np.ravel(vertex["confidence"]), confidence[kept])
+        assert np.array_equal(np.ravel(vertex["sigma_mm"]), sigma_mm[kept])
+    write_light_field(tmp_path / "true.ply", light_field, "ply", depth.depth_mm)
+    assert b"confidence" not in (tmp_path / "true.ply").read_bytes()[:400]
 
 
 def test_depths_of_other_sizes_are_refused(scene: tuple[LightField, FloatArray]) -> None:

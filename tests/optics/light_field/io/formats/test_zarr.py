@@ -25,6 +25,30 @@ def test_recordings_are_folders_by_name_or_content(tmp_path: Path) -> None:
     assert is_recording(tmp_path / "other")
 
 
+def test_xarray_shows_the_positions_of_views_as_coordinates(tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray", reason="xarray is not installed")
+    light_field = plane(2, 3, 1.0)
+    write_recording(tmp_path / "a.zarr", light_field)
+    opened = xarray.open_zarr(tmp_path / "a.zarr", consolidated=False)
+    assert set(opened.coords) == {"number", "time_s", "x_mm", "y_mm", "z_mm"}
+    assert set(opened.data_vars) == {"samples", "weights"}
+    assert opened.samples.dims == ("frame", "t", "s", "v", "u", "c")
+    np.testing.assert_array_equal(opened.x_mm, light_field.positions_mm[..., 0])
+    assert set(opened.samples.coords) == set(opened.coords)
+
+
+def test_coordinates_are_arrays_of_the_store(tmp_path: Path) -> None:
+    import zarr
+
+    light_field = plane(2, 3, 1.0)
+    write_recording(tmp_path / "a.zarr", light_field)
+    group = zarr.open_group(tmp_path / "a.zarr", mode="r")
+    assert group["samples"].attrs["coordinates"] == "number time_s x_mm y_mm z_mm"
+    for axis, name in enumerate(("x_mm", "y_mm", "z_mm")):
+        assert group[name].metadata.dimension_names == ("t", "s")
+        np.testing.assert_array_equal(group[name][:], light_field.positions_mm[..., axis])
+
+
 def test_a_light_field_is_written_as_one_frame_and_never_over_another(tmp_path: Path) -> None:
     light_field = plane(2, 2, 1.0)
     write_recording(tmp_path / "a.zarr", light_field)
