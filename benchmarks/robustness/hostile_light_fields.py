@@ -259,6 +259,18 @@ def _names_lead_out(path: Path, secrets: Path, random: np.random.Generator) -> N
             file.write_text(text, encoding="utf-8")
 
 
+def _colmap_counts(path: Path, secrets: Path, random: np.random.Generator) -> None:
+    """State far more cameras, pictures or points than the file holds, or a picture outside the folder."""
+    file = path / "sparse" / str(random.choice(["cameras.bin", "images.bin"]))
+    raw = file.read_bytes()
+    huge = struct.pack("<Q", int(random.choice([10**6, 2**62])))
+    # An image's name, which ends with a zero, is followed by the number of its points.
+    end = raw.index(b"0000.png\0") + 9 if file.name == "images.bin" else 8
+    name = raw.replace(b"view_00_00/0000.png", b"../../../secret.png")
+    changed = [huge + raw[8:], raw[:end] + huge + raw[end + 8 :], name if name != raw else huge + raw[8:]]
+    file.write_bytes(changed[int(random.integers(3))])
+
+
 def _many_views(path: Path, secrets: Path, random: np.random.Generator) -> None:
     """State more views, or larger ones, than exist."""
     file = path / "parameters.cfg"
@@ -279,6 +291,7 @@ HOSTILE: dict[str, tuple[Change, ...]] = {
     **({"mcap": (_mcap_chunk,)} if find_spec("rosbags") else {}),
     "nerfstudio": (_names_lead_out, _picture_huge),
     "colmap": (_names_lead_out, _picture_huge),
+    "colmap_bin": (_colmap_counts, _picture_huge),
     "hci": (_many_views, _picture_huge),
     "stanford": (_picture_huge,),
     "eslf": (_picture_huge,),

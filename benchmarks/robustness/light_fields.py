@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import tempfile
 from collections.abc import Mapping
 from functools import cache
@@ -16,6 +17,7 @@ from benchmarks.robustness.guard import Category, message_fault
 from benchmarks.robustness.hostile_light_fields import HOSTILE, SECRET, plant
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.frames import Frame
+from mirrorcam.optics.camera_files.read.colmap import read_model
 from mirrorcam.optics.light_field.io.formats.lftoolbox import intrinsics
 from mirrorcam.optics.light_field.io.formats.registry import formats, open_light_fields, write_light_field
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING, Assumed
@@ -58,12 +60,31 @@ def write(path: Path, subject: str) -> None:
         if subject == "zarr":
             recording.finish()
         recording.close()
+    elif subject == "colmap_bin":
+        write_light_field(path, light_field(), "colmap")
+        (path / "views.json").unlink()
+        for text, content in colmap_binaries(path / "sparse").items():
+            (path / "sparse" / text).unlink()
+            (path / "sparse" / text).with_suffix(".bin").write_bytes(content)
     else:
         write_light_field(path, light_field(), subject)
 
 
+def colmap_binaries(model: Path) -> dict[str, bytes]:
+    """Return `cameras` and `images` of a text model in COLMAP's binary layout, by the name of the text."""
+    read = read_model(model)
+    cameras, images = struct.pack("<Q", len(read.cameras)), struct.pack("<Q", len(read.images))
+    for number, camera in read.cameras.items():
+        cameras += struct.pack("<IiQQ4d", number, 1, camera.width_px, camera.height_px, *camera.parameters)
+    for number, image in enumerate(read.images, start=1):
+        images += struct.pack("<I7dI", number, *image.pose, image.camera_id) + image.name.encode() + b"\0" + bytes(8)
+    return {"cameras.txt": cameras, "images.txt": images}
+
+
 def _suffix(subject: str) -> str:
-    return {"hdf5": ".mat", "partial": ".zarr.partial"}.get(subject) or formats()[subject].ending
+    return {"hdf5": ".mat", "partial": ".zarr.partial", "colmap_bin": "_colmap"}.get(subject) or formats()[
+        subject
+    ].ending
 
 
 @cache

@@ -163,7 +163,7 @@ def rectified(
     picture_of
         Returns picture (h, w, c) and weights (h, w), or None for full weight, of a camera by its number.
     where
-        Beginning of messages: the file, or empty.
+        Beginning of messages: the file and a colon, or empty.
     reference_depth_mm
         Depth of the plane of zero disparity from the views; by default, where the optical axes come closest.
 
@@ -172,23 +172,14 @@ def rectified(
     InputError
         In one line, for cameras that look in too different directions, or share no field of view.
     """
-    where = f"{where}: " if where else ""
-    if not 1 <= len(cameras) <= MAX_VIEWS:
-        raise InputError(f"{where}{len(cameras)} views, expected 1 to {MAX_VIEWS}")
+    view_from_world, turn_deg = common_orientation(cameras, where)
     worlds = np.array([camera.world_from_camera for camera in cameras])
-    view_from_world, turns_deg = _mean_orientation(worlds[:, :3, :3])
-    widest = int(np.argmax(turns_deg))
-    if turns_deg[widest] > MAX_TURN_DEG:
-        raise InputError(
-            f"{where}{cameras[widest].name} is turned by {turns_deg[widest]:.0f} deg from the mean of all cameras, "
-            f"expected at most {MAX_TURN_DEG:g}: not the views of a light field"
-        )
     positions = worlds[:, :3, 3] @ view_from_world.T
     order = arrangement(positions[:, :2])
     grid, flat = order.shape, order.ravel()
     ordered = [cameras[number] for number in flat.tolist()]
     geometry = None
-    if reference_depth_mm is None and turns_deg[widest] < NEGLIGIBLE_DEG:
+    if reference_depth_mm is None and turn_deg < NEGLIGIBLE_DEG:
         geometry = _of_parallel(ordered, worlds[flat, :3, 3].reshape(*grid, 3), view_from_world)
     is_exact = geometry is not None
     if geometry is None:
@@ -213,7 +204,7 @@ def rectified(
     note = None
     if not is_exact:
         note = (
-            f"rectified: cameras turned by up to {turns_deg[widest]:.2g} deg, {np.mean(lost):.1%} of their fields of "
+            f"rectified: cameras turned by up to {turn_deg:.2g} deg, {np.mean(lost):.1%} of their fields of "
             f"view lost, {1.0 - (weights > 0).mean():.1%} of the views without a sample"
         )
     behind_mm = -float(view_from_world[2] @ geometry["reference_view_in_rig_mm"])
@@ -225,6 +216,24 @@ def rectified(
         note = moved if note is None else f"{note}; {moved}"
     assert samples is not None
     return Rectified(geometry, samples, weights, note)
+
+
+def common_orientation(cameras: Sequence[PosedCamera], where: str = "") -> tuple[FloatArray, float]:
+    """Return the mean view_from_world (3, 3) of cameras, and the largest angle of a camera from it, degrees.
+
+    Raises InputError, beginning with `where`, for cameras that are turned too far apart for a light field.
+    """
+    if not 1 <= len(cameras) <= MAX_VIEWS:
+        raise InputError(f"{where}{len(cameras)} views, expected 1 to {MAX_VIEWS}")
+    rotations = np.array([camera.world_from_camera[:3, :3] for camera in cameras])
+    view_from_world, turns_deg = _mean_orientation(rotations)
+    widest = int(np.argmax(turns_deg))
+    if turns_deg[widest] > MAX_TURN_DEG:
+        raise InputError(
+            f"{where}{cameras[widest].name} is turned by {turns_deg[widest]:.0f} deg from the mean of all cameras, "
+            f"expected at most {MAX_TURN_DEG:g}: not the views of a light field"
+        )
+    return view_from_world, float(turns_deg[widest])
 
 
 def _mean_orientation(world_from_cameras: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.disk.array_files import check_bytes
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, read_opacity, set_common_bit_depth
-from mirrorcam.optics.light_field.camera_array import MAX_VIEWS, PosedCamera, rectified
+from mirrorcam.optics.light_field.camera_array import MAX_VIEWS, PosedCamera, common_orientation, rectified
 from mirrorcam.optics.light_field.io.light_field_format import Assumed, Contents
 from mirrorcam.optics.light_field.io.view_images import Bytes, check_size, weights_of
 from mirrorcam.optics.light_field.light_field import LightField
@@ -39,6 +39,8 @@ def read_posed(path: Path, pictures: Sequence[PosedPicture], assumed: Assumed) -
     """
     if not 1 <= len(pictures) <= MAX_VIEWS:
         raise InputError(f"{path}: {len(pictures)} pictures, expected 1 to {MAX_VIEWS} views of a light field")
+    cameras = [picture.posed for picture in pictures]
+    common_orientation(cameras, f"{path}: ")  # before anything is read
     files = [picture.file for picture in pictures]
     largest = max(picture.posed.camera.width_px * picture.posed.camera.height_px for picture in pictures)
     stored = sum(file.stat().st_size for file in files if file.is_file())
@@ -61,7 +63,7 @@ def read_posed(path: Path, pictures: Sequence[PosedPicture], assumed: Assumed) -
             check_size(picture.mask, opacity, size)
         return colours, None if opacity is None or (opacity.all() and opacity.min() == 255) else weights_of(opacity)
 
-    result = rectified([picture.posed for picture in pictures], load, str(path), assumed.reference_depth_mm)
+    result = rectified(cameras, load, f"{path}: ", assumed.reference_depth_mm)
     light_field = LightField(**result.geometry, samples=result.samples, weights=result.weights)
     if assumed.step_mm is not None and len(pictures) > 1:
         light_field = _scaled(light_field, assumed.step_mm)

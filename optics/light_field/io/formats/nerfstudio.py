@@ -152,9 +152,9 @@ def _camera(where: str, frame: _Frame, picture_px: tuple[int, int]) -> Camera:
     centre = (width / 2.0 if frame.cx is None else frame.cx, height / 2.0 if frame.cy is None else frame.cy)
     core = [focal, frame.fl_y or focal, centre[0] - HALF_PIXEL, centre[1] - HALF_PIXEL]
     lens = "fisheye" if frame.is_fisheye else LENSES[frame.camera_model]
-    distortion = (frame.k1, frame.k2, frame.p1, frame.p2, frame.k3)
+    distortion = [frame.k1, frame.k2, frame.p1, frame.p2, frame.k3]
     if lens == "fisheye":
-        distortion = (frame.k1, frame.k2, frame.k3, frame.k4)
+        distortion = [frame.k1, frame.k2, frame.k3, frame.k4]
     elif frame.k4:
         raise InputError(f"{where}: has a coefficient k4, expected k1, k2, k3, p1 and p2")
     return camera_of(where, core, lens, distortion, (width, height))

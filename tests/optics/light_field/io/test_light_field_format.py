@@ -13,6 +13,7 @@ from mirrorcam.optics.light_field.io.light_field_format import (
     NOTHING,
     Assumed,
     Format,
+    KnownDepth,
     StoredFrames,
     depthless_writer,
     single_reader,
@@ -66,7 +67,7 @@ def test_readers_of_one_light_field_give_contents_without_depth() -> None:
 def test_writers_of_formats_without_depth_omit_it() -> None:
     light_field, written = plane(1, 2, 0.0), []
     write = depthless_writer(lambda path, what: written.append((path, what)))
-    write(PATH, light_field, np.ones((2, 2), np.float32))
+    write(PATH, light_field, KnownDepth(np.ones((2, 2), np.float32)))
     write(PATH, light_field, None)
     assert written == [(PATH, light_field)] * 2
 

@@ -50,7 +50,7 @@ def test_nerfstudio_sees_the_same_colours_in_all_views(scene: tuple[LightField, 
 def test_points_of_the_depth_are_seen_where_they_are(scene: tuple[LightField, FloatArray], tmp_path: Path) -> None:
     write_light_field(tmp_path, scene[0], "nerfstudio", scene[1].astype(np.float32))
     stated = json.loads((tmp_path / "transforms.json").read_text(encoding="utf-8"))
-    cloud = trimesh.load(tmp_path / stated["ply_file_path"])
+    cloud: Any = trimesh.load(tmp_path / stated["ply_file_path"])
     seen = nerfstudio_pixels(stated["frames"][4], 1000.0 * np.asarray(cloud.vertices))
     assert np.allclose(seen - 0.5, scene[0].pixel_grid().reshape(-1, 2), atol=1e-3)
     assert np.array_equal(cloud.colors[:, :3], point_cloud(*scene)[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +43,7 @@ def test_coordinates_are_arrays_of_the_store(tmp_path: Path) -> None:
 
     light_field = plane(2, 3, 1.0)
     write_recording(tmp_path / "a.zarr", light_field)
-    group = zarr.open_group(tmp_path / "a.zarr", mode="r")
+    group: Any = zarr.open_group(tmp_path / "a.zarr", mode="r")
     assert group["samples"].attrs["coordinates"] == "number time_s x_mm y_mm z_mm"
     for axis, name in enumerate(("x_mm", "y_mm", "z_mm")):
         assert group[name].metadata.dimension_names == ("t", "s")
