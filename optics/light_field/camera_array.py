@@ -30,7 +30,7 @@ TOLERANCE_PX = 0.01
 """Tolerance of principal points and focal lengths for views that share a plane of zero disparity."""
 _NEAREST = 0.5
 """Part of the distance of the reference plane before which no scene is expected."""
-_LOST_STEPS = 24
+_LOST_STEPS = 96
 """Number of rays along each side of a picture that measure how much of it lies in the common frame."""
 
 _FULL = 0.999

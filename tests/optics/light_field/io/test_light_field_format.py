@@ -31,10 +31,12 @@ def test_missing_geometry_is_named_by_key_and_file(tmp_path: Path) -> None:
     assumed = Assumed(rows=3, reference_depth_mm=np.inf, step_mm=0.5)
     assert assumed.need(PATH, "rows", "reference_depth_mm", "step_mm") == (3, np.inf, 0.5)
     for name in ("rows", "cols", "step_mm", "focal_px", "reference_depth_mm"):
-        with pytest.raises(InputError, match=rf"^a\.npy: does not state its {name}: expected in a\.views\.toml$"):
+        option = f"--{name.replace('_', '-')}"
+        line = rf"^a\.npy: does not state its {name}: expected in a\.views\.toml, or as {option}$"
+        with pytest.raises(InputError, match=line):
             NOTHING.need(PATH, name)
     (tmp_path / "set").mkdir()
-    with pytest.raises(InputError, match=r"set: does not state its cols, focal_px: expected in set/views\.toml$"):
+    with pytest.raises(InputError, match=r"set: does not state its cols, focal_px: expected in set/views\.toml, or"):
         assumed.need(tmp_path / "set", "rows", "cols", "focal_px")
 
 
