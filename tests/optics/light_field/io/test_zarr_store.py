@@ -28,7 +28,8 @@ def test_other_programs_find_the_arrays_by_name(tmp_path: Path, decoder: Decoder
     assert samples.metadata.dimension_names == ("frame", "t", "s", "v", "u", "c")
     assert samples.shape == (COUNT - 1, *decoder.weights.shape, 3)
     assert samples.chunks == (1, *decoder.weights.shape, 3)
-    assert sorted(name for name, _ in group.arrays()) == ["number", "samples", "time_s", "weights"]
+    names = ["number", "samples", "time_s", "weights", "x_mm", "y_mm", "z_mm"]
+    assert sorted(name for name, _ in group.arrays()) == names
     views: Any = group.attrs["views"]
     assert np.array_equal(views["positions_mm"], decoder.views.positions_mm)
     assert group.attrs["lost"] == [[DAMAGED, "is damaged"]]
