@@ -38,8 +38,8 @@ INVERTED = (
     "corners are numbered as if its top left square were black"
 )
 SMOOTHER = (
-    "corners lie straighter in softened pictures, as where a camera sharpens or its pixels alias: softened ones were used; "
-    "switch sharpening off if you can"
+    "corners lie straighter in softened pictures, as where a camera sharpens or its pixels alias: softened ones were "
+    "used; switch sharpening off if you can"
 )
 
 
