@@ -149,7 +149,10 @@ def calibrate_set(
     lenses = [nearest_lens(np.array(rays)) for rays in solution["rays"]] if spline else [one_lens] * len(order)
     in_mm = poses.copy()
     in_mm[:, :3, 3] *= MM_PER_M
-    cameras = {view: OpencvCamera(corners.names[view], *lenses[n], in_mm[n]) for n, view in enumerate(order)}
+    cameras = {}
+    for number, view in enumerate(order):
+        matrix, distortion = lenses[number]
+        cameras[view] = OpencvCamera(corners.names[view], matrix, distortion, in_mm[number])
     write_cameras(out, [cameras[view] for view in range(len(order))], corners.size_px, corners.flip)
     if covariance_file is not None:
         names = [f"all {name}" for name in LENS[: len(lens)]]
