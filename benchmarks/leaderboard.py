@@ -52,6 +52,7 @@ CALIBRATORS = {
         "MirrorCam, no bare pictures", "mirrorcam_blind", "layout.json", options="--without-base"
     ),
     "mrcal": Calibrator("mrcal, one lens", "mrcal_joint", options=COVARIANCE),
+    "mrcal-spline": Calibrator("mrcal, one spline", "mrcal_joint", options="--spline"),
     "opencv-joint": Calibrator("OpenCV, joint", "opencv_joint", options=COVARIANCE),
     "opencv-per-view": Calibrator("OpenCV, each view alone", "opencv_per_view"),
 }

@@ -3,8 +3,9 @@
 OpenCV detects the corners, because mrcal has no detector of ChArUco boards, and estimates the initial poses: those that
 mrcal estimates itself are far off if every camera shows only a corner of the picture. mrcal
 (https://mrcal.secretsauce.net) solves for one lens and a free pose of each mirror, rejects outliers, and states the
-covariance. It supports only equally spaced corners, so no AprilGrid. `--python PYTHON` is an interpreter with mrcal, by
-default the running one or that of the system.
+covariance. It supports only equally spaced corners, so no AprilGrid. With `--spline` the lens is mrcal's splined
+stereographic model, written for each view as the nearest lens of OpenCV's twelve numbers, without a covariance.
+`--python PYTHON` is an interpreter with mrcal, by default the running one or that of the system.
 Writes OUT, a FileStorage in YAML, and with `--covariance FILE` the covariance of its parameters.
 """
 
@@ -14,8 +15,10 @@ import argparse
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from benchmarks.calibrators.command_line import run
@@ -32,6 +35,8 @@ from mirrorcam.optics.geometry.transforms import inverse
 
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", *("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"))
 MM_PER_M = 1000.0
+SPLINE, MARGIN = "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=16_Ny=10_fov_x_deg={fov_deg:.0f}", 1.15
+"""The grid that mrcal's documentation uses for such a lens, over the field of view with a margin."""
 
 
 def by_board_count(corners: SetCorners) -> list[int]:
@@ -40,12 +45,15 @@ def by_board_count(corners: SetCorners) -> list[int]:
     return sorted(range(len(corners.names)), key=lambda view: -views.count(view))
 
 
-def task_of(corners: SetCorners, folder: Path) -> dict[str, object]:
+def task_of(corners: SetCorners, folder: Path, *, spline: bool) -> dict[str, object]:
     """Return the solver's task: board and corners, with cameras in the order of `by_board_count`."""
     layout, target = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
     lens = LENSES.get(layout.camera.lens_model)
     if lens is None:
         raise InputError(f"{folder}: a {layout.camera.lens_model} lens, expected one of {', '.join(LENSES)}")
+    if spline:
+        fov_deg = 2.0 * MARGIN * np.degrees(np.arctan(corners.size_px[0] / 2.0 / layout.camera.fx_px))
+        lens = SPLINE.format(fov_deg=fov_deg)
     bundle, _, _ = start(corners)
     order = by_board_count(corners)
     reference = bundle.views[order[0]]
@@ -111,18 +119,40 @@ def covariance_of(covariance: FloatArray, poses: FloatArray, lens: int) -> Float
     return np.asarray(jacobian @ covariance @ jacobian.T)
 
 
-def calibrate_set(folder: Path, out: Path, python: str, covariance_file: Path | None = None) -> None:
+def nearest_lens(rays: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return matrix (3, 3) and twelve coefficients of the OpenCV lens nearest to pixels and their rays (n, 4)."""
+    pixels, points = rays[:, :2], np.column_stack([rays[:, 2:], np.ones(len(rays))])
+    focal, centre = np.polyfit(rays[:, 2], pixels[:, 0], 1)[0], pixels.mean(axis=0)
+
+    def matrix(lens: FloatArray) -> FloatArray:
+        return np.array([[lens[0], 0.0, lens[2]], [0.0, lens[1], lens[3]], [0.0, 0.0, 1.0]])
+
+    def errors(lens: FloatArray) -> FloatArray:
+        projected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), matrix(lens), lens[4:])[0]
+        return np.asarray(projected[:, 0] - pixels).ravel()
+
+    first = np.array([focal, focal, *(centre - focal * rays[:, 2:].mean(axis=0)), *np.zeros(12)])
+    lens = least_squares(errors, first, x_scale="jac", max_nfev=500).x
+    print(f"nearest lens: {np.sqrt(np.mean(errors(lens) ** 2)):.2g} px RMS from the spline")
+    return matrix(lens), lens[4:]
+
+
+def calibrate_set(
+    folder: Path, out: Path, python: str, covariance_file: Path | None = None, *, spline: bool = False
+) -> None:
     """Calibrate a set from its frames, nominal layout and board; write cameras and, if requested, their covariance."""
     corners = corners_of_set(folder)
-    solution = run_solver(python, task_of(corners, folder))["found"]["mrcal"]
+    solution = run_solver(python, task_of(corners, folder, spline=spline))["found"]["mrcal"]
     lens, poses, order = np.array(solution["lens"]), np.array(solution["cameras"]), by_board_count(corners)
     fx, fy, cx, cy = lens[:4]
-    matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    one_lens = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]), lens[4:]
+    lenses = [nearest_lens(np.array(rays)) for rays in solution["rays"]] if spline else [one_lens] * len(order)
     in_mm = poses.copy()
     in_mm[:, :3, 3] *= MM_PER_M
-    cameras = {
-        view: OpencvCamera(corners.names[view], matrix, lens[4:], in_mm[number]) for number, view in enumerate(order)
-    }
+    cameras = {}
+    for number, view in enumerate(order):
+        matrix, distortion = lenses[number]
+        cameras[view] = OpencvCamera(corners.names[view], matrix, distortion, in_mm[number])
     write_cameras(out, [cameras[view] for view in range(len(order))], corners.size_px, corners.flip)
     if covariance_file is not None:
         names = [f"all {name}" for name in LENS[: len(lens)]]
@@ -134,7 +164,9 @@ def calibrate_set(folder: Path, out: Path, python: str, covariance_file: Path | 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add the options besides SET OUT."""
-    parser.add_argument("--covariance", type=Path)
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument("--covariance", type=Path)
+    group.add_argument("--spline", action="store_true")
     parser.add_argument("--python")
 
 
@@ -144,7 +176,7 @@ def calibrate(options: argparse.Namespace) -> None:
     if python is None:
         where = options.python or "this or the system python3"
         raise InputError(f"mrcal: not installed in {where}; --python PYTHON states a different one")
-    calibrate_set(options.set, options.out, python, options.covariance)
+    calibrate_set(options.set, options.out, python, options.covariance, spline=options.spline)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 INITIAL_DISTORTION = 1e-6
+RAYS = 20  # along each side of a view
 MIN_CORNERS = 4  # of a board, to determine its pose
 COMPLETE_RADIUS_PX = 1e6  # a radius that includes the complete picture
 
@@ -79,8 +80,9 @@ def solve(task: dict[str, Any], weighted: bool) -> dict[str, Any]:
     mrcal.optimize(**inputs)
     inputs["do_optimize_intrinsics_core"] = True
     mrcal.optimize(**inputs)
-    inputs["lensmodel"] = task["lens"]
-    distortions = mrcal.lensmodel_num_params(task["lens"]) - 4
+    spline = "SPLINED" in task["lens"]
+    inputs["lensmodel"] = "LENSMODEL_OPENCV8" if spline else task["lens"]
+    distortions = mrcal.lensmodel_num_params(inputs["lensmodel"]) - 4
     inputs["intrinsics"] = np.hstack([inputs["intrinsics"], np.full((1, distortions), INITIAL_DISTORTION)])
     inputs["do_optimize_intrinsics_distortions"] = True
     mrcal.optimize(**inputs)
@@ -89,7 +91,19 @@ def solve(task: dict[str, Any], weighted: bool) -> dict[str, Any]:
     if drop_undetermined(inputs):
         inputs["do_apply_outlier_rejection"] = False
         mrcal.optimize(**inputs)
+    if spline:
+        optimize_spline(inputs, task["lens"])
     return inputs
+
+
+def optimize_spline(inputs: dict[str, Any], model: str) -> None:
+    """Replace the lens by a splined one: first with all poses fixed, then with everything free but its core."""
+    controls = mrcal.lensmodel_num_params(model) - 4
+    inputs["lensmodel"] = model
+    inputs["intrinsics"] = np.hstack([inputs["intrinsics"][:, :4], np.zeros((1, controls))])
+    inputs["do_apply_outlier_rejection"] = inputs["do_optimize_intrinsics_core"] = False
+    for free in (False, True):
+        mrcal.optimize(**inputs, do_optimize_extrinsics=free, do_optimize_frames=free)
 
 
 def drop_undetermined(inputs: dict[str, Any]) -> bool:
@@ -117,7 +131,8 @@ def figures(inputs: dict[str, Any]) -> dict[str, Any]:
     states = mrcal.num_states(**inputs)
     scale = np.sqrt(np.sum(scaled**2) / (scaled.size - states))
     lens = inputs["intrinsics"][0]
-    count = len(lens) + inputs["extrinsics_rt_fromref"].size  # the first elements of the state
+    free = mrcal.num_intrinsics_optimization_params(**inputs)
+    count = free + inputs["extrinsics_rt_fromref"].size  # the first elements of the state
     packed = factorization.solve_xt_JtJ_bt(np.eye(count, states))[:, :count]
     scales = np.ones(states)
     mrcal.unpack_state(scales, **inputs)
@@ -126,13 +141,29 @@ def figures(inputs: dict[str, Any]) -> dict[str, Any]:
     distances = [np.linalg.norm(pose[3:]) for pose in inputs["frames_rt_toref"]]
     return {
         "lens": lens.tolist(),
-        "sigma": np.sqrt(np.diag(covariance)[: len(lens)]).tolist(),
+        "rays": rays(inputs) if "SPLINED" in inputs["lensmodel"] else [],
+        "sigma": np.sqrt(np.diag(covariance)[:free]).tolist(),
         "covariance": covariance.tolist(),
         "cameras": [pose.tolist() for pose in rigid],
         "rms_px": np.sqrt(np.mean((scaled / weight[used, None]) ** 2, axis=0)).tolist(),
         "corners": int(used.sum()),
         "distance_m": float(np.median(distances)),
     }
+
+
+def rays(inputs: dict[str, Any]) -> Any:
+    """Return pixels and x / z and y / z of their rays, (n, 4), over the corners of each camera."""
+    lens, observations = inputs["intrinsics"][0], inputs["observations_board"]
+    camera = inputs["indices_frame_camintrinsics_camextrinsics"][:, 2] + 1
+    found = []
+    for number in range(camera.max() + 1):
+        corners = observations[camera == number].reshape(-1, 3)
+        pixels = corners[corners[:, 2] > 0.0, :2]
+        sides = np.linspace(pixels.min(axis=0), pixels.max(axis=0), RAYS).T
+        grid = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
+        directions = mrcal.unproject(grid, inputs["lensmodel"], lens)
+        found.append(np.hstack([grid, directions[:, :2] / directions[:, 2:]]).tolist())
+    return found
 
 
 def _rows(pose: Any) -> Any:

@@ -149,7 +149,8 @@ def select_model(
     model `paper`, with fixed intrinsics, is used only on request, or if the corners do not determine the intrinsics;
     without mirrors it would have no parameters, and `joint` is the smallest model.
     Starting from `joint`, the most informative addition is made as long as the data support one: its likelihood ratio
-    exceeds noise, and it predicts held-out frames better.
+    exceeds noise, and it predicts held-out frames better. With mirrors, an irregular lens gets a pupil that walks even
+    where few pictures show no walk: their bounds would exclude what would shift the mirrors.
 
     Parameters
     ----------
@@ -311,6 +312,13 @@ def _forward_selection(
             alarms.append(_alarm(best, addition))
             break
         current = best
+        if addition == "spline" and "walk" in remaining and _has_mirrors(current):
+            on_step(f"fitting {IN_WORDS['walk']}")
+            try:
+                current = fit_with("walk", current, observations)
+                notes.append("an irregular lens may also have a pupil that walks: the bounds allow for it")
+            except UndeterminedError as error:
+                notes.append(f"{current.name}+walk not tried: {error}")
     return current, comparisons, alarms, notes
 
 
@@ -320,6 +328,10 @@ def _remaining(current: Fitted, additions: Sequence[str]) -> list[str]:
     cameras = further_cameras(current.solution.estimate.camera, additions_made)
     included = {*additions_made, *(["warp"] if "board" in additions_made else [])}
     return [name for name in additions if name not in included and (name not in CAMERA_ADDITIONS or name in cameras)]
+
+
+def _has_mirrors(fitted: Fitted) -> bool:
+    return len(fitted.solution.estimate.virtual_centres_in_rig_mm) > 0
 
 
 def _has_plates(fitted: Fitted) -> bool:

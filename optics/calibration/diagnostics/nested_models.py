@@ -64,12 +64,12 @@ IN_WORDS: Mapping[str, str] = MappingProxyType(
         MOTION: "boards in motion before a rolling shutter",
         "turn": "a camera that turns",
         "board": "a board with free corners",
-        "walk": "a pupil that moves with the angle",
+        "walk": "a pupil that moves with the angle (walk)",
         "colour": "colours of different size",
         "rational": "more radial distortion",
         "prism": "thin-prism distortion",
         "fisheye": "a fisheye lens",
-        "spline": "an irregular lens",
+        "spline": "an irregular lens (spline)",
     }
 )
 """What each addition adds, for a sentence."""

@@ -37,8 +37,9 @@ INVERTED = (
     "the board in the pictures has black and white exchanged, as if cols and rows were exchanged in board.toml: its "
     "corners are numbered as if its top left square were black"
 )
-SHARPENED = (
-    "the camera has sharpened its pictures, which shifts corners: they were softened; switch sharpening off if you can"
+SMOOTHER = (
+    "corners lie straighter in softened pictures, as where a camera sharpens or its pixels alias: softened ones were "
+    "used; switch sharpening off if you can"
 )
 
 

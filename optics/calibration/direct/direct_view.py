@@ -34,7 +34,7 @@ from mirrorcam.optics.calibration.diagnostics.worst_views import with_worst_view
 from mirrorcam.optics.calibration.direct.direct_boards import (
     FLIPPED,
     INVERTED,
-    SHARPENED,
+    SMOOTHER,
     DetectedBoard,
     boards_in,
     confirmed_corners,
@@ -158,7 +158,7 @@ def calibrate_with_direct_view(
         observations, is_sharpened = confirmed_corners(used_pictures, start, target)
         base_pictures = [negative(picture) if inverted else picture for picture in base]
         if is_sharpened:
-            notes += (SHARPENED,)
+            notes += (SMOOTHER,)
             used_pictures, base_pictures = (
                 [softened(picture) for picture in group] for group in (used_pictures, base_pictures)
             )

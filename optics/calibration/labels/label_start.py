@@ -148,8 +148,9 @@ def _distances(depth: FloatArray, view_names: tuple[str, ...]) -> FloatArray:
         both = known[other] & known[placed[reference]]
         if not both.any():
             raise InputError(
-                f"view {view_names[1 + int(other)]!r} shares no point with another mirror: label points of the same "
-                "frame in both and in the direct view"
+                f"view {view_names[1 + int(other)]!r} shares no point with another mirror, of the points that fit "
+                "plane mirrors: label points of the same frame in both and in the direct view, in pixels of the "
+                "complete picture instead of a crop"
             )
         ratio = float(np.median(depth[placed[reference], both] / depth[other, both]))
         distances[other] = ratio * distances[placed[reference]]

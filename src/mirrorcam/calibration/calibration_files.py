@@ -44,6 +44,8 @@ from mirrorcam.optics.geometry.targets import Target, load_board
 
 FILES = ("metrics.json", "report.html", "residuals.png", "corners.csv")
 """Names of the files that a calibration writes besides its result (`result_name`)."""
+MAX_NAMED = 6
+"""Pictures named in a message."""
 MAX_FRAMES, MAX_BASE_FRAMES = 30, 15
 """Maximum numbers of video frames that a calibration uses, with and without mirrors."""
 SEARCHED_FRAMES = 60
@@ -255,7 +257,9 @@ def _left_out(leave_out: Sequence[str], labels: Sequence[str]) -> set[str]:
         named = [label for label in labels if PurePath(label).parts[-len(parts) :] == parts]
         if len(named) != 1:
             found = "no such picture" if not named else f"{len(named)} pictures have this name"
-            raise InputError(f"--leave-out {name}: {found}, expected one of {', '.join(named or labels)}")
+            expected = named or labels
+            more = f", ... ({len(expected)} in all)" if len(expected) > MAX_NAMED else ""
+            raise InputError(f"--leave-out {name}: {found}, expected one of {', '.join(expected[:MAX_NAMED])}{more}")
         left_out.add(named[0])
     return left_out
 

@@ -77,9 +77,9 @@ class CalibrationRequest(Value):
     ] = Field(
         default=AUTO,
         description="model to fit, words joined by +: auto (what the pictures support), joint (with the layout's "
-        "lens) or a lens (brown_conrady, rational, thin_prism, fisheye, spline) with any of sheet, bend, warp, bow, "
-        "motion, prism and walk (with --direct-view also turn and board; without mirrors warp, bow, board, motion, "
-        "prism and walk), paper, first_surface, second_surface: docs/calibration.md. [default: auto]",
+        "lens) or a lens (brown_conrady, rational, thin_prism, fisheye, spline), then further parameters: warp, bow, "
+        "motion, prism, walk, colour; with mirrors sheet, bend; with --direct-view turn; without mirrors or with "
+        "--direct-view board. Or paper, first_surface, second_surface: docs/calibration.md. [default: auto]",
     )
 
     @model_validator(mode="after")
