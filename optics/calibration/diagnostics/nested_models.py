@@ -163,7 +163,8 @@ def _with_camera(addition: str, smaller: Fitted) -> tuple[Estimate, Model]:
     """Return estimate and model with an addition to the camera; raises InputError if the camera already has it."""
     estimate, additions = smaller.solution.estimate, smaller.name.split("+")
     if addition not in further_cameras(estimate.camera, additions):
-        raise InputError(f"model {smaller.name}+{addition}: the camera already has {IN_WORDS[addition]}")
+        part = IN_WORDS[addition] if addition in DEPTH_ADDITIONS else f"a {estimate.camera.lens_model} lens"
+        raise InputError(f"model {smaller.name}+{addition}: the camera already has {part}")
     camera = with_addition(estimate.camera, addition)
     return replace(estimate, camera=camera), replace(
         smaller.model, intrinsics=free_intrinsics(camera, [*additions, addition])
