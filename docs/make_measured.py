@@ -50,8 +50,6 @@ default_run | held-out corners in space, RMS | {validation.held_out_spatial_rms_
 default_run | corners in decoded views, RMS | {validation.decoded_corner_rms_px:.3f} px
 lateral_colour | red and blue against green in its views, RMS | {red_corrected:.2f}, {blue_corrected:.2f} grey levels
 lateral_colour | the same, colours not aligned | {red_uncorrected:.2f}, {blue_uncorrected:.2f} grey levels
-raw_colour | the same without compression | {red_corrected:.2f}, {blue_corrected:.2f} grey levels
-raw_colour | the same without compression, not aligned | {red_uncorrected:.2f}, {blue_uncorrected:.2f} grey levels
 
 ## A camera that obeys its model
 

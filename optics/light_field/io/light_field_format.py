@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirrorcam.core.bounds import FOCAL_PX, GRID, LENGTH_MM
+from mirrorcam.core.bounds import DEPTH_OR_INF_MM, FOCAL_PX, GRID, LENGTH_MM
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import DepthOrInf, Value
@@ -56,7 +56,7 @@ class Assumed(Value):
     focal_px: float | None = FOCAL_PX.field(None, "focal length of the views, likewise")
     reference_depth_mm: DepthOrInf | None = Field(
         default=None,
-        description="distance of the plane of zero disparity from the views, likewise; inf for parallel cameras",
+        description=f"distance of the plane of zero disparity from the views, likewise, {DEPTH_OR_INF_MM} (parallel)",
     )
 
     def complete(self, path: Path) -> Assumed:
