@@ -27,6 +27,7 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGL
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.residuals import (
+    FRAME_PARAMETERS,
     Board,
     Estimate,
     global_names,
@@ -171,7 +172,7 @@ class _Candidate:
 class _ScoreTest:
     """The residuals at a fit, and the space of all changes that its model allows.
 
-    The residuals (r,) are those of the corners, x and y of each, then those of all priors.
+    The residuals (r,) belong to the corners, x and y of each, then to all priors.
 
     Attributes
     ----------
@@ -357,7 +358,7 @@ def _priors(fitted: Fitted, numbers: IntArray) -> tuple[tuple[FloatArray, FloatA
     with_prior = np.flatnonzero(terms.weights)
     count = len(with_prior)
     of_frames = terms.values(estimate)[numbers][:, with_prior].reshape(-1)
-    d_frame = np.zeros((count, 24))
+    d_frame = np.zeros((count, FRAME_PARAMETERS))
     d_frame[np.arange(count), terms.free[with_prior]] = terms.weights[with_prior]
     intrinsics = np.eye(len(model.intrinsics), size) * model.intrinsic_priors(estimate.camera)[:, None]
     residuals_of_all = [of_frames, model.intrinsic_values(estimate.camera)]
@@ -368,7 +369,9 @@ def _priors(fitted: Fitted, numbers: IntArray) -> tuple[tuple[FloatArray, FloatA
         d_global.append(np.zeros((1, size)))
         d_global[-1][0, start : start + prior.coefficients.size] = prior.coefficients.reshape(-1)
     values, d_values = np.concatenate(residuals_of_all), np.concatenate(d_global)
-    d_frames = np.concatenate([np.tile(d_frame, (len(numbers), 1)), np.zeros((len(values) - len(of_frames), 24))])
+    d_frames = np.concatenate(
+        [np.tile(d_frame, (len(numbers), 1)), np.zeros((len(values) - len(of_frames), FRAME_PARAMETERS))]
+    )
     return (values, d_values, d_frames), list(np.arange(len(of_frames)).reshape(len(numbers), count))
 
 

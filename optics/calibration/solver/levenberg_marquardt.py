@@ -26,7 +26,7 @@ from mirrorcam.optics.calibration.solver.normal_equations import (
 )
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
-from mirrorcam.optics.calibration.solver.residuals import Estimate, global_names, residuals
+from mirrorcam.optics.calibration.solver.residuals import FRAME_PARAMETERS, Estimate, global_names, residuals
 
 BoolArray = NDArray[np.bool_]
 HUBER_SCALE = 1.345
@@ -344,7 +344,7 @@ def _trial(estimate: Estimate, model: Model, step_global: FloatArray, step_frame
     focal = estimate.camera.intrinsics[:2] + step[:2]
     if not np.isfinite(step).all() or not np.isfinite(step_frames).all() or (focal <= 0.0).any():
         return None
-    step_all = np.zeros((len(step_frames), 24))
+    step_all = np.zeros((len(step_frames), FRAME_PARAMETERS))
     step_all[:, model.frame_terms.free] = step_frames
     trial = estimate.moved(step, step_all)
     return trial if np.array_equal(trial.thickness_mm > 0.0, estimate.thickness_mm > 0.0) else None
@@ -353,7 +353,7 @@ def _trial(estimate: Estimate, model: Model, step_global: FloatArray, step_frame
 def common_error_covariance(estimate: Estimate, observations: Observations, model: Model) -> FloatArray:
     """Covariance (g, g) of the free global parameters due to errors common to corners.
 
-    These are smooth errors of each mirror's corners, and that of the plates' refractive index.
+    They are smooth errors of each mirror's corners, and the error of the plates' refractive index.
 
     Parameters
     ----------

@@ -28,6 +28,8 @@ from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_arrays import ImageDerivatives, MirrorArrays
 from mirrorcam.optics.geometry.mirror_imaging import images
 
+FRAME_PARAMETERS = 24
+"""Parameters of a frame: pose, rotation of the camera, bow, velocity and acceleration (`Estimate.moved`)."""
 MAX_FREE_CORNERS = 120
 DEGREE = 5
 
@@ -421,7 +423,7 @@ def residuals_with_jacobians(
     thickness = lens + 6 * count
     r = np.empty((len(observations), 2))
     d_global = np.zeros((len(observations), 2, thickness + 1 + estimate.shape.size))
-    d_frame = np.empty((len(observations), 2, 24))
+    d_frame = np.empty((len(observations), 2, FRAME_PARAMETERS))
     camera_rotations = Rotation.from_rotvec(estimate.camera_rotation).as_matrix()
     for is_direct in (True, False):
         rows = np.flatnonzero((observations.view == DIRECT) == is_direct)

@@ -90,7 +90,7 @@ def write_colmap(folder: Path, light_field: LightField, depth: KnownDepth | None
 def _points(points_in_rig: FloatArray, colours: NDArray[np.uint8]) -> str:
     """Format points (n, 3), mm, with colours (n, 3); -1 is COLMAP's mark for an error that was not computed."""
     lines = ["# POINT3D_ID X Y Z R G B ERROR TRACK[]\n"]
-    for number, (point, colour) in enumerate(zip(points_in_rig / 1000.0, colours.tolist(), strict=True), start=1):
+    for number, (point, colour) in enumerate(zip(points_in_rig / MM_PER_UNIT, colours.tolist(), strict=True), start=1):
         lines.append(f"{number} {point[0]:.7g} {point[1]:.7g} {point[2]:.7g} {colour[0]} {colour[1]} {colour[2]} -1\n")
     return "".join(lines)
 
