@@ -18,7 +18,7 @@ MAX_POSE_ERROR = 1e-4
 Picture = NDArray[Any]
 
 
-def pictures_of(images: ArrayLike | Sequence[ArrayLike]) -> tuple[list[Picture], tuple[int, int] | None]:
+def pictures_of(images: NDArray[Any] | Sequence[ArrayLike]) -> tuple[list[Picture], tuple[int, int] | None]:
     """Return pictures (h, w, c), uint8 or float32 from 0 to 1, and their rows and columns if the array has them.
 
     An array of four dimensions has colours if its last one is 1 or 3.
@@ -31,7 +31,7 @@ def pictures_of(images: ArrayLike | Sequence[ArrayLike]) -> tuple[list[Picture],
             images = images.reshape(-1, *images.shape[2:])
         elif images.ndim - has_colour != 3:
             raise InputError(f"images have shape {images.shape}, expected (t, s, h, w[, c]) or (n, h, w[, c])")
-    pictures = [_picture(number, np.asarray(image)) for number, image in enumerate(images)]  # type: ignore[arg-type]
+    pictures = [_picture(number, np.asarray(image)) for number, image in enumerate(images)]
     if not pictures:
         raise InputError("no images, expected at least one")
     if len({(picture.dtype.str, picture.shape[-1]) for picture in pictures}) > 1:
@@ -79,13 +79,13 @@ def positions_of(
     return flat[order], order
 
 
-def weights_of(weights: ArrayLike | Sequence[ArrayLike] | None, pictures: Sequence[Picture]) -> list[Any]:
+def weights_of(weights: NDArray[Any] | Sequence[ArrayLike] | None, pictures: Sequence[Picture]) -> list[Any]:
     """Return the weights (h, w) of pictures, float32; None for full weight."""
     if weights is None:
         return [None] * len(pictures)
     if isinstance(weights, np.ndarray) and weights.ndim == 4:
         weights = weights.reshape(-1, *weights.shape[2:])
-    arrays = [np.asarray(weight, np.float32) for weight in weights]  # type: ignore[union-attr]
+    arrays = [np.asarray(weight, np.float32) for weight in weights]
     shapes = [picture.shape[:2] for picture in pictures]
     if [array.shape for array in arrays] != shapes:
         raise InputError(f"weights do not have the shapes of the images, such as {shapes[0]}")
@@ -96,7 +96,7 @@ def weights_of(weights: ArrayLike | Sequence[ArrayLike] | None, pictures: Sequen
 
 def rectified_pictures(
     pictures: Sequence[Picture],
-    weights: ArrayLike | Sequence[ArrayLike] | None,
+    weights: NDArray[Any] | Sequence[ArrayLike] | None,
     poses: ArrayLike,
     focal_px: ArrayLike,
     centre_px: ArrayLike | None,

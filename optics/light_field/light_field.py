@@ -308,7 +308,7 @@ class LightField(Views):
     @classmethod
     def from_views(
         cls,
-        images: ArrayLike | Sequence[ArrayLike],
+        images: NDArray[Any] | Sequence[ArrayLike],
         *,
         focal_px: ArrayLike,
         step_mm: float | None = None,
@@ -317,7 +317,7 @@ class LightField(Views):
         centre_px: ArrayLike | None = None,
         distortion: ArrayLike = (0.0,) * 5,
         reference_depth_mm: float | None = None,
-        weights: ArrayLike | Sequence[ArrayLike] | None = None,
+        weights: NDArray[Any] | Sequence[ArrayLike] | None = None,
     ) -> Self:
         """Return the light field of pictures, with one of `step_mm`, `positions_mm` and `poses`.
 
