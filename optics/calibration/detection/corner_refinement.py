@@ -243,6 +243,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
         if not len(active):
             break
     sigma_px *= patches.noise_gain
-    pixels -= expected.skew_px(blur)
+    # The model accounts for the assumed blur.
+    pixels -= expected.skew_px(blur**2 - (0.0 if appearance.rough else appearance.blur_px**2))
     pixels[~(contrast > 0)] = np.nan
     return RefinedCorners(pixels, sigma_px, contrast, explained_variance, blur, strengths)
