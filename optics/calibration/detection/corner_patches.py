@@ -182,16 +182,16 @@ class Patches:
     def noise_gain(self) -> FloatArray:
         """Standard deviation (n,) of a smooth mean of samples, relative to independent samples.
 
-        Interpolated samples less than two pixels apart share pixels: averaged over their positions relative to the
-        pixels, the covariance of two samples is the cubic B-spline of their distance. Along either axis, samples `h` px
-        apart thus multiply the variance of independent samples by sum_k B(k h) / B(0).
+        Interpolated samples share pixels. Averaged over positions relative to the pixels, the correlation of samples
+        `d` px apart along either axis is sinc(0.82 d) exp(-d^2 / 8) within 0.02: the autocorrelation of Lanczos's
+        kernel at half the pitch, followed by bilinear interpolation. Samples at the distances k h thus multiply the
+        variance of independent samples by the sum of their correlations.
         """
         half = np.minimum(self.half_cells * self.side_px, MAX_HALF_PX)
         samples = round(np.sqrt(len(self.u)))
         distances = np.maximum(2.0 * half / (samples - 1), 1e-6)[:, None] * np.arange(samples)
-        beyond_one = np.clip(2.0 - distances, 0.0, None) ** 3 / 6.0
-        spline = np.where(distances < 1.0, 2.0 / 3.0 - distances**2 + distances**3 / 2.0, beyond_one)
-        return np.asarray(2.0 * spline.sum(axis=1) / spline[:, 0] - 1.0)
+        correlation = np.sinc(0.82 * distances) * np.exp(-(distances**2) / 8.0)
+        return np.asarray(2.0 * correlation.sum(axis=1) - 1.0)
 
 
 @lru_cache(maxsize=2)
