@@ -222,7 +222,7 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
     assert found.metrics["camera_turned_px"].value > 1.0
     assert found.metrics["sheet_mm"].value > 5.0 * found.metrics["sheet_sigma_mm"].value
     assert found.diagnostics is not None
-    assert set(found.diagnostics.model_name.split("+")) == {"joint", "board", "sheet", "turn", "bow", "colour"}
+    assert set(found.diagnostics.model_name.split("+")) == {"joint", "board", "sheet", "turn", "bow"}
     assert found.diagnostics.reference == DIRECT
     # With the differences between photographs in the model, halves of them agree.
     assert not found.diagnostics.alarms
