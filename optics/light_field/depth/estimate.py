@@ -230,14 +230,14 @@ class DepthEstimator:
         valid = valid & (match.view_count >= min(2, len(self.others)))
         step_px = np.float32(full.step_px)
         range_px, views = full.plane_count * full.step_px, len(self.others)
-        sigma_px = standard_deviation_px(match, smoothness, result.lowest_cost.margin, views, result.halved, range_px)
+        lowest = result.lowest_cost
+        confidence = probability(planes * step_px, match, lowest.rivals, result.first_rivals, smoothness, result.halved)
+        sigma_px = standard_deviation_px(match, smoothness, lowest.margin, confidence, views, result.halved, range_px)
         deviation = sigma_px * np.float32(full.step / full.step_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse_distance
             pupil_depth = np.float32(self.views.reference_view_depth_mm)
             depth, sigma = distance + pupil_depth, deviation * np.square(distance)
-        rivals = result.lowest_cost.rivals
-        confidence = probability(planes * step_px, match, rivals, result.first_rivals, smoothness, result.halved)
         return DepthMap(
             views=self.views,
             view=self.reference,
