@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -142,17 +143,14 @@ def sample_blurred(target: Target, print_xy: Floats, blur: FloatArray) -> PrintS
     blur
         Covariances (n, 2, 2) of the blur around each of n corners, in cells.
     """
-    pixels = image_px_of_print(target, print_xy)
-    steps = _step(np.linalg.det(blur) ** 0.25)
     count, samples = print_xy.shape[:2]
     value, derivatives = np.empty((count, samples), dtype=np.float32), np.empty((count, 5, samples), dtype=np.float32)
     remaining = blur.copy()
-    for step in np.unique(steps):
-        rows = np.flatnonzero(steps == step)
-        blurred = _blurred(target, int(step))
-        value[rows] = sample(blurred.value, pixels[rows])
-        derivatives[rows, :4] = sample(blurred.derivatives, pixels[rows]).transpose(0, 2, 1)
-        derivatives[rows, 4] = sample(blurred.mixed, pixels[rows])
+    for rows, step, pixels in _by_step(target, print_xy, blur):
+        blurred = _blurred(target, step)
+        value[rows] = sample(blurred.value, pixels)
+        derivatives[rows, :4] = sample(blurred.derivatives, pixels).transpose(0, 2, 1)
+        derivatives[rows, 4] = sample(blurred.mixed, pixels)
         remaining[rows] -= blurred.sigma**2 * np.eye(2)
     first, second = derivatives[:, :2], derivatives[:, [2, 4, 3]]
     spread = np.stack([remaining[:, 0, 0] / 2.0, remaining[:, 0, 1], remaining[:, 1, 1] / 2.0], axis=1)
@@ -165,13 +163,18 @@ def third_derivatives(target: Target, print_xy: Floats, blur: FloatArray) -> Ima
 
     `blur` (n, 2, 2) is as in `sample_blurred`; its shape is neglected.
     """
-    pixels = image_px_of_print(target, print_xy)
-    steps = _step(np.linalg.det(blur) ** 0.25)
     derivatives = np.empty((*print_xy.shape[:2], 4), dtype=np.float32)
-    for step in np.unique(steps):
-        rows = np.flatnonzero(steps == step)
-        derivatives[rows] = sample(_third(target, int(step)), pixels[rows])
+    for rows, step, pixels in _by_step(target, print_xy, blur):
+        derivatives[rows] = sample(_third(target, step), pixels)
     return derivatives.transpose(0, 2, 1)
+
+
+def _by_step(target: Target, print_xy: Floats, blur: FloatArray) -> Iterator[tuple[NDArray[np.int64], int, Floats]]:
+    """Group corners by the step of the isotropic blur of equal area: their indices, the step, their image's pixels."""
+    pixels, steps = image_px_of_print(target, print_xy), _step(np.linalg.det(blur) ** 0.25)
+    for step in np.unique(steps).tolist():
+        rows = np.flatnonzero(steps == step)
+        yield rows, step, pixels[rows]
 
 
 def _step(blur_cells: FloatArray) -> NDArray[np.int64]:

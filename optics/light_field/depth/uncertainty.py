@@ -58,8 +58,8 @@ def standard_deviation_px(
     """Return standard deviations (v, u), px of disparity at the longest baseline.
 
     A wrong depth may be anywhere in the search. Where the probability of being right is below COVERED, the standard
-    deviation includes that of a uniform distribution over as much of the range as covers the rest; where nothing
-    determines the depth, over all of it.
+    deviation includes a uniform distribution over as much of the range as covers the rest; where nothing determines the
+    depth, over all of it.
 
     Parameters
     ----------
