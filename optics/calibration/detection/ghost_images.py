@@ -40,7 +40,14 @@ from numpy.typing import NDArray
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
-from mirrorcam.optics.calibration.detection.board_growing import expected_corners, first_blur_px, on_smooth_surface
+from mirrorcam.optics.calibration.detection.board_growing import (
+    MIN_BLUR_PX,
+    SHARP_PX,
+    SOFTENING_PX,
+    expected_corners,
+    first_blur_px,
+    on_smooth_surface,
+)
 from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import (
@@ -108,7 +115,7 @@ class GhostedView:
         fit = refine(light, self.expected, appearance)
         pixels = np.where(np.isfinite(fit.pixels), fit.pixels, self.expected.pixels)
         expected = replace(self.expected, pixels=pixels)
-        return replace(self, expected=expected, blur_px=float(np.median(fit.blur_px))), fit
+        return replace(self, expected=expected, blur_px=max(float(np.median(fit.blur_px)), MIN_BLUR_PX)), fit
 
     def corners(self, light: Image, target: Target) -> Corners:
         """Return the corners in a picture in linear light, without those off the smooth surface through the others."""
@@ -243,10 +250,17 @@ def refine_with_ghosts(
         if number in rig_from_board and pictures[number] is not None
     }
     largest = sorted((number for number, views in ghosted.items() if views), key=lambda n: _size_px(ghosted[n]))
-    rendering = _rendering([(_grey(pictures[n]), list(ghosted[n].values())) for n in largest[-MAX_FRAMES:]], target)
+
+    def rendering_of(softening_px: float) -> _Rendering:
+        frames = [(_grey(pictures[n], softening_px), list(ghosted[n].values())) for n in largest[-MAX_FRAMES:]]
+        return _rendering(frames, target)
+
+    softening_px, rendering = 0.0, rendering_of(0.0)
+    if rendering.blur_px is not None and rendering.blur_px < SHARP_PX:
+        softening_px, rendering = SOFTENING_PX, rendering_of(SOFTENING_PX)
 
     def refined(number: int) -> Observations:
-        light = linear_light(_grey(pictures[number]), rendering.gamma)
+        light = linear_light(_grey(pictures[number], softening_px), rendering.gamma)
         views = ((mirror, _refined(light, view, rendering, target)) for mirror, view in ghosted[number].items())
         return Observations.join(
             [Observations.of_view(0, mirror, found.ids, found.pixels, found.sigma_px) for mirror, found in views]
@@ -288,10 +302,11 @@ def _size_px(views: Mapping[int, GhostedView]) -> float:
     return float(np.median([np.median(cell_px(view.expected.pixels)) for view in views.values()]))
 
 
-def _grey(picture: Grey | Path | None) -> Grey:
+def _grey(picture: Grey | Path | None, softening_px: float) -> Grey:
     if picture is None:
         raise ValueError("no picture available")
-    return read_image(picture, grey=True) if isinstance(picture, Path) else picture
+    grey = read_image(picture, grey=True) if isinstance(picture, Path) else picture
+    return np.asarray(cv2.GaussianBlur(grey, (0, 0), softening_px), dtype=np.uint8) if softening_px else grey
 
 
 def _rendering(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _Rendering:
