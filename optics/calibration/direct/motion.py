@@ -55,6 +55,7 @@ def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | N
 
     Random sample consensus over features tracked by Lucas-Kanade, then least squares.
     """
+    camera = _far(camera)
     rotations = [np.zeros(3)]
     for picture in pictures[1:]:
         first_px, other_px = _scene_tracks(pictures[0], picture)
@@ -67,9 +68,15 @@ def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | N
 
 def stabilised(observations: Observations, camera: Camera, rotations: FloatArray) -> Observations:
     """Correct corners for the camera's `rotations` (f, 3), rad, since the first frame."""
+    camera = _far(camera)
     first_from_frame = Rotation.from_rotvec(rotations[observations.frame]).inv().as_matrix()
     rays = np.einsum("nij,nj->ni", first_from_frame, camera.unproject(observations.pixels))
     return replace(observations, pixels=camera.project(rays))
+
+
+def _far(camera: Camera) -> Camera:
+    """Return a camera as far points see it, whose pixels do not depend on their distance."""
+    return camera.replaced(pupil_walk_mm=None, defocus_growth_mm2=None)
 
 
 def _scene_tracks(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
