@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, MAX_BLUR, Image
-from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_print_xy, typical_cell_px
+from mirrorcam.optics.calibration.detection.board_warp import SEPTIC, BoardWarp, corner_print_xy, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
@@ -109,7 +109,7 @@ def _visible_corners(
     corner_pixels, rough = _grow(picture, print_xy, pixels, corners, target, mirrored=mirrored)
     grown_ids = np.flatnonzero(np.isfinite(corner_pixels[:, 0]))
     ids = grown_ids[on_smooth_surface(corners[grown_ids], corner_pixels[grown_ids], target.longest_step)]
-    warp = BoardWarp.fit(corners[ids], corner_pixels[ids], degree=QUINTIC)
+    warp = BoardWarp.fit(corners[ids], corner_pixels[ids], degree=SEPTIC)
     if warp is None:
         return Corners.empty()
     expected = warp.expected(corners[ids], corner_pixels[ids])
@@ -188,7 +188,7 @@ def first_blur_px(print_xy: FloatArray, pixels: FloatArray) -> float:
 def expected_corners(corners: Corners, target: Target) -> ExpectedCorners | None:
     """Return a board's corners with the derivatives of their common warp; None if no warp fits."""
     print_xy = corner_print_xy(target)[corners.ids]
-    warp = BoardWarp.fit(print_xy, corners.pixels, degree=QUINTIC)
+    warp = BoardWarp.fit(print_xy, corners.pixels, degree=SEPTIC)
     return None if warp is None else warp.expected(print_xy, corners.pixels)
 
 

@@ -12,9 +12,9 @@ from mirrorcam.optics.calibration.detection.corner_patches import ExpectedCorner
 from mirrorcam.optics.geometry.targets import Target
 
 MIN_POINTS = 4
-CUBIC, QUINTIC = 3, 5  # degrees of the correction
-MIN_POINTS_BY_DEGREE = ((QUINTIC, 63), (CUBIC, 24))
-EXPONENTS = [np.tril_indices(degree + 1) for degree in range(QUINTIC + 1)]  # per term: total degree, and degree in y
+CUBIC, QUINTIC, SEPTIC = 3, 5, 7  # degrees of the correction
+MIN_POINTS_BY_DEGREE = ((SEPTIC, 144), (QUINTIC, 63), (CUBIC, 24))
+EXPONENTS = [np.tril_indices(degree + 1) for degree in range(SEPTIC + 1)]  # per term: total degree, and degree in y
 OUTLIER_CELLS = 0.12  # distance of a corner from the map through the others
 
 
@@ -65,7 +65,7 @@ class BoardWarp:
         residual = pixels - self.map(print_xy)
         terms = self._terms(print_xy, degree)
         weights = 1.0 / (1.0 + (np.linalg.norm(residual, axis=1) / outlier_px) ** 2)
-        ridge = 1e-3 * np.eye(terms.shape[1])
+        ridge = 1e-6 * np.eye(terms.shape[1])
         polynomial = np.zeros((terms.shape[1], 2))
         for _ in range(3):
             weighted = terms * weights[:, None]
