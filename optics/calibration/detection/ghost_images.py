@@ -42,7 +42,6 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.board_growing import (
     MIN_BLUR_PX,
-    SHARP_PX,
     SOFTENING_PX,
     expected_corners,
     first_blur_px,
@@ -256,7 +255,7 @@ def refine_with_ghosts(
         return _rendering(frames, target)
 
     softening_px, rendering = 0.0, rendering_of(0.0)
-    if rendering.blur_px is not None and rendering.blur_px < SHARP_PX:
+    if rendering.blur_px is not None and rendering.blur_px <= MIN_BLUR_PX:  # as where a camera sharpens
         softening_px, rendering = SOFTENING_PX, rendering_of(SOFTENING_PX)
 
     def refined(number: int) -> Observations:
