@@ -116,9 +116,13 @@ def _ransac_rotation(camera: Camera, first_px: FloatArray, other_px: FloatArray)
     """Rotation vector (3,) that fits the motion of the static features (n, 2); None if too few agree."""
     random = np.random.default_rng(0)
     rays = camera.unproject(first_px)
+    in_view = np.isfinite(rays).all(axis=1)  # a lens may not reach the corners of the picture
+    rays, other_px = rays[in_view], other_px[in_view]
+    if len(rays) < MIN_STATIC_FEATURES:
+        return None
     best_rotation, max_inliers = np.zeros(3), 0
     for _ in range(RANSAC_SAMPLES):
-        pair = random.choice(len(first_px), 2, replace=False)
+        pair = random.choice(len(rays), 2, replace=False)
         rotation = _refine_rotation(camera, rays[pair], other_px[pair], np.zeros(3), steps=2)
         count = int((np.linalg.norm(_projected(camera, rays, rotation) - other_px, axis=1) < MAX_STATIC_PX).sum())
         if count > max_inliers:
@@ -142,6 +146,8 @@ def _refine_rotation(
     for _ in range(steps):
         rotated = rays @ Rotation.from_rotvec(rotation).as_matrix().T
         pixels, d_ray, _ = camera.project_with_jacobians(rotated)
+        if not (np.isfinite(pixels).all() and np.isfinite(d_ray).all()):
+            break
         d_rotation = np.cross(rotated[:, None, :], d_ray)  # J (w x p) = w . (p x J)
         step = np.linalg.lstsq(d_rotation.reshape(-1, 3), (target_px - pixels).ravel(), rcond=None)[0]
         rotation = (Rotation.from_rotvec(step) * Rotation.from_rotvec(rotation)).as_rotvec()
