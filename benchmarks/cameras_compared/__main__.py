@@ -20,8 +20,6 @@ SHOWN = "gloss"
 STATED_ERROR, STATED_AT_MM = 0.02, 2000.0
 """Depth error of the D435, as its data sheet states it."""
 
-VERDICT = """VERDICT"""
-
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
@@ -43,11 +41,11 @@ def main() -> None:
     values = {
         "scene": SHOWN,
         "field": f"{FIELD_MM[0]:.0f} {TIMES} {FIELD_MM[1]:.0f}",
-        "noise": f"{SENSOR.full_well_electrons:.0f} electrons at white, {SENSOR.read_noise_grey:g} grey levels of read noise",
+        "noise": f"{SENSOR.full_well_electrons:,.0f} electrons at white, {SENSOR.read_noise_grey:g} grey levels read",
         "dots": f"{DOTS:,}",
         "stated": ", ".join(f"{error:.2f}" for error in stated),
     }
-    write_page(docs, together, VERDICT, values)
+    write_page(docs, rows.table, values)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -24,8 +25,6 @@ FOCUS_MM = 400.0
 """Depth at which all lenses are in focus, the harmonic mean of 300 and 600 mm, and at which views coincide."""
 FIELD_MM = np.array([80.0, 50.0])
 """The field in which cameras are compared, at FOCUS_MM."""
-PARALLAX = 0.45
-"""Shift of what views show at 300 or 700 mm, per shift of the view at FOCUS_MM; more is rendered for it."""
 
 ARRAY_STEP_MM = (96.0, 32.0)  # between webcams of 94 x 29 mm
 PAIR_MM = 60.0
@@ -94,10 +93,10 @@ def cameras() -> Iterator[ComparedCamera]:
     """Yield the cameras in the order of the table."""
     yield _mirror_camera("MirrorCam, 3 x 3", 3, 3, "91 EUR")
     yield _mirror_camera("MirrorCam, 1 x 2", 1, 2, "92 EUR")
-    yield _mirror_camera("MirrorCam, 2 x 2", 2, 2, "PRICE22 EUR")
+    yield _mirror_camera("MirrorCam, 2 x 2", 2, 2, "92 EUR")
     yield _illum()
-    yield _webcams("nine webcams, 3 x 3", 3, 3, ARRAY_STEP_MM, "630 EUR", "30, not synchronised")
-    yield _webcams("two webcams, 60 mm", 1, 2, (PAIR_MM, 0.0), "140 EUR", "30, not synchronised")
+    yield _webcams("nine webcams, 3 x 3", 3, 3, ARRAY_STEP_MM, "630 EUR")
+    yield _webcams("two webcams, 60 mm", 1, 2, (PAIR_MM, 0.0), "140 EUR")
     yield _d435()
 
 
@@ -120,7 +119,9 @@ def _field_views(
         Depth of the reference view.
     """
     px_per_mm = focal_px / (FOCUS_MM - depth_mm)
-    wanted_mm = FIELD_MM + PARALLAX * np.ptp(positions_mm.reshape(-1, 3), axis=0)[:2]
+    # The depth estimator needs, in all views, what lies at any depth that it searches.
+    parallax = FOCUS_MM / NEAR_MM - 1.0
+    wanted_mm = FIELD_MM + 2.0 * parallax * np.abs(positions_mm).max(axis=(0, 1))[:2]
     size = np.rint(np.minimum(wanted_mm, common_mm) * px_per_mm).astype(int)
     return Views(
         positions_mm=positions_mm,
@@ -139,11 +140,6 @@ def _grid(rows: int, cols: int, step_mm: tuple[float, float]) -> FloatArray:
     """Return positions (t, s, 3) on an even grid, relative to the reference view."""
     columns, lines = np.meshgrid(np.arange(cols) - cols // 2, np.arange(rows) - rows // 2)
     return np.stack([step_mm[0] * columns, step_mm[1] * lines, 0.0 * lines], axis=-1)
-
-
-def _middle(positions_mm: FloatArray) -> FloatArray:
-    flat = positions_mm.reshape(-1, 3)[:, :2]
-    return (flat.min(axis=0) + flat.max(axis=0)) / 2.0
 
 
 def _mirror_camera(name: str, rows: int, cols: int, price: str) -> ComparedCamera:
@@ -168,24 +164,21 @@ def _mirror_camera(name: str, rows: int, cols: int, price: str) -> ComparedCamer
     )
 
 
-def _webcams(
-    name: str, rows: int, cols: int, step_mm: tuple[float, float], price: str, rate: str
+def _pinholes(
+    name: str, positions_mm: FloatArray, px: tuple[int, int], focal_px: float, **published: Any
 ) -> ComparedCamera:
+    """Return parallel cameras alike, at positions (t, s, 3) relative to the reference view."""
+    flat = positions_mm.reshape(-1, 3)[:, :2]
+    common = FOCUS_MM * np.array(px) / focal_px - np.ptp(flat, axis=0)
+    defaults = {"exists": np.ones(positions_mm.shape[:2]), "view_count": len(flat), "field_mm": common}
+    views = _field_views(positions_mm, focal_px, (flat.min(axis=0) + flat.max(axis=0)) / 2.0, common)
+    return ComparedCamera(name=name, views=views, view_px=px, **(defaults | published))
+
+
+def _webcams(name: str, rows: int, cols: int, step_mm: tuple[float, float], price: str) -> ComparedCamera:
     camera = Camera.c920()
-    size = np.array([camera.width_px, camera.height_px])
-    positions = _grid(rows, cols, step_mm)
-    common = FOCUS_MM * size / camera.fx_px - np.ptp(positions.reshape(-1, 3), axis=0)[:2]
-    return ComparedCamera(
-        name=name,
-        views=_field_views(positions, camera.fx_px, _middle(positions), common),
-        exists=np.ones((rows, cols)),
-        view_count=rows * cols,
-        view_px=(camera.width_px, camera.height_px),
-        field_mm=common,
-        aperture_mm=camera.aperture_mm,
-        price=price,
-        rate=rate,
-    )
+    published = {"aperture_mm": camera.aperture_mm, "price": price, "rate": "30, not synchronised"}
+    return _pinholes(name, _grid(rows, cols, step_mm), (camera.width_px, camera.height_px), camera.fx_px, **published)
 
 
 def _illum() -> ComparedCamera:
@@ -196,34 +189,27 @@ def _illum() -> ComparedCamera:
     step = pupil_mm * ILLUM_GROUP / across
     exists = np.ones((5, 5))
     exists[::4, ::4] = 0.0
-    size = np.array(ILLUM_VIEW_PX)
-    focal_px = size[0] * FOCUS_MM / ILLUM_FIELD_MM
-    common = FOCUS_MM * size / focal_px
-    return ComparedCamera(
-        name="Lytro Illum",
-        views=_field_views(_grid(5, 5, (step, step)), focal_px, np.zeros(2), common),
+    return _pinholes(
+        "Lytro Illum",
+        _grid(5, 5, (step, step)),
+        ILLUM_VIEW_PX,
+        ILLUM_VIEW_PX[0] * FOCUS_MM / ILLUM_FIELD_MM,
         exists=exists,
         view_count=225,
-        view_px=ILLUM_VIEW_PX,
-        field_mm=common,
+        field_mm=ILLUM_FIELD_MM * np.array(ILLUM_VIEW_PX) / ILLUM_VIEW_PX[0],
         aperture_mm=pupil_mm / across,
-        samples=float(ILLUM_RAYS / (exists.sum() * size.prod())),
+        samples=float(ILLUM_RAYS / (exists.sum() * np.prod(ILLUM_VIEW_PX))),
         price="1,599 USD in 2014, out of production",
         rate="stills",
     )
 
 
 def _d435() -> ComparedCamera:
-    focal_px = D435_FOCAL_MM / D435_PIXEL_MM
-    positions = _grid(1, 2, (D435_BASELINE_MM, 0.0))
-    common = FOCUS_MM * np.array(D435_PX) / focal_px - [D435_BASELINE_MM, 0.0]
-    return ComparedCamera(
-        name="RealSense D435",
-        views=_field_views(positions, focal_px, _middle(positions), common),
-        exists=np.ones((1, 2)),
-        view_count=2,
-        view_px=D435_PX,
-        field_mm=common,
+    return _pinholes(
+        "RealSense D435",
+        _grid(1, 2, (D435_BASELINE_MM, 0.0)),
+        D435_PX,
+        D435_FOCAL_MM / D435_PIXEL_MM,
         aperture_mm=D435_FOCAL_MM / D435_F_NUMBER,
         is_active=True,
         price="330 EUR",

@@ -83,7 +83,7 @@ def measure(scene: RenderedScene, camera: ComparedCamera, seed: int) -> Measured
         true_mm,
         depth.depth_mm,
         depth.sigma_mm,
-        _bound_mm(camera, light[reference], true_mm),
+        depth_bound_mm(camera, light[reference], true_mm),
         _psnr_db(views, refocused, wide_aperture(scene, views, middle, APERTURE_MM)),
         _psnr_db(views, viewpoint, wide_aperture(scene, views, half_way, 0.0)),
         light_field.samples[reference],
@@ -113,8 +113,8 @@ def _refocused(light_field: LightField, depths: ViewDepths, middle_mm: FloatArra
     return np.asarray(total / np.float32(count), dtype=np.float32)
 
 
-def _bound_mm(camera: ComparedCamera, light: Float32, true_mm: Float32) -> FloatArray:
-    """Return the Cramer-Rao bound (v, u) of depth of a window that shares one depth, mm.
+def depth_bound_mm(camera: ComparedCamera, light: Float32, true_mm: Float32) -> FloatArray:
+    """Return the Cramér-Rao bound (v, u) of depth of a window that shares one depth, mm.
 
     A change dz of depth shifts a view at b by f b dz / Z^2 px. The texture is unknown, so only differences of b from
     their mean count (see `mirrorcam.optics.design.assess.depth_sigma`). `light` (v, u, c) is without noise.
