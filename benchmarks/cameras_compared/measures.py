@@ -122,7 +122,8 @@ def depth_bound_mm(camera: ComparedCamera, light: Float32, true_mm: Float32) -> 
     views = camera.views
     offsets = views.positions_mm[camera.exists > 0][:, :2]
     spread = np.cov(offsets.T, bias=True) * len(offsets)
-    gradient = np.stack(np.gradient(light.astype(np.float64), axis=(1, 0)), axis=-1)
+    right, down = np.gradient(light.astype(np.float64), axis=(1, 0))
+    gradient = np.stack([right, down], axis=-1)
     energy = np.einsum("vuci,ij,vucj->vuc", gradient, spread, gradient) / noise_variance(light, camera.samples)
     px_per_mm = views.focal_px / np.square(true_mm.astype(np.float64) - views.reference_view_depth_mm)
     information = cv2.boxFilter(energy.sum(axis=-1), -1, (WINDOW_PX, WINDOW_PX), normalize=False) * px_per_mm**2

@@ -84,7 +84,8 @@ def draw(path: Path, results: Results, scene: str) -> None:
     figure, axes = plt.subplots(3, len(results), figsize=(2.0 * len(results), 4.6), constrained_layout=True)
     for column, (camera, measured) in zip(axes.T, results, strict=True):
         result = measured[scene]
-        for axis, picture in zip(column, (result.picture, result.depth_mm, result.refocused), strict=True):
+        pictures: tuple[Any, ...] = (result.picture, result.depth_mm, result.refocused)
+        for axis, picture in zip(column, pictures, strict=True):
             shown = inner(camera.views, picture)
             height = round(200 * shown.shape[0] / shown.shape[1])
             shown = cv2.resize(shown, (200, height), interpolation=cv2.INTER_AREA)

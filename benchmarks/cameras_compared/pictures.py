@@ -111,7 +111,8 @@ def _lens(views: Views, index: tuple[int, int], aperture_mm: float) -> RayThroug
     def ray_through(x: Any, y: Any, u: Any, v: Any) -> Any:
         direction = chief(x, y, u, v).d
         disc = mi.warp.square_to_uniform_disk_concentric(mi.Point2f(u, v))
-        offset = mi.Vector3f(disc.x, disc.y, 0.0) * (diameter * 0.5)
+        radius = diameter * 0.5
+        offset: Any = mi.Vector3f(disc.x * radius, disc.y * radius, 0.0)
         through = direction * (to_focus / direction.z) - offset
         return mi.Ray3f(origin + offset + through * (to_start / through.z), dr.normalize(through))
 
