@@ -1,6 +1,6 @@
 """Compare the mirror camera with other cameras at 300 to 600 mm: depth, refocusing and new viewpoints, in simulation.
 
-`python -m benchmarks.cameras_compared` renders three scenes as seven cameras see them, and writes docs/compared.md and
+`python -m benchmarks.cameras_compared` renders four scenes as seven cameras see them, and writes docs/compared.md and
 docs/images/compared.png. The same program gives the same figures.
 """
 
@@ -36,7 +36,7 @@ def main() -> None:
     docs = ROOT / "docs"
     together = list(zip(compared, results, strict=True))
     draw(docs / "images" / "compared.png", together, SHOWN)
-    # Noise of disparity is constant, so that of depth grows with the distance squared.
+    # Noise of disparity is constant, so noise of depth grows with the distance squared.
     stated = (STATED_ERROR * (sum(band) / 2.0) ** 2 / STATED_AT_MM for band in BANDS_MM)
     values = {
         "scene": SHOWN,

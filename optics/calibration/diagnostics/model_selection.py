@@ -166,7 +166,7 @@ def select_model(
     prior
         Prior on the virtual centres, in every model.
     surface_known
-        Whether the mirrors' surface is known to be that of `start`, and its distance in focus the camera's. Otherwise,
+        Whether the surface of the mirrors in `start` and the distance in focus of its camera are known. Otherwise,
         plates are added if the corners support them; of known first-surface mirrors, they raise an alarm. Growth out of
         focus is not tried without that distance.
     on_step
