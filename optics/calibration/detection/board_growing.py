@@ -122,6 +122,12 @@ def _visible_corners(
         rough = replace(rough, blur_px=float(np.hypot(blur_px, SOFTENING_PX)))
     fine = replace(rough, rough=False, motion=_is_blurred_by_motion(picture, typical, rough))
     ids, refined = _confirmed(picture, ids, expected, fine, mirrored=mirrored)
+    # Corners of the rough refinement are off by hundredths of a pixel, and so is their warp: it is fitted once more.
+    warp = BoardWarp.fit(corners[ids], refined.pixels, degree=SEPTIC)
+    if warp is None:
+        return Corners.empty()
+    expected = warp.expected(corners[ids], refined.pixels)
+    ids, refined = _confirmed(picture, ids, expected, fine, mirrored=mirrored)
     valid = _similar_contrast(corners[ids], refined.contrast) & _typical_quality(refined)
     board = Corners(ids.astype(np.int64), refined.pixels, refined.sigma_px).where(valid)
     return board.where(on_smooth_surface(corners[board.ids], board.pixels, target.longest_step))
