@@ -14,10 +14,10 @@ from mirrorcam.optics.geometry.targets import Target
 MIN_POINTS, MIN_CORRECTED = 4, 16  # for a warp, and for a warp with a polynomial
 CUBIC, SEPTIC = 3, 7  # degrees of the polynomial
 EXPONENTS = [np.tril_indices(degree + 1) for degree in range(SEPTIC + 1)]  # per term: total degree, and degree in y
-# Expected size of the cubic terms at the border of the points, px, that of terms of each further degree relative to the
-# degree below, and noise of the points, px: few points determine no term of a high degree.
-CUBIC_PX, DECREASE, NOISE_PX = 1.0, 0.5, 0.02
-FREE_DEGREE, FREE_PX = 2, 100.0  # up to this degree, terms may be as large as this
+# Few points determine no term of a high degree, so terms have expected sizes: at the border of the points, cubic ones
+# have at least this size, px, those of each further degree this fraction of the degree below, and lower ones any.
+MIN_CUBIC_PX, DECREASE, ANY_PX = 1.0, 0.5, 100.0
+NOISE_PX = 0.02  # of the points, for weighing them against the expected sizes
 OUTLIER_CELLS = 0.12  # distance of a corner from the map through the others
 
 
@@ -68,12 +68,13 @@ class BoardWarp:
         terms = self._terms(mapped, degree)
         weights = 1.0 / (1.0 + (np.linalg.norm(residual, axis=1) / outlier_px) ** 2)
         total, _ = EXPONENTS[degree]
-        size_px = np.where(total > FREE_DEGREE, CUBIC_PX * DECREASE ** (total - CUBIC), FREE_PX)
-        ridge = np.diag((NOISE_PX / size_px) ** 2)
-        polynomial = np.zeros((terms.shape[1], 2))
+        polynomial, cubic_px = np.zeros((terms.shape[1], 2)), MIN_CUBIC_PX
         for _ in range(3):
+            size_px = np.where(total < CUBIC, ANY_PX, cubic_px * DECREASE ** (total - CUBIC))
+            ridge = np.diag((NOISE_PX / size_px) ** 2)
             weighted = terms * weights[:, None]
             polynomial = np.linalg.solve(terms.T @ weighted + ridge, weighted.T @ residual)
+            cubic_px = max(float(np.sqrt(np.mean(polynomial[total == CUBIC] ** 2))), MIN_CUBIC_PX)
             deviation = np.linalg.norm(residual - terms @ polynomial, axis=1)
             scale = max(3.0 * 1.4826 * float(np.partition(deviation, len(deviation) // 2)[len(deviation) // 2]), 0.02)
             weights = 1.0 / (1.0 + (deviation / scale) ** 2)
