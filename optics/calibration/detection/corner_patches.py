@@ -30,7 +30,7 @@ MAX_HALF_PX = 14.0  # maximum half side: in large cells, the outer part adds lit
 SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch: for the fine and the rough refinement
 MODULATION = 0.8  # (white - black) / (white + black), assumed if a picture shows no print
 MIN_MODULATION, MAX_MODULATION = 0.3, 0.95  # the latter for ink that reflects 1/40 as much as paper
-WEIGHT_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
+WEIGHT_VARIANCE = 0.3  # of the Gaussian weight about a corner, in squared half sides of the patch
 # Terms of a patch's model: level, gradient, contrast, tone, blur, shift, motion blur, ghost images.
 CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(10, None)
 
