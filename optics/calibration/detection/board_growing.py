@@ -109,7 +109,7 @@ def _visible_corners(
     corner_pixels, rough = _grow(picture, print_xy, pixels, corners, target, mirrored=mirrored)
     grown_ids = np.flatnonzero(np.isfinite(corner_pixels[:, 0]))
     ids = grown_ids[on_smooth_surface(corners[grown_ids], corner_pixels[grown_ids], target.longest_step)]
-    warp = BoardWarp.fit(corners[ids], corner_pixels[ids], degree=SEPTIC)
+    warp = BoardWarp.fit(corners[ids], corner_pixels[ids])
     if warp is None:
         return Corners.empty()
     expected = warp.expected(corners[ids], corner_pixels[ids])
@@ -122,7 +122,7 @@ def _visible_corners(
         rough = replace(rough, blur_px=float(np.hypot(blur_px, SOFTENING_PX)))
     fine = replace(rough, rough=False, motion=_is_blurred_by_motion(picture, typical, rough))
     ids, refined = _confirmed(picture, ids, expected, fine, mirrored=mirrored)
-    # Corners of the rough refinement are off by hundredths of a pixel, and so is their warp: it is fitted once more.
+    # Corners of the rough refinement are off by hundredths of a pixel or more: fine ones give a finer warp.
     warp = BoardWarp.fit(corners[ids], refined.pixels, degree=SEPTIC)
     if warp is None:
         return Corners.empty()
