@@ -11,7 +11,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.corner_patches import ExpectedCorners
 from mirrorcam.optics.geometry.targets import Target
 
-MIN_POINTS, MIN_CORRECTED = 4, 16  # for a warp, and for a warp with a polynomial
+MIN_POINTS, MIN_CORRECTED = 4, 24  # for a warp, and for a warp with a polynomial
 CUBIC, SEPTIC = 3, 7  # degrees of the polynomial
 EXPONENTS = [np.tril_indices(degree + 1) for degree in range(SEPTIC + 1)]  # per term: total degree, and degree in y
 # Few points determine no term of a high degree, so terms have expected sizes: at the border of the points, cubic ones

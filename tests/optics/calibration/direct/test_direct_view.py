@@ -230,8 +230,9 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
     for axis in "xy":
         assert found.metrics[f"rms_{axis}_px"].value <= 0.08
     halves, near = found.diagnostics.splits
-    # Halves differ because of this shear, which no model here has: the report says so, and bounds allow for it.
-    assert halves.overall_ratio <= 3.0
+    # Halves differ because of this shear, which no model here has: the report says so, and bounds allow for it. The
+    # smaller the noise of corners, the more it counts.
+    assert halves.overall_ratio <= 3.3
     assert near.overall_ratio <= 3.0
     assert found.diagnostics.alarms
     assert found.diagnostics.inflation >= halves.overall_ratio
