@@ -73,7 +73,7 @@ class FeatureFinder:
     views
         Geometry of the light fields.
     name
-        SIFT, ORB or AKAZE, in single views; SIFT4D, in the focal stack, for low light.
+        SIFT4D, in the focal stack; SIFT, ORB or AKAZE, in single views, are faster.
     keypoints
         Approximate number of strongest keypoints per view.
     max_distance_px
@@ -95,7 +95,7 @@ class FeatureFinder:
     def __init__(
         self,
         views: Views,
-        name: FeatureDetector = "SIFT",
+        name: FeatureDetector = "SIFT4D",
         *,
         keypoints: int = 600,
         max_distance_px: float = 0.5,
