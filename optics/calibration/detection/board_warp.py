@@ -14,8 +14,8 @@ from mirrorcam.optics.geometry.targets import Target
 MIN_POINTS, MIN_CORRECTED = 4, 24  # for a warp, and for a warp with a polynomial
 CUBIC, SEPTIC = 3, 7  # degrees of the polynomial
 EXPONENTS = [np.tril_indices(degree + 1) for degree in range(SEPTIC + 1)]  # per term: total degree, and degree in y
-# Few points determine no term of a high degree, so terms have expected sizes: at the border of the points, cubic ones
-# have at least this size, px, those of each further degree this fraction of the degree below, and lower ones any.
+# Few points determine no term of a high degree, so terms have expected sizes at the border of the points: cubic terms
+# at least this size, px, terms of each higher degree this fraction of the degree below, and lower terms any size.
 MIN_CUBIC_PX, DECREASE, ANY_PX = 1.0, 0.5, 100.0
 NOISE_PX = 0.02  # of the points, for weighing them against the expected sizes
 OUTLIER_CELLS = 0.12  # distance of a corner from the map through the others
@@ -59,11 +59,13 @@ class BoardWarp:
         mapped = _projected(homography, print_xy)
         centre = mapped.mean(axis=0)
         warp = cls(homography, centre, max(float(np.abs(mapped - centre).max()), 1.0), np.zeros((1, 2)))
-        return warp._corrected(print_xy, pixels, outlier_px, degree) if len(print_xy) >= MIN_CORRECTED else warp
+        return warp._corrected(mapped, pixels, outlier_px, degree) if len(mapped) >= MIN_CORRECTED else warp
 
-    def _corrected(self, print_xy: FloatArray, pixels: FloatArray, outlier_px: float, degree: int) -> BoardWarp:
-        """Return the warp with a polynomial fitted by Cauchy weights, because some outliers remain."""
-        mapped = _projected(self.homography, print_xy)
+    def _corrected(self, mapped: FloatArray, pixels: FloatArray, outlier_px: float, degree: int) -> BoardWarp:
+        """Return the warp with a polynomial from pixels (n, 2) of the homography to the right ones (n, 2).
+
+        It is fitted with Cauchy weights, because some outliers remain.
+        """
         residual = pixels - mapped
         terms = self._terms(mapped, degree)
         weights = 1.0 / (1.0 + (np.linalg.norm(residual, axis=1) / outlier_px) ** 2)

@@ -42,10 +42,10 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.board_growing import (
     MIN_BLUR_PX,
-    SOFTENING_PX,
     expected_corners,
     first_blur_px,
     on_smooth_surface,
+    softened,
 )
 from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, cell_px
@@ -144,7 +144,7 @@ def ghosted_view(
     if len(corners) < MIN_CORNERS:
         return None
     ghosts = ghost_images_of(corners, rig_from_board, camera, mirror, target)
-    expected = expected_corners(corners, target)
+    expected = expected_corners(corner_print_xy(target)[corners.ids], corners.pixels)
     if ghosts is None or expected is None:
         return None
     return GhostedView(corners.ids, expected, ghosts, first_blur_px(expected.print_xy, expected.pixels))
@@ -250,16 +250,16 @@ def refine_with_ghosts(
     }
     largest = sorted((number for number, views in ghosted.items() if views), key=lambda n: _size_px(ghosted[n]))
 
-    def rendering_of(softening_px: float) -> _Rendering:
-        frames = [(_grey(pictures[n], softening_px), list(ghosted[n].values())) for n in largest[-MAX_FRAMES:]]
+    def rendering_of(*, soften: bool) -> _Rendering:
+        frames = [(_grey(pictures[n], soften=soften), list(ghosted[n].values())) for n in largest[-MAX_FRAMES:]]
         return _rendering(frames, target)
 
-    softening_px, rendering = 0.0, rendering_of(0.0)
+    soften, rendering = False, rendering_of(soften=False)
     if rendering.blur_px is not None and rendering.blur_px <= MIN_BLUR_PX:  # as where a camera sharpens
-        softening_px, rendering = SOFTENING_PX, rendering_of(SOFTENING_PX)
+        soften, rendering = True, rendering_of(soften=True)
 
     def refined(number: int) -> Observations:
-        light = linear_light(_grey(pictures[number], softening_px), rendering.gamma)
+        light = linear_light(_grey(pictures[number], soften=soften), rendering.gamma)
         views = ((mirror, _refined(light, view, rendering, target)) for mirror, view in ghosted[number].items())
         return Observations.join(
             [Observations.of_view(0, mirror, found.ids, found.pixels, found.sigma_px) for mirror, found in views]
@@ -301,11 +301,11 @@ def _size_px(views: Mapping[int, GhostedView]) -> float:
     return float(np.median([np.median(cell_px(view.expected.pixels)) for view in views.values()]))
 
 
-def _grey(picture: Grey | Path | None, softening_px: float) -> Grey:
+def _grey(picture: Grey | Path | None, *, soften: bool) -> Grey:
     if picture is None:
         raise ValueError("no picture available")
     grey = read_image(picture, grey=True) if isinstance(picture, Path) else picture
-    return np.asarray(cv2.GaussianBlur(grey, (0, 0), softening_px), dtype=np.uint8) if softening_px else grey
+    return softened(grey) if soften else grey
 
 
 def _rendering(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _Rendering:

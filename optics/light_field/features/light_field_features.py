@@ -61,7 +61,7 @@ MATCH_PX = 1.0
 MIN_CORRELATION = 0.85
 # Weight of the prior variance, in degrees of freedom (see `moderated_variance`).
 PRIOR_DEGREES_OF_FREEDOM = 4.0
-# Standard deviation of a slope per difference between those of a narrow and a wide patch, measured on rendered scenes.
+# Standard deviation of a slope, per difference between the slopes of a narrow and a wide patch; from rendered scenes.
 WINDOW_ERROR = 1.5
 
 
@@ -168,8 +168,9 @@ class FeatureFinder:
         narrow = self._align(pyramid, inner, pixels, scale, inverse_distance, NARROW)
         kept = self._select(keypoints, rows, narrow)
         rows, narrow = rows[kept], narrow.take(kept)
-        wide = self._align(pyramid, inner, pixels[kept], scale[kept], narrow.fit(self.geometry).inverse_distance, WIDE)
-        return self._features(keypoints, rows, narrow, wide)
+        fit = narrow.fit(self.geometry)
+        wide = self._align(pyramid, inner, pixels[kept], scale[kept], fit.inverse_distance, WIDE)
+        return self._features(keypoints, rows, narrow, fit, wide)
 
     def _match(
         self, images: NDArray[np.uint8], inner: NDArray[np.uint8], name: DetectorName
@@ -246,12 +247,15 @@ class FeatureFinder:
         # Restore the order of keypoints, whichever slope was chosen.
         return np.flatnonzero(keep)[np.argsort(rows[keep], kind="stable")]
 
-    def _features(self, keypoints: Keypoints, rows: NDArray[np.int64], narrow: _Observed, wide: _Observed) -> Features:
+    def _features(
+        self, keypoints: Keypoints, rows: NDArray[np.int64], narrow: _Observed, fit: SlopeFit, wide: _Observed
+    ) -> Features:
+        """Build features of keypoints from their narrow patches, the `fit` of a slope to these, and wide patches."""
         views, grid = self.views, (self.views.rows, self.views.cols)
         axis: Axis = "s" if views.cols > 1 else "t"
         px_mm = views.focal_px * views.step_mm(axis)
         scale = keypoints.scale_px[rows]
-        fit, wide_fit = narrow.fit(self.geometry), wide.fit(self.geometry)
+        wide_fit = wide.fit(self.geometry)
         two_slopes, narrow_two_slopes = wide.fit_two(self.geometry), narrow.fit_two(self.geometry)
         noise, two_slope_noise = (
             np.maximum(
@@ -332,9 +336,12 @@ class _Observed:
 
     def take(self, index: NDArray[np.int64]) -> _Observed:
         return _Observed(
-            self.pixels[:, index],
-            self.agrees[:, index],
-            *(self.inverse_distance[index], self.precision[index], self.variance_px2[index], self.covariance[index]),
+            pixels=self.pixels[:, index],
+            agrees=self.agrees[:, index],
+            inverse_distance=self.inverse_distance[index],
+            precision=self.precision[index],
+            variance_px2=self.variance_px2[index],
+            covariance=self.covariance[index],
         )
 
     def fit(self, geometry: ViewGeometry) -> SlopeFit:

@@ -84,7 +84,7 @@ def test_derivatives_are_finite_differences() -> None:
     np.testing.assert_array_equal(warp.expected(PLACES, curved(PLACES)).cells, cells)
 
 
-@pytest.mark.parametrize("cols, rows, limit", [(20, 14, 0.004), (10, 7, 0.01)])
+@pytest.mark.parametrize("cols, rows, limit", [(20, 14, 0.001), (10, 7, 0.005)])
 def test_a_septic_has_the_second_derivatives_of_a_strong_lens(cols: int, rows: int, limit: float) -> None:
     """On boards of the same size with noise, against the derivatives of the true map; a cubic's differ."""
     square = 10.0 / cols
@@ -104,7 +104,7 @@ def test_a_septic_has_the_second_derivatives_of_a_strong_lens(cols: int, rows: i
             off[:, :, column] -= true / (2.0 * 0.01**2)
         errors[degree] = np.sqrt(np.mean(off**2))
     assert errors[SEPTIC] < limit
-    assert errors[CUBIC] > 2.0 * errors[SEPTIC]
+    assert errors[CUBIC] > 4.0 * errors[SEPTIC]
 
 
 @pytest.mark.parametrize("count", [24, 40])
