@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from importlib.metadata import version
+from dataclasses import replace
 
 import numpy as np
 from shapely import Polygon
@@ -11,50 +10,28 @@ from shapely import Polygon
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.processes.calls import Calls, in_turn
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.design.assess.chief_rays import blocked_light
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
-from mirrorcam.optics.design.program.design_problem import OverlapDesign, Problem, depth_problem, overlap_problem
+from mirrorcam.optics.design.optimum import Goal, Optimum
+from mirrorcam.optics.design.program.design_problem import OverlapDesign
 from mirrorcam.optics.design.program.draft import DEVICES
 from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
-from mirrorcam.optics.design.program.seeds import faceted_parabola, layout_of, mirrors_of
-from mirrorcam.optics.design.program.separation import PairConstraint, neighbour_pairs
+from mirrorcam.optics.design.program.seeds import faceted_parabola
+from mirrorcam.optics.design.program.separation import neighbour_pairs
 from mirrorcam.optics.design.search import (
     CONVERGENCE_DEPTHS,
     best_from_seeds,
     best_of,
     best_via_feasible_points,
     check_obvious_infeasibility,
-    converging_seed,
 )
+from mirrorcam.optics.design.size_search import with_allowed_sizes
 from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_gaps import pairs_closer_than, sub_images_closer_than
 from mirrorcam.optics.geometry.sub_images import fields_of_view
 
 NEAR_ITERATIONS = 120
 """Iteration limit of a search for an optimum near given values."""
-
-
-@dataclass(frozen=True)
-class _Optimum:
-    """An optimum: the spec with its fold, the program, its constraints on pairs, and the values of all unknowns."""
-
-    spec: DesignSpec
-    problem: Problem
-    pairs: tuple[PairConstraint, ...]
-    values: FloatArray
-
-    @property
-    def mirrors(self) -> tuple[Mirror, ...]:
-        centres, corners = self.problem.solution(self.values)
-        return mirrors_of(self.spec, centres * self.spec.scale_mm, corners)
-
-    @property
-    def layout(self) -> Layout:
-        made_by = {"made_by": "optics.design.optimise.design", "solver": f"IPOPT of CasADi {version('casadi')}"}
-        return layout_of(self.spec, self.mirrors, made_by)
 
 
 def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
@@ -67,7 +44,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
 
     The search starts from faceted ellipsoids and keeps the best optimum. If they lead to no optimum, it looks for
     any feasible layout, then continues from easier specs. Neighbouring mirrors are kept apart from the start, other
-    pairs once they come too close.
+    pairs once they come too close. Rectangles first get free sides, then allowed ones.
 
     Parameters
     ----------
@@ -93,7 +70,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     optimum = _for_overlap(spec, calls)
     if spec.objective == "depth":
         optimum = _for_depth(spec, optimum, calls)
-    return _verified(optimum)
+    return _verified(with_allowed_sizes(optimum, calls))
 
 
 def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:
@@ -102,26 +79,27 @@ def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:
     Ignores the spec's tolerances; optimises the fold if it is "auto". Returns a layout with figures and verdict, or
     None if the search finds no optimum or the layout fails a check.
     """
-    pairs, values = neighbour_pairs(spec.arrangement), start
+    goal = Goal(spec, neighbour_pairs(spec.arrangement), max_iterations=NEAR_ITERATIONS)
     if spec.fold_deg == "auto":
-        problem = overlap_problem(spec, converging_seed(spec), pairs, max_iterations=NEAR_ITERATIONS)
-        outcome = problem.solver.optimise(values)
-        spec, values = spec.replaced(fold_deg=_fold_deg(problem, outcome.values)), outcome.values
-    while True:
-        problem = overlap_problem(spec, converging_seed(spec), pairs, max_iterations=NEAR_ITERATIONS)
-        outcome = problem.solver.optimise(values)
-        if not outcome.solved:
-            return None
-        optimum = _Optimum(spec, problem, pairs, outcome.values)
-        pairs, values = _stricter(optimum), outcome.values
-        if pairs == optimum.pairs:
+        nearest = _near(goal, start)
+        goal, start = replace(goal, spec=spec.replaced(fold_deg=nearest.fold_deg)), nearest.values
+    while (optimum := _near(goal, start)).outcome.solved:
+        if (stricter := optimum.stricter) is goal:
             try:
-                return _verified(optimum)
+                return _verified(with_allowed_sizes(optimum, in_turn))
             except InfeasibleDesign:
                 return None
+        goal, start = stricter, optimum.values
+    return None
 
 
-def _verified(optimum: _Optimum) -> Layout:
+def _near(goal: Goal, values: FloatArray | None) -> Optimum:
+    """The optimum of a goal near values, or what the solver found instead."""
+    problem = goal.problem()
+    return Optimum(goal, problem, problem.solver.optimise(values))
+
+
+def _verified(optimum: Optimum) -> Layout:
     """The layout with its figures and its verdict. Raises InfeasibleDesign if it fails a check."""
     spec, layout = optimum.spec, optimum.layout
     verdict = verify(layout, spec)
@@ -132,108 +110,78 @@ def _verified(optimum: _Optimum) -> Layout:
     return layout.replaced(metrics=evaluate(layout, spec.depths_mm), verdict=verdict)
 
 
-def _for_overlap(spec: DesignSpec, calls: Calls) -> _Optimum:
-    pairs = neighbour_pairs(spec.arrangement)
-    values: FloatArray | None = None
+def _for_overlap(spec: DesignSpec, calls: Calls) -> Optimum:
+    goal, values = Goal(spec, neighbour_pairs(spec.arrangement)), None
     if spec.fold_deg == "auto":
-        spec, values = _with_best_fold(spec, pairs, calls)
+        goal, values = _with_best_fold(goal, calls)
     while True:
-        optimum = _optimum(spec, pairs, values, calls)
-        stricter, values = _stricter(optimum), optimum.values
-        if stricter == pairs and spec.robust_tilt_deg > 0.0:
+        optimum = _optimum(goal, values, calls)
+        stricter, values = optimum.stricter, optimum.values
+        if stricter is goal and spec.robust_tilt_deg > 0.0:
             optimum = _as_built(optimum)
-            stricter = _stricter(optimum)
-        if stricter == pairs:
+            stricter = optimum.stricter
+        if stricter is optimum.goal:
             return optimum
-        pairs = stricter
+        goal = replace(stricter, devices=0)
 
 
-def _optimum(spec: DesignSpec, pairs: tuple[PairConstraint, ...], values: FloatArray | None, calls: Calls) -> _Optimum:
+def _optimum(goal: Goal, values: FloatArray | None, calls: Calls) -> Optimum:
     """The optimum under constraints on pairs: from earlier values, if any, else from seeds or via feasible points."""
-    problem = overlap_problem(spec, converging_seed(spec), pairs)
-    outcome = None if values is None else best_of([problem.solver.optimise(values)])
-    if outcome is None:
-        outcome = best_from_seeds(spec, pairs, calls) or best_via_feasible_points(spec, pairs, calls)
-    return _Optimum(spec, problem, pairs, outcome.values)
+    if values is not None and (optimum := _near(goal, values)).outcome.solved:
+        return optimum
+    outcome = best_from_seeds(goal.spec, goal.pairs, calls) or best_via_feasible_points(goal.spec, goal.pairs, calls)
+    return Optimum(goal, goal.problem(), outcome)
 
 
-def _with_best_fold(
-    spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls
-) -> tuple[DesignSpec, FloatArray | None]:
-    """The spec with the optimal fold, rounded to degrees, and the values of all unknowns at the optimum.
+def _with_best_fold(goal: Goal, calls: Calls) -> tuple[Goal, FloatArray | None]:
+    """The goal with the optimal fold, rounded to degrees, and the values of all unknowns at the optimum.
 
     Without an optimum, the spec gets the fold from which the search starts, and there are no values.
     """
-    problem = overlap_problem(spec, converging_seed(spec), pairs)
-    outcome = best_from_seeds(spec, pairs, calls)
+    outcome = best_from_seeds(goal.spec, goal.pairs, calls)
     if outcome is None:
-        return spec.replaced(fold_deg=FIRST_FOLD_DEG), None
-    return spec.replaced(fold_deg=_fold_deg(problem, outcome.values)), outcome.values
+        return replace(goal, spec=goal.spec.replaced(fold_deg=FIRST_FOLD_DEG)), None
+    optimum = Optimum(goal, goal.problem(), outcome)
+    return replace(goal, spec=goal.spec.replaced(fold_deg=optimum.fold_deg)), outcome.values
 
 
-def _fold_deg(problem: Problem, values: FloatArray) -> float:
-    return float(np.rad2deg(values[problem.fold[0]]).round())
-
-
-def _stricter(optimum: _Optimum) -> tuple[PairConstraint, ...]:
-    """The constraints on pairs, extended by those that the mirrors violate."""
-    spec, mirrors = optimum.spec, optimum.mirrors
-    violated = {PairConstraint("gap", i, j) for i, j in pairs_closer_than(mirrors, spec.spacing_mm)}
-    violated |= {
-        PairConstraint("seen", i, j) for i, j in sub_images_closer_than(mirrors, spec.seen_gap_mm / spec.scale_mm)
-    }
-    light = blocked_light(mirrors, max(spec.depths_mm), view_axis=spec.view_from_rig[2], pupil=spec.camera.pupil)
-    violated |= {PairConstraint(occlusion.leg, occlusion.mirror, occlusion.occluder) for occlusion in light}
-    return optimum.pairs + tuple(sorted(violated - set(optimum.pairs)))
-
-
-def _as_built(nominal: _Optimum) -> _Optimum:
+def _as_built(nominal: Optimum) -> Optimum:
     """The optimum over devices as built, started from the optimum for the exact device."""
-    spec = nominal.spec
-    problem = overlap_problem(spec, converging_seed(spec), nominal.pairs, DEVICES)
-    outcome = problem.solver.optimise(nominal.values)
-    if not outcome.solved:
-        tilted = f"mirrors tilted by {spec.robust_tilt_deg:g}°"
+    optimum = _near(replace(nominal.goal, devices=DEVICES), nominal.values)
+    if not optimum.outcome.solved:
+        tilted = f"mirrors tilted by {nominal.spec.robust_tilt_deg:g}°"
         raise InfeasibleDesign(GAVE_UP, f"the search found no optimum over devices with {tilted}")
-    return _Optimum(spec, problem, nominal.pairs, outcome.values)
+    return optimum
 
 
-def _for_depth(spec: DesignSpec, overlap: _Optimum, calls: Calls) -> _Optimum:
+def _for_depth(spec: DesignSpec, overlap: Optimum, calls: Calls) -> Optimum:
     """The optimum for depth, started from the design for overlap and from the seeds; the fold may be "auto".
 
     Raises InfeasibleDesign if no start leads to an optimum.
     """
-    target, pairs = _target(overlap), overlap.pairs
+    goal = Goal(spec, overlap.goal.pairs, target=_target(overlap))
     starts: list[tuple[float, FloatArray | None]] = [(convergence, None) for convergence in CONVERGENCE_DEPTHS]
     starts.append((CONVERGENCE_DEPTHS[0], overlap.values))
     while True:
-        outcome = best_of(calls([(_depth_optimum, (spec, start, pairs, target)) for start in starts]))
+        outcome = best_of(calls([(_depth_optimum, (goal, *start)) for start in starts]))
         if outcome is None:
             raise InfeasibleDesign(GAVE_UP, "the search for the minimum standard deviation of depth found no optimum")
-        problem = depth_problem(spec, converging_seed(spec), pairs, target)
-        optimum = _Optimum(spec, problem, pairs, outcome.values)
+        optimum = Optimum(goal, goal.problem(), outcome)
         starts = [(CONVERGENCE_DEPTHS[0], outcome.values)]
-        if spec.fold_deg == "auto":
-            spec = spec.replaced(fold_deg=_fold_deg(optimum.problem, outcome.values))
+        if goal.spec.fold_deg == "auto":
+            goal = replace(goal, spec=goal.spec.replaced(fold_deg=optimum.fold_deg))
             continue
-        stricter = _stricter(optimum)
-        if stricter == pairs:
+        if (stricter := optimum.stricter) is goal:
             return optimum
-        pairs = stricter
+        goal = stricter
 
 
-def _depth_optimum(
-    spec: DesignSpec,
-    start: tuple[float, FloatArray | None],
-    pairs: tuple[PairConstraint, ...],
-    target: OverlapDesign,
-) -> SolverOutcome:
+def _depth_optimum(goal: Goal, convergence: float, values: FloatArray | None) -> SolverOutcome:
     """The optimum for depth near earlier values if there are any, else near a seed."""
-    convergence, values = start
-    return depth_problem(spec, converging_seed(spec, convergence), pairs, target).solver.optimise(values)
+    return goal.problem(convergence).solver.optimise(values)
 
 
-def _target(overlap: _Optimum) -> OverlapDesign:
+def _target(overlap: Optimum) -> OverlapDesign:
     """The properties of the design for overlap that a design for depth must keep."""
     spec, layout = overlap.spec, overlap.layout
     views = fields_of_view(layout, spec.camera.pupil)

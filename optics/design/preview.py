@@ -56,8 +56,8 @@ def differences(spec: DesignSpec, other: DesignSpec) -> dict[str, float] | None:
     """Signed differences of `other` from `spec`, in multiples of `CHANGES`, for parameters that differ.
 
     Depths count separately ("depths_mm 0"), as do the sensor's borders in normalized coordinates ("camera left"). The
-    fold "auto" equals any fold. Returns None if counts, pattern, sides, surface, the number of depths, objective or
-    lens model differ, because neither design can then preview the other.
+    fold "auto" equals any fold. Returns None if counts, pattern, sides, shape, surface, the number of depths, objective
+    or lens model differ, because neither design can then preview the other.
     """
     if _structure(spec) != _structure(other):
         return None
@@ -81,8 +81,8 @@ def differences(spec: DesignSpec, other: DesignSpec) -> dict[str, float] | None:
 
 
 def _structure(spec: DesignSpec) -> tuple[object, ...]:
-    shape = (spec.arrangement.rows, spec.arrangement.cols, spec.pattern, spec.sides, spec.surface)
-    return (*shape, len(spec.depths_mm), spec.objective, spec.camera.lens_model)
+    shape = (spec.arrangement.rows, spec.arrangement.cols, spec.pattern, spec.sides, spec.surface, spec.shape)
+    return (*shape, spec.size_step_mm, spec.same_size, len(spec.depths_mm), spec.objective, spec.camera.lens_model)
 
 
 def preview(spec: DesignSpec, solved: Sequence[Layout]) -> Layout | None:

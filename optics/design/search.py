@@ -25,6 +25,9 @@ MAX_VIOLATION, CLEAR_VIOLATION = 1e-5, 1e-3
 CONVERGENCE_DEPTHS = (1.0, 3.0)
 """Depths at which the chief rays of the seeds converge, in units of the working depth; the best optimum is kept."""
 
+OVERSIZE = 4.0
+"""Ratio of the area of a size that is sold to a seed's largest mirror beyond which no layout has space for it."""
+
 CONTINUATION = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Fractions of a spec's demands in the steps of a continuation."""
 
@@ -68,8 +71,8 @@ def _working_depth_mm(spec: DesignSpec) -> float:
 def check_obvious_infeasibility(spec: DesignSpec) -> None:
     """Raise InfeasibleDesign for specs that are clearly infeasible, without a search.
 
-    These have a depth nearer than the seed's mirrors, sub-image gaps wider than the sensor, or mirrors so thick
-    that they reach the pupil.
+    These have a depth nearer than the seed's mirrors, sub-image gaps wider than the sensor, mirrors so thick that they
+    reach the pupil, or only sizes far larger than the seed's mirrors.
     """
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
     start = (seed.centres, seed.corners)
@@ -81,6 +84,15 @@ def check_obvious_infeasibility(spec: DesignSpec) -> None:
     excess = spec.seen_gap_mm / spec.scale_mm - float(np.linalg.norm(high - low))
     if excess >= 0:
         raise _infeasibility(spec, dict.fromkeys(ELASTIC, 0.0) | {"seen gap": excess}, start)
+    sizes, sides_mm = spec.rectangle_sizes, seed.edges(spec.view_from_rig) * spec.scale_mm
+    largest = sides_mm[sides_mm.prod(axis=1).argmax()]
+    if sizes is not None and sizes.is_stock and sizes.stock_mm.prod(axis=1).min() > OVERSIZE * largest.prod():
+        width, height = sizes.stock_mm[sizes.stock_mm.prod(axis=1).argmin()]
+        raise InfeasibleDesign(
+            "size",
+            f"no mirror at scale {spec.scale_mm:g} mm has space for the smallest size, {width:g} x {height:g} mm: the "
+            f"largest would have about {largest[0]:.0f} x {largest[1]:.0f} mm",
+        )
     # The angle of incidence of the optical axis is 90 degrees minus half the fold angle.
     cosine = float(np.sqrt((1.0 - spec.view_from_rig[2, 2]) / 2.0))
     glass_mm = 0.0

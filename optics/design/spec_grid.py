@@ -12,6 +12,7 @@ from pydantic import Field
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import InvalidValue, Metric, Value
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
+from mirrorcam.optics.geometry.rectangle_sizes import FREE
 
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.layout import Layout
@@ -66,9 +67,9 @@ def grid(
     return tuple(DesignSpec(**(fields | choice)) for choice in combined)
 
 
-def structure(spec: DesignSpec) -> tuple[int, int, int, int, str]:
+def structure(spec: DesignSpec) -> tuple[int, int, int, int, str, bool]:
     """Key that identifies the structure of a spec's nonlinear program."""
-    return spec.rows, spec.cols, len(spec.depths_mm), spec.sides, spec.surface
+    return spec.rows, spec.cols, len(spec.depths_mm), spec.sides, spec.surface, spec.shape == FREE
 
 
 def solve(spec: DesignSpec) -> tuple[Outcome, Layout | None]:

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BeforeValidator, Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from mirrorcam.core.bounds import (
     AREA_MM2,
@@ -26,6 +33,7 @@ from mirrorcam.core.values import FloatArray, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import named_camera
+from mirrorcam.optics.geometry.rectangle_sizes import FREE, RectangleSizes, canonical_shape
 
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.violation import LeastViolation
@@ -81,6 +89,25 @@ class DesignSpec(Value):
     spacing_mm: float = GAP_MM.field(1.0, "smallest gap between any two mirrors")
     seen_gap_mm: float = GAP_MM.field(0.5, "smallest gap between sub-images, in mm at the distance of scale_mm")
     sides: int = Bounds(4, 6).field(4, "corners of each mirror, and so of each sub-image")
+    shape: Annotated[str, AfterValidator(canonical_shape)] = Field(
+        default=FREE,
+        exclude_if=lambda shape: shape == FREE,
+        description="outlines of the mirrors: free, for any convex outline; rectangles, with sides in steps of "
+        "size_step_mm, for a glass cutter or a guillotine; or stock: and the sizes that are sold, in mm, such as "
+        "stock:25x15,30x20, of which each mirror gets the best",
+    )
+    size_step_mm: float = Field(
+        default=1.0,
+        ge=LENGTH_MM.min,
+        le=LENGTH_MM.max,
+        exclude_if=lambda step_mm: step_mm == 1.0,
+        description=f"step of the sides of rectangles that are cut, {LENGTH_MM}",
+    )
+    same_size: bool = Field(
+        default=False,
+        exclude_if=lambda is_same: not is_same,
+        description="whether all mirrors are rectangles of one size",
+    )
     min_edge_mm: float = GAP_MM.field(3.0, "shortest edge of a mirror that can be cut")
     min_area_mm2: float = AREA_MM2.field(20.0, "smallest area of a mirror that can be cut and glued")
     tradeoff: float = Field(
@@ -109,6 +136,11 @@ class DesignSpec(Value):
     def is_second_surface(self) -> bool:
         """True if the mirrors are second-surface mirrors, see `Mirror.is_second_surface`."""
         return self.surface == "second"
+
+    @cached_property
+    def rectangle_sizes(self) -> RectangleSizes | None:
+        """The allowed sizes of rectangular mirrors; None for free outlines."""
+        return RectangleSizes.of(self.shape, self.size_step_mm)
 
     @cached_property
     def view_from_rig(self) -> FloatArray:
@@ -149,9 +181,28 @@ class DesignSpec(Value):
             raise ValueError("rows x cols is 1, expected at least two mirrors")
         if len(set(self.depths_mm)) != len(self.depths_mm):
             raise ValueError(f"depths_mm {self.depths_mm} contains a depth twice")
+        self._check_shape()
         if self.objective == "depth" and self.robust_tilt_deg > 0.0:
             raise ValueError("robust_tilt_deg is given with the objective depth, but applies only to overlap")
         return self
+
+    def _check_shape(self) -> None:
+        sizes = self.rectangle_sizes
+        if sizes is None:
+            if self.same_size:
+                raise ValueError("same_size is given with free outlines, expected shape rectangles or stock:")
+            return
+        if self.sides != 4:
+            raise ValueError(f"sides is {self.sides} with shape {self.shape}, expected 4")
+        if sizes.is_stock:
+            too_small = sizes.stock_mm[
+                (sizes.stock_mm[:, 1] <= self.min_edge_mm) | (sizes.stock_mm.prod(axis=1) <= self.min_area_mm2)
+            ]
+            for longer, shorter in too_small:
+                raise ValueError(
+                    f"shape has the size {longer:g}x{shorter:g}, expected sides above min_edge_mm = "
+                    f"{self.min_edge_mm:g} and an area above min_area_mm2 = {self.min_area_mm2:g}"
+                )
 
 
 GAVE_UP = "every"

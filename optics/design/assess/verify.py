@@ -36,6 +36,9 @@ FINDINGS = {
     "smallest_body_gap_mm": ("body", "a mirror is {value:.4g} mm from the camera's body, {missing:.3g} mm too close"),
     "shortest_edge_mm": ("edge", "a mirror has an edge of {value:.4g} mm, {missing:.3g} mm too short"),
     "smallest_area_mm2": ("area", "a mirror has {value:.4g} mm², {missing:.3g} mm² too little"),
+    "off_rectangle_mm": ("shape", "a mirror is {value:.3g} mm off a rectangle"),
+    "off_size_mm": ("size", "a mirror is {value:.3g} mm off an allowed size"),
+    "size_spread_mm": ("size", "the sizes of the mirrors differ by {value:.3g} mm"),
 }
 """Constraint and finding to report for a failed metric, by name without depth ("seen gap": between sub-images)."""
 
@@ -96,6 +99,7 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
         "shortest_edge_mm": (min(edges_mm(m).min() for m in mirrors), spec.min_edge_mm, LENGTH_TOLERANCE_MM, "mm"),
         "smallest_area_mm2": (min(area_mm2(m) for m in mirrors), spec.min_area_mm2, AREA_TOLERANCE_MM2, "mm²"),
     }
+    verdict |= _rectangles(mirrors, spec)
     if len(mirrors) > 1:
         gap_mm = smallest_sub_image_gap(mirrors) * spec.scale_mm
         minima["smallest_seen_gap_mm"] = (gap_mm, spec.seen_gap_mm, LENGTH_TOLERANCE_MM, "mm")
@@ -115,6 +119,30 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     fraction = max((occlusion.fraction for occlusion in blocked), default=0.0)
     verdict["blocked_light"] = Metric(value=fraction, unit="of the light", limit=0.0)
     return verdict | _clear_of_body(layout, spec)
+
+
+def _rectangles(mirrors: tuple[Mirror, ...], spec: DesignSpec) -> dict[str, Metric]:
+    """Differences of the mirrors from rectangles of the allowed sizes; empty for free outlines.
+
+    A quadrilateral is a rectangle if opposite edges, and the diagonals, have equal lengths.
+    """
+    if (sizes := spec.rectangle_sizes) is None:
+        return {}
+    off_rectangle_mm, sizes_mm = [], []
+    for mirror in mirrors:
+        edges = edges_mm(mirror)
+        if len(edges) != 4:
+            return {"off_rectangle_mm": Metric(value=float(edges.max()), unit="mm", limit=LENGTH_TOLERANCE_MM)}
+        diagonals = np.linalg.norm(mirror.outline_in_rig_mm[:2] - mirror.outline_in_rig_mm[2:], axis=1)
+        off_rectangle_mm.append(np.abs([*(edges[:2] - edges[2:]), diagonals[0] - diagonals[1]]).max())
+        sizes_mm.append(edges[:2])
+    figures = {
+        "off_rectangle_mm": float(max(off_rectangle_mm)),
+        "off_size_mm": max(sizes.error_mm(size) for size in sizes_mm),
+    }
+    if spec.same_size:
+        figures["size_spread_mm"] = float(np.ptp(np.sort(sizes_mm, axis=1), axis=0).max())
+    return {name: Metric(value=value, unit="mm", limit=LENGTH_TOLERANCE_MM) for name, value in figures.items()}
 
 
 def _clear_of_body(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:

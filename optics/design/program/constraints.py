@@ -77,6 +77,25 @@ def mirror_term(kind: Kind) -> Term:
     return term.built()
 
 
+@lru_cache
+def rectangle_term(kind: Kind) -> Term:
+    """The face of a mirror is a rectangle of a size that may be unknown or given.
+
+    Five equations leave the five degrees of freedom of a rectangle in its plane, or three once its size is given.
+    Unknowns: fold angle, virtual centre, corners, size (2) along the first and the second edge. Parameters: optics.
+    """
+    term = TermBuilder()
+    optics = Optics.of_term(term)
+    face = add_mirror(kind, optics, term).face
+    size = term.unknown(2)
+    first, second = face[1] - face[0], face[2] - face[1]
+    # Two components suffice, as the corners lie in one plane, which never contains the view axis.
+    term.require((first + face[3] - face[2])[:2])
+    term.require(ca.dot(first, second))
+    term.require(ca.vertcat(ca.sumsqr(first), ca.sumsqr(second)) - size**2)
+    return term.built(equality=True)
+
+
 def region_directions() -> FloatArray:
     """Directions (8, 2) of the corners of a region from its centre, in view axes, on the unit circle.
 

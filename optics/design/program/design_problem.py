@@ -80,6 +80,7 @@ class Problem:
     fold : index (1,) of the fold angle.
     centres : indices (n, 3) of the virtual centres.
     corners : indices (n, sides, 2) of the sub-images' corners.
+    sizes : indices (n, 2) of the sizes of rectangles; (0, 2) for free outlines.
     regions : indices (depths, 16) of the corners of the regions at the depths.
     """
 
@@ -87,6 +88,7 @@ class Problem:
     fold: Indices
     centres: Indices
     corners: Indices
+    sizes: Indices
     regions: Indices
 
     def fields(self, spec: DesignSpec, values: FloatArray) -> FloatArray:
@@ -180,6 +182,7 @@ def _problem(draft: Draft, regions: list[Indices], max_iterations: int = MAX_ITE
         fold=draft.fold,
         centres=np.array(draft.centres),
         corners=np.array([corners for _, corners in draft.mirrors]).reshape(len(draft.mirrors), draft.spec.sides, 2),
+        sizes=draft.sizes,
         regions=np.array(regions),
     )
 

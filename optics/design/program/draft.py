@@ -34,7 +34,8 @@ DEVICES = 8
 class Draft:
     """A program with the mirrors of a seed as its first unknowns; in view axes, in units of the design scale.
 
-    `fold` and `mirrors` are indices of unknowns; mirrors are in the order of the layout.
+    `fold`, `mirrors` and `sizes` are indices of unknowns; mirrors are in the order of the layout. `sizes` (n, 2) belong
+    to rectangles and are the same for all mirrors of one size; (0, 2) for free outlines.
     """
 
     spec: DesignSpec
@@ -42,6 +43,7 @@ class Draft:
     program: Program
     fold: Indices
     mirrors: tuple[MirrorUnknowns, ...]
+    sizes: Indices
 
     @classmethod
     def of(cls, spec: DesignSpec, seed: Seed) -> Self:
@@ -57,12 +59,15 @@ class Draft:
             program.unknown(polygon.ravel(), np.tile(low, spec.sides), np.tile(high, spec.sides))
             for polygon in seed.corners
         ]
-        draft = cls(spec, seed, program, fold, tuple(zip(centres, corners, strict=True)))
+        sizes = _sizes(spec, seed, program)
+        draft = cls(spec, seed, program, fold, tuple(zip(centres, corners, strict=True)), sizes)
         limits = [spec.min_edge_mm / spec.scale_mm, spec.min_area_mm2 / spec.scale_mm**2]
         nearest, reward = min(spec.depths_mm) / spec.scale_mm, TIE_BREAK / len(draft.mirrors)
         for mirror in draft.mirrors:
             parameters: list[ArrayLike] = [*draft.lens, limits, nearest, draft.tile_area, reward]
             draft.add(constraints.mirror_term(draft.kind), [*mirror], parameters)
+        for mirror, size in zip(draft.mirrors, sizes, strict=False):
+            draft.add(constraints.rectangle_term(draft.kind), [*mirror, size], [])
         return draft
 
     @property
@@ -100,6 +105,24 @@ class Draft:
     def add(self, term: Term, parts: list[Indices], parameters: list[ArrayLike]) -> None:
         """Add a term whose unknowns are the fold and `parts`, and whose first parameters are `optics`."""
         self.program.add(term, [self.fold, *parts], [self.optics, *parameters])
+
+
+def _sizes(spec: DesignSpec, seed: Seed, program: Program) -> Indices:
+    """Add the sizes of rectangles; returns their indices (n, 2), or (0, 2) for free outlines.
+
+    Sides vary freely between the smallest and the largest that are sold, or that can be cut.
+    """
+    sizes = spec.rectangle_sizes
+    if sizes is None:
+        return np.zeros((0, 2), dtype=np.int64)
+    low, high = spec.min_edge_mm / spec.scale_mm, np.inf
+    if sizes.is_stock:
+        low, high = sizes.stock_mm.min() / spec.scale_mm, sizes.stock_mm.max() / spec.scale_mm
+    starts = np.clip(seed.edges(spec.view_from_rig), low, high)
+    if spec.same_size:
+        starts = starts.min(axis=0, keepdims=True)
+    indices = np.array([program.unknown(start, low, high) for start in starts])
+    return np.broadcast_to(indices, (len(seed.centres), 2))
 
 
 def _spread(centres: FloatArray, steps: FloatArray) -> FloatArray:

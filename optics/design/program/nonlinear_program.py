@@ -232,9 +232,16 @@ class Solver:
         self._nlp = ca.nlpsol("design", "ipopt", names, IPOPT | self.derivatives | {"ipopt.max_iter": max_iterations})
 
     def _solve(
-        self, start: FloatArray, slack: tuple[float, float], searching: float, margin: float = 0.0
+        self,
+        start: FloatArray,
+        slack: tuple[float, float],
+        searching: float,
+        margin: float = 0.0,
+        fixed: tuple[Indices, FloatArray] | None = None,
     ) -> SolverOutcome:
         low, high = (bound.copy() for bound in self.program.bounds)
+        if fixed is not None:
+            low[fixed[0]] = high[fixed[0]] = fixed[1]
         first = start.copy()
         low[: len(ELASTIC)] = -margin
         first[: len(ELASTIC)], high[: len(ELASTIC)] = slack
@@ -253,12 +260,17 @@ class Solver:
             iterations=int(stats["iter_count"]),
         )
 
-    def optimise(self, start: FloatArray | None = None) -> SolverOutcome:
-        """The optimum near the program's start values, the first of which `start` replaces."""
+    def optimise(
+        self, start: FloatArray | None = None, fixed: tuple[Indices, FloatArray] | None = None
+    ) -> SolverOutcome:
+        """The optimum near the program's start values, the first of which `start` replaces.
+
+        `fixed` gives unknowns by their indices and the values that they keep.
+        """
         first = self.program.start
         if start is not None:
             first[: len(start)] = start
-        return self._solve(first, (0.0, 0.0), 0.0)
+        return self._solve(first, (0.0, 0.0), 0.0, fixed=fixed)
 
     def find_feasible(self, start: FloatArray | None = None) -> tuple[SolverOutcome, dict[str, float]]:
         """The values with the smallest violation of the elastic families, and the violation of each family."""

@@ -58,6 +58,12 @@ class Seed:
         lengths = 0.5 * (self.centres**2).sum(axis=1) / (rays * self.centres).sum(axis=1)
         return rays * lengths[:, None]
 
+    def edges(self, view_from_rig: FloatArray) -> FloatArray:
+        """Lengths (n, 2) of the first and the second edge of each mirror."""
+        centres = self.centres @ view_from_rig
+        faces = [intersect_plane(corners, centre) for corners, centre in zip(self.corners, centres, strict=True)]
+        return np.asarray(np.linalg.norm(np.diff(np.array(faces)[:, :3], axis=1), axis=-1))
+
 
 def sensor_rectangle(camera: Camera) -> FloatArray:
     """The largest axis-aligned rectangle ((u_low, v_low), (u_high, v_high)), normalized, inside the sensor.

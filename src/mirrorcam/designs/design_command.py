@@ -66,6 +66,18 @@ class DesignChanges:
         float | None,
         bounded(Bounds(0.0, 1.0), "weight of a regular grid of views against usable pixels", unset="0.3"),
     ] = None
+    shape: Annotated[
+        str | None,
+        Parameter(
+            metavar="free|rectangles|stock:AxB,...",
+            help="outlines of the mirrors: free, rectangles with sides in steps of size_step_mm, or sizes in mm that "
+            "are sold, such as stock:25x15,30x20 [default: free]",
+        ),
+    ] = None
+    same_size: Annotated[bool | None, Parameter(help="whether all rectangles have one size")] = None
+    size_step_mm: Annotated[
+        float | None, bounded(LENGTH_MM, "step of the sides of rectangles that are cut", unset="1")
+    ] = None
 
     def of(self, spec: DesignSpec) -> DesignSpec:
         """The specification with these fields replaced; raises InputError if they contradict the others."""
@@ -102,6 +114,8 @@ def design(
 
     Examples:
         mirrorcam design --rows 2 --cols 4 --scale-mm 60 --depths-mm 280 400
+        mirrorcam design --shape rectangles --out output/cut
+        mirrorcam design --shape stock:30x20 --fold-deg auto --out output/stock
         mirrorcam design design.toml --fold-deg auto --tolerance --out output/mine
     """
     from mirrorcam.core.disk.output_folder import output_folder

@@ -128,7 +128,7 @@ def grouped(specs: Sequence[DesignSpec]) -> list[list[int]]:
 
     Arrays of many mirrors come first, so that all cores finish at about the same time.
     """
-    groups: dict[tuple[int, int, int, int, str], list[int]] = {}
+    groups: dict[tuple[int, int, int, int, str, bool], list[int]] = {}
     for number, spec in enumerate(specs):
         groups.setdefault(structure(spec), []).append(number)
     return sorted(groups.values(), key=lambda group: -specs[group[0]].rows * specs[group[0]].cols)

@@ -135,7 +135,7 @@ def test_rows_share_their_columns_and_miss_what_is_not_there() -> None:
     third = Outcome(spec=DesignSpec(rows=5), status="infeasible", constraint="spacing", finding="too close")
     rows = rows_of([first, second, third])
     assert [list(row) for row in rows[1:]] == [list(rows[0])] * 2
-    assert set(DesignSpec.model_fields) - {"pattern", "objective"} <= set(rows[0])
+    assert set(DesignSpec.model_fields) - {"pattern", "objective", "shape", "size_step_mm", "same_size"} <= set(rows[0])
     assert rows[0]["camera"] == "Logitech C920"
     assert [row["depths_mm"] for row in rows] == [[300.0, 500.0], [400.0], [300.0, 500.0]]
     assert [row["pixel_efficiency_400mm"] for row in rows] == [None, 0.6, None]

@@ -86,7 +86,7 @@ def test_a_term_may_have_no_limits_or_nothing_to_minimise() -> None:
     assert np.array(term.hessian([3.0], [], 1.0, [1.0])).size == 0
 
 
-NAMES = ("mirror", "region", "view", "grid", "mean", "seen", "gap", "in", "out", "body gap", "body light")
+NAMES = ("mirror", "rectangle", "region", "view", "grid", "mean", "seen", "gap", "in", "out", "body gap", "body light")
 
 
 def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
@@ -104,6 +104,11 @@ def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
             constraints.mirror_term(kind),
             [fold, centres[1], corners[1]],
             [optics, *lens, np.array([0.1, 0.02, 4.0, 0.09, 0.7])],
+        ),
+        "rectangle": (
+            constraints.rectangle_term(kind),
+            [fold, centres[1], corners[1], np.array([0.3, 0.2])],
+            [optics],
         ),
         "region": (
             constraints.region_term(),
@@ -181,10 +186,10 @@ def test_derivatives_of_terms_agree_with_differences(kind: Kind, name: str) -> N
     assert np.abs(upper).max() > 0.1 or name == "region", "only that one is linear"
 
 
-def test_a_mean_is_an_equality_and_the_rest_are_limits() -> None:
+def test_a_mean_and_a_rectangle_are_equalities_and_the_rest_are_limits() -> None:
     kind = KINDS[0]
     for name in NAMES:
-        assert random_use(kind, name)[0].equality == (name == "mean")
+        assert random_use(kind, name)[0].equality == (name in ("mean", "rectangle"))
 
 
 def test_each_elastic_family_has_its_terms() -> None:
@@ -192,6 +197,7 @@ def test_each_elastic_family_has_its_terms() -> None:
     families = {name: {ELASTIC[k] for k in random_use(kind, name)[0].family if k >= 0} for name in NAMES}
     assert families == {
         "mirror": {"size", "depth", "occlusion"},
+        "rectangle": set(),
         "region": set(),
         "view": {"overlap"},
         "grid": set(),

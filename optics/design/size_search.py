@@ -1,0 +1,139 @@
+"""Allowed sizes for the mirrors of a design of rectangles, whose sides were free so far.
+
+The design with free sides is the relaxation. Candidates give every mirror an allowed size, and for each the program is
+solved again with the sizes fixed. Sides in steps are rounded. Sizes that are sold start from the largest that fit into
+the free rectangles, enlarged by several factors, and from one size for all: what all views share grows only if all
+mirrors grow. Then one mirror after another gets the size with the best optimum, until none improves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from mirrorcam.core.processes.calls import Calls
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.design.optimum import Goal, Optimum
+from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
+from mirrorcam.optics.geometry.rectangle_sizes import RectangleSizes
+
+FITS = (0.98, 1.04, 1.1, 1.18, 1.27)
+"""Factors on the free sides up to which a size that is sold fits: mirrors can make room for each other."""
+TRIED = 3
+"""Number of sizes that are tried, those nearest to the free size, for one mirror or for all."""
+MAX_ITERATIONS = 100
+"""Iteration limit with fixed sizes: a candidate with an optimum takes some 30, another never ends."""
+MAX_ROUNDS = 2
+"""Rounds of trying other sizes for all mirrors."""
+MIN_GAIN = 1e-4
+"""Improvement of the objective for which a mirror changes its size."""
+
+
+def with_allowed_sizes(optimum: Optimum, calls: Calls) -> Optimum:
+    """The best design found with allowed sizes; free outlines are returned as they are.
+
+    Raises InfeasibleDesign if no candidate has an optimum that meets all constraints.
+    """
+    sizes = optimum.spec.rectangle_sizes
+    if sizes is None:
+        return optimum
+    starts = _starts(optimum, sizes)
+    best = _best_of(optimum, starts, calls)
+    if best is None:
+        raise InfeasibleDesign(
+            "size", f"mirrors of the shape {_text(optimum.spec)} meet no optimum near sizes of {_range(optimum)}"
+        )
+    if not sizes.is_stock or optimum.spec.same_size:
+        return best
+    return _improved(best, optimum.sizes_mm, sizes, calls)
+
+
+def _starts(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
+    """Candidates (n, 2) of sizes, mm, for all mirrors."""
+    free_mm = optimum.sizes_mm
+    if not sizes.is_stock:
+        step, spec = sizes.step_mm, optimum.spec
+        least = np.floor(spec.min_edge_mm / step) + 1.0
+        low = np.maximum(np.floor(free_mm / step), least)
+        if spec.same_size:
+            return [step * (low + shift) for shift in product((0.0, 1.0), repeat=2)]
+        return [step * np.maximum(np.round(free_mm / step), least), step * low]
+    options = sizes.options_mm
+    if optimum.spec.same_size:
+        return [np.broadcast_to(options[k], free_mm.shape) for k in _by_distance(options, free_mm[0])[:TRIED]]
+    smallest = options[options.prod(axis=1).argmin()]
+    starts = [np.array([options[_by_distance(options, free)[0]] for free in free_mm])]
+    for fit in FITS:
+        fitting = [options[(options <= fit * free).all(axis=1)] for free in free_mm]
+        starts.append(np.array([fits[fits.prod(axis=1).argmax()] if len(fits) else smallest for fits in fitting]))
+    middle = np.median(free_mm, axis=0)
+    starts += [np.broadcast_to(options[k], free_mm.shape) for k in _by_distance(options, middle)[:TRIED]]
+    return list(np.unique(starts, axis=0))
+
+
+def _by_distance(options: FloatArray, free_mm: FloatArray) -> list[int]:
+    """Indices of sizes (k, 2), those nearest to a free size (2,) first, by the ratio of their sides."""
+    return [int(k) for k in np.abs(np.log(options / free_mm)).sum(axis=1).argsort(kind="stable")]
+
+
+def _best_of(optimum: Optimum, candidates: Sequence[FloatArray], calls: Calls) -> Optimum | None:
+    """The best optimum with one of the candidates' sizes (n, 2), mm, that meets all constraints on pairs."""
+    arguments = [(optimum.goal, optimum.values, size_mm) for size_mm in candidates]
+    with closing(calls([(sized_optimum, each) for each in arguments])) as outcomes:
+        solved = [(outcome, size_mm) for outcome, size_mm in zip(outcomes, candidates, strict=True) if outcome.solved]
+    for outcome, size_mm in sorted(solved, key=lambda pair: float(pair[0].objective)):
+        if (best := _with_all_pairs(optimum, outcome, size_mm)) is not None:
+            return best
+    return None
+
+
+def sized_optimum(goal: Goal, values: FloatArray, size_mm: FloatArray) -> SolverOutcome:
+    """The optimum of a goal near given values, with the sizes (n, 2), mm, of all mirrors fixed."""
+    problem = replace(goal, max_iterations=MAX_ITERATIONS).problem()
+    return problem.solver.optimise(values, (problem.sizes.ravel(), size_mm.ravel() / goal.spec.scale_mm))
+
+
+def _with_all_pairs(optimum: Optimum, outcome: SolverOutcome, size_mm: FloatArray) -> Optimum | None:
+    """The optimum with fixed sizes under all constraints on pairs; None if there is none."""
+    sized = Optimum(optimum.goal, optimum.problem, outcome)
+    while (stricter := sized.stricter) is not sized.goal:
+        outcome = sized_optimum(stricter, sized.values, size_mm)
+        if not outcome.solved:
+            return None
+        sized = Optimum(stricter, stricter.problem(), outcome)
+    return sized
+
+
+def _improved(optimum: Optimum, free_mm: FloatArray, sizes: RectangleSizes, calls: Calls) -> Optimum:
+    """Give one mirror after another the size with the best optimum, until no change improves it."""
+    options = sizes.options_mm
+    nearest = [_by_distance(options, free)[:TRIED] for free in free_mm]
+    for _ in range(MAX_ROUNDS):
+        before = optimum.outcome.objective
+        for index, tried in enumerate(nearest):
+            candidates = []
+            for option in options[tried]:
+                size_mm = optimum.sizes_mm
+                if np.abs(option - size_mm[index]).max() > sizes.step_mm / 2.0:
+                    size_mm[index] = option
+                    candidates.append(size_mm)
+            found = _best_of(optimum, candidates, calls) if candidates else None
+            if found is not None and found.outcome.objective < optimum.outcome.objective - MIN_GAIN:
+                optimum = found
+        if optimum.outcome.objective > before - MIN_GAIN:
+            break
+    return optimum
+
+
+def _text(spec: DesignSpec) -> str:
+    return f"{spec.shape}, all of one size," if spec.same_size else spec.shape
+
+
+def _range(optimum: Optimum) -> str:
+    low, high = optimum.sizes_mm.min(axis=0), optimum.sizes_mm.max(axis=0)
+    return f"{low[0]:.1f} x {low[1]:.1f} to {high[0]:.1f} x {high[1]:.1f} mm"
