@@ -38,7 +38,7 @@ def fold_text(layout: Layout) -> str:
     """Return the fold of a design."""
     if layout.spec is None:
         raise ValueError("the layout has no spec, expected a design")
-    return f"{fold_text(layout)}"
+    return f"{layout.spec.fold_deg:g}°"
 
 
 def size_text(layout: Layout) -> str:
