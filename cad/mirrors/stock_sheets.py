@@ -36,10 +36,10 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.mirror_stock import GLASS_INDEX, Material
 
 Surface = Literal["first", "second"]
 SURFACES: tuple[Surface, ...] = ("first", "second")
-Material = Literal["acrylic", "glass"]
 
 
 @dataclass(frozen=True)
@@ -163,10 +163,6 @@ def _max_scale(corners: FloatArray, outline: FloatArray) -> float:
     outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     free_mm = (outward * loop[:-1]).sum(axis=1) - LINE_GAP_MM
     return float((free_mm / (outward @ corners.T).max(axis=1)).min())
-
-
-# Between the refractive indices of acrylic, 1.49, and float glass, 1.52.
-GLASS_INDEX = 1.505
 
 
 @dataclass(frozen=True)

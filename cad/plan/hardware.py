@@ -21,6 +21,8 @@ from mirrorcam.core.values import Value, with_tuples
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import read_body
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror_stock import Material, material_of
 
 # Relative difference of the tangents of the half fields of view up to which two cameras count as the same model.
 SAME_CAMERA_TOLERANCE = 0.1
@@ -211,8 +213,10 @@ class ClipDimensions(Value):
 class Cutting(Value):
     """The stock sheet of the mirrors and how it is cut: acrylic by laser, glass by a wheel or a water jet."""
 
-    material: Literal["acrylic", "glass"] = Field(
-        default="acrylic", description="material of the mirrors; glass is cut along the lines, without a kerf"
+    material: Material = Field(
+        default="acrylic",
+        description="material of the mirrors, by default that of the refractive index that they are designed with; "
+        "glass is cut along the lines, without a kerf",
     )
     sheet_mm: tuple[_Size, _Size] = Field(default=(300.0, 200.0), description="width and height of a sheet")
     kerf_mm: float = PART_GAP_MM.field(0.2, "full width of the laser's cut")
@@ -280,6 +284,12 @@ class Hardware(Value):
     camera: Annotated[CameraBody, BeforeValidator(_named, json_schema_input_type=CameraBody | str)] = Field(
         default_factory=lambda: read_body("c920"), description="body, name in the library, or path of a TOML file"
     )
+
+    def for_mirrors_of(self, layout: Layout) -> Hardware:
+        """The hardware with the material of a layout's mirrors, unless a material is given."""
+        if "material" in self.cutting.model_fields_set:
+            return self
+        return self.replaced(cutting=self.cutting.replaced(material=material_of(layout)))
 
 
 HARDWARE = Hardware()

@@ -136,7 +136,7 @@ def test_the_help_states_the_defaults_of_a_request() -> None:
         if stated is not None and each.field_info.name in DesignSpec.model_fields:
             arguments += [each.name, *stated[1].split()]
     _, bound, _ = application().parse_args(["design", *arguments])
-    assert len(vars(bound.arguments["changes"])) == 11
+    assert len(vars(bound.arguments["changes"])) == 12
     assert bound.arguments["changes"].of(DesignSpec()) == DesignSpec()
 
 

@@ -66,6 +66,14 @@ class DesignChanges:
         float | None,
         bounded(Bounds(0.0, 1.0), "weight of a regular grid of views against usable pixels", unset="0.3"),
     ] = None
+    mirror: Annotated[
+        str | None,
+        Parameter(
+            metavar="SURFACE-MATERIAL-MM",
+            help="stock of the mirrors: first-acrylic-1, second-acrylic-3, first-glass-3, second-glass-2 or any other "
+            "thickness [default: first-acrylic-1]",
+        ),
+    ] = None
     shape: Annotated[
         str | None,
         Parameter(
@@ -84,8 +92,11 @@ class DesignChanges:
         from mirrorcam.core.disk.files import read_model
         from mirrorcam.optics.geometry.arrangement import Pattern
         from mirrorcam.optics.geometry.camera_library import read_camera
+        from mirrorcam.optics.geometry.mirror_stock import stock_fields
 
         changes: dict[str, Any] = {name: value for name, value in vars(self).items() if value is not None}
+        if self.mirror is not None:
+            changes |= stock_fields(changes.pop("mirror"))
         if self.camera is not None:
             changes["camera"] = read_camera(self.camera)
         if self.pattern is not None:
@@ -115,6 +126,7 @@ def design(
     Examples:
         mirrorcam design --rows 2 --cols 4 --scale-mm 60 --depths-mm 280 400
         mirrorcam design --shape rectangles --out output/cut
+        mirrorcam design --mirror second-glass-3 --shape rectangles --out output/glass
         mirrorcam design --shape stock:30x20 --fold-deg auto --out output/stock
         mirrorcam design design.toml --fold-deg auto --tolerance --out output/mine
     """

@@ -46,7 +46,8 @@ class HardwareChoice(Value):
         """Read the hardware of a device.
 
         Unless `body` or the table states a body, it is that of the layout's camera in the library, otherwise the
-        C920's. An adapter of the same kind as the table's keeps its dimensions. Raises InputError for an invalid file.
+        C920's. Unless the table states the mirrors' material, it is the layout's. An adapter of the same kind as the
+        table's keeps its dimensions. Raises InputError for an invalid file.
         """
         from mirrorcam.cad.plan.back_table import back_of
         from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
@@ -58,6 +59,8 @@ class HardwareChoice(Value):
             hardware = hardware.replaced(camera=read_body(self.body))
         elif layout is not None and "camera" not in hardware.model_fields_set and (match := profile_of(layout.camera)):
             hardware = hardware.replaced(camera=match.body)
+        if layout is not None:
+            hardware = hardware.for_mirrors_of(layout)
         if self.mounting:
             hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors=self.mounting))
         if self.adapter and self.adapter != hardware.back.kind:

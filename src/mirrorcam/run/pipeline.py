@@ -80,9 +80,10 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         from mirrorcam.cad.plan.hardware import HARDWARE
 
         holder = HARDWARE.holder.replaced(mirrors=recipe.mounting)
-        hardware = HARDWARE.replaced(back=back_of(recipe.adapter), holder=holder)
+        layout = Layout.load(nominal)
+        hardware = HARDWARE.replaced(back=back_of(recipe.adapter), holder=holder).for_mirrors_of(layout)
         stored = results_folder(root)
-        build_parts(Layout.load(nominal), folder, hardware, results=stored, workers=cores(), progress=progress)
+        build_parts(layout, folder, hardware, results=stored, workers=cores(), progress=progress)
 
     def render(folder: Path, progress: Progress) -> None:
         from mirrorcam.render_scenes.sets.render_set import render_set

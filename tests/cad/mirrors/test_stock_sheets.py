@@ -22,7 +22,6 @@ from mirrorcam.cad.checks.cut_outlines import fits
 from mirrorcam.cad.mirrors.stock_sheets import (
     FACINGS,
     LINE_GAP_MM,
-    Material,
     StockSheet,
     Surface,
     facing_of,
@@ -36,6 +35,7 @@ from mirrorcam.cad.mirrors.stock_sheets import (
 from mirrorcam.cad.plan.hardware import HARDWARE, Cutting
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror_stock import Material
 
 
 @pytest.mark.parametrize("material", ["acrylic", "glass"])
