@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import edges_mm
 
 COUNTS = (2, 3, 4, 5)
-STOCK = "stock:15x10,20x10,20x15,25x15,25x20,30x20,40x20,40x30,50x30,60x40"
+STOCK = "stock:15x10,20x10,20x15,25x15,25x20,30x20,35x25,40x20,40x30,50x30,60x40"
 SHAPES: dict[str, dict[str, Any]] = {
     "cut": {"shape": "rectangles"},
     "one_size": {"shape": STOCK, "same_size": True},

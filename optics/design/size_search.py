@@ -24,8 +24,6 @@ from mirrorcam.optics.geometry.rectangle_sizes import RectangleSizes
 
 FITS = (0.98, 1.04, 1.1, 1.18, 1.27)
 """Factors on the free sides up to which a size that is sold fits: mirrors can make room for each other."""
-NEAR = (0.86, 0.93, 1.0, 1.07)
-"""Factors on the free sides whose nearest sizes are tried: a mirror may also be wider than its free space, and lower."""
 TRIED = 3
 """Number of sizes that are tried, those nearest to the free size, for one mirror or for all."""
 MAX_ITERATIONS = 100
@@ -69,7 +67,7 @@ def _starts(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
     if optimum.spec.same_size:
         return [np.broadcast_to(options[k], free_mm.shape) for k in _by_distance(options, free_mm[0])[:TRIED]]
     smallest = options[options.prod(axis=1).argmin()]
-    starts = [np.array([options[_by_distance(options, fit * free)[0]] for free in free_mm]) for fit in NEAR]
+    starts = [np.array([options[_by_distance(options, free)[0]] for free in free_mm])]
     for fit in FITS:
         fitting = [options[(options <= fit * free).all(axis=1)] for free in free_mm]
         starts.append(np.array([fits[fits.prod(axis=1).argmax()] if len(fits) else smallest for fits in fitting]))
