@@ -19,11 +19,14 @@ from shapely import LineString, Polygon, STRtree, box
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.hardware import Cutting
+from mirrorcam.cad.plan.rectangles import coupon_mirror_mm
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import transform
 
+TEST = "test"
+"""Name of the test mirror in the files."""
 # Minimum distance between the laser's lines: closer lines merge.
 MIN_LINE_GAP_MM = 0.5
 # Upper limit of measured gaps between outlines.
@@ -126,6 +129,8 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
     """Check that every mirror occurs once, has its shape and an upright mark, and is on its sheet, clear of others."""
     cuts, errors = read_cuts(paths)
     best_fits = mirror_fits(cuts, layout, cutting)
+    expected = {*layout.mirror_names, TEST}
+    test_errors = [_test_error_mm(cuts[TEST], layout, cutting)] if TEST in cuts else []
     outlines = [(cut.sheet, Polygon(cut.path)) for cut in cuts.values()]
     tree = STRtree([outline for _, outline in outlines])
     gaps = [
@@ -137,11 +142,13 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
     stock = box(0.0, 0.0, *cutting.sheet_mm)
     arrows = [_arrow_error_deg(cuts[name], fit) for name, fit in best_fits.items()]
     return {
-        "outlines_missing": Metric(value=len(set(layout.mirror_names) - set(best_fits)), unit="", limit=0),
-        "outlines_too_many": Metric(value=len(set(cuts) - set(layout.mirror_names)), unit="", limit=0),
+        "outlines_missing": Metric(value=len(expected - {*best_fits, *cuts.keys() & {TEST}}), unit="", limit=0),
+        "outlines_too_many": Metric(value=len(set(cuts) - expected), unit="", limit=0),
         **{name: Metric(value=count, unit="", limit=0) for name, count in errors.items()},
         "outline_error_um": Metric(
-            value=max((fit.error_mm for fit in best_fits.values()), default=0.0) * 1000.0, unit="um", limit=1.0
+            value=max([*(fit.error_mm for fit in best_fits.values()), *test_errors], default=0.0) * 1000.0,
+            unit="um",
+            limit=1.0,
         ),
         "outline_gap_mm": Metric(
             value=min(gaps, default=MAX_GAP_MM), unit="mm", limit=MIN_LINE_GAP_MM, lower_is_better=False
@@ -161,6 +168,12 @@ def check_cuts(paths: Sequence[Path], layout: Layout, cutting: Cutting) -> dict[
         ),
         "arrow_error_deg": Metric(value=max(arrows, default=0.0), unit="deg", limit=MAX_ARROW_ERROR_DEG),
     }
+
+
+def _test_error_mm(cut: MirrorCut, layout: Layout, cutting: Cutting) -> float:
+    """Error of the test mirror's outline; infinite for another number of corners."""
+    expected = np.array(box(0.0, 0.0, *coupon_mirror_mm(layout)).exterior.coords)[:-1]
+    return min((fit.error_mm for fit in fits(cut.finished_outline(cutting), expected)), default=np.inf)
 
 
 def mirrors_as_cut(outlines: Mapping[str, OutlineFit], layout: Layout) -> dict[str, manifold3d.Manifold]:

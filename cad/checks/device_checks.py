@@ -72,7 +72,7 @@ class DeviceAsMade:
     def read(cls, device: Device, parts: Sequence[BuiltPart], folder: Path) -> Self:
         """Read `mirrors/*.dxf` and `assembly.glb` of a folder, and the STL files of the parts."""
         printed = [part for part in parts if part.name not in UNMOUNTED]
-        sheets = sorted((folder / "mirrors").glob("*.dxf"))
+        sheets = sorted((folder / "mirrors").glob("mirrors*.dxf"))
         outlines = mirror_fits(read_cuts(sheets)[0], device.layout, device.hardware.cutting)
         assembly = read_glb(folder / ASSEMBLY)
         solids = {part.name: solid_of(read_stl(part.stl)) for part in printed}

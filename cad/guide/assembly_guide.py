@@ -22,11 +22,12 @@ from mirrorcam.cad.holder.carriers import PITCH_MM, tilt_per_turn_deg
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of, stock_kind
-from mirrorcam.cad.parts.coupon import MIRROR_MM, gauges_of
+from mirrorcam.cad.parts.coupon import gauges_of
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.device_names import COUPON, COVER
 from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.cad.plan.rectangles import coupon_mirror_mm, is_rectangular, is_sold_in_size
 from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.names import markdown_text
@@ -65,7 +66,9 @@ def write_guide(
         also=[tool.name for tool in also_needed(device)],
         gap_mm=hardware.fit.free_mm,
         cures=_cure_texts(device),
-        test_mm=MIRROR_MM,
+        test_mm=coupon_mirror_mm(device.layout),
+        sold=is_sold_in_size(device.layout),
+        rectangular=is_rectangular(device.layout),
         lips=hardware.camera.held_by.kind == "lips",
         nest=_nest_texts(device),
         inserts=hardware.screw.kind == "insert",
@@ -78,7 +81,7 @@ def write_guide(
         carriers=_carrier_texts(device),
         coupon=coupon,
         coupon_minutes=round(minutes.value) if coupon and (minutes := coupon.checks.get("print_minutes")) else None,
-        gauges=gauges_of(hardware),
+        gauges=gauges_of(device.layout, hardware),
         stages=Stages(components),
         step_of={step.name: number for number, step in enumerate(STEPS, start=1)},
         pictures_at={step.name: step.pictures for step in STEPS if step.pictures},

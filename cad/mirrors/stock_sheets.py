@@ -22,6 +22,7 @@ from shapely import (
     LineString,
     Polygon,
     STRtree,
+    box,
     get_parts,
     maximum_inscribed_circle,
     minimum_rotated_rectangle,
@@ -31,6 +32,7 @@ from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.mirrors.nesting import fits, nest
 from mirrorcam.cad.plan.hardware import Cutting
+from mirrorcam.cad.plan.rectangles import coupon_mirror_mm
 from mirrorcam.cad.plan.stroke_font import STROKES
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Metric
@@ -165,11 +167,15 @@ def _max_scale(corners: FloatArray, outline: FloatArray) -> float:
     return float((free_mm / (outward @ corners.T).max(axis=1)).min())
 
 
+TEST = "test"
+"""Name of the test mirror for the coupon's seat, on the sheet of the thickest mirrors."""
+
+
 @dataclass(frozen=True)
 class CutMirror:
     """One mirror on a stock sheet: the laser's closed path (n, 2), half a kerf outside the edge, and engraved strokes.
 
-    `name` is from `Layout.mirror_names`. Coordinates are in mm from the sheet's lower left corner, y up.
+    `name` is from `Layout.mirror_names`, or `TEST`. Coordinates are in mm from the sheet's lower left corner, y up.
     """
 
     name: str
@@ -269,20 +275,30 @@ def require_cuttable(layout: Layout, cutting: Cutting) -> None:
                 f"mirror {name} was designed with a refractive index of {mirror.refractive_index:g}, expected glass, "
                 f"at least {GLASS_INDEX:g}: design again, or cut it from acrylic"
             )
-        path = offset_outline(outline, cutting.allowance_mm)
-        if not fits(path, cutting.sheet_mm, cutting.gap_mm):
-            width, height = _box_mm(path)
-            usable = (length - 2.0 * cutting.gap_mm for length in cutting.sheet_mm)
-            raise InputError(
-                f"mirror {name} is {width:.1f} x {height:.1f} mm as cut, expected at most "
-                f"{' x '.join(f'{length:g}' for length in usable)} mm (sheet without its margins)"
-            )
+        _require_fit(name, outline, cutting)
+    _require_fit(TEST, _test_outline(layout), cutting)
+
+
+def _require_fit(name: str, outline: FloatArray, cutting: Cutting) -> None:
+    path = offset_outline(outline, cutting.allowance_mm)
+    if not fits(path, cutting.sheet_mm, cutting.gap_mm):
+        width, height = _box_mm(path)
+        usable = (length - 2.0 * cutting.gap_mm for length in cutting.sheet_mm)
+        raise InputError(
+            f"mirror {name} is {width:.1f} x {height:.1f} mm as cut, expected at most "
+            f"{' x '.join(f'{length:g}' for length in usable)} mm (sheet without its margins)"
+        )
+
+
+def _test_outline(layout: Layout) -> FloatArray:
+    return np.array(box(0.0, 0.0, *coupon_mirror_mm(layout)).exterior.coords)[:-1]
 
 
 def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
     """All mirrors nested on sheets, with separate sheets for every kind of mirror; raises as `require_cuttable`."""
     require_cuttable(layout, cutting)
     kinds = sorted({(mirror.surface, mirror.thickness_mm) for mirror in layout.mirrors})
+    thickest = max(kinds, key=lambda kind: kind[1])
     planned: list[tuple[Surface, float, list[CutMirror]]] = []
     for surface, thickness_mm in kinds:
         mirrors_of_kind = [
@@ -290,6 +306,8 @@ def plan_sheets(layout: Layout, cutting: Cutting) -> tuple[StockSheet, ...]:
             for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True)
             if (mirror.surface, mirror.thickness_mm) == (surface, thickness_mm)
         ]
+        if (surface, thickness_mm) == thickest:
+            mirrors_of_kind.append((TEST, _test_outline(layout)))
         planned += [(surface, thickness_mm, cuts) for cuts in _nested(mirrors_of_kind, cutting)]
     return tuple(
         StockSheet(number, len(planned), surface, thickness_mm, layout.identity, cutting, tuple(cuts))
@@ -303,7 +321,8 @@ def _nested(mirrors: list[tuple[str, FloatArray]], cutting: Cutting) -> list[lis
     placed = nest(paths, cutting.sheet_mm, cutting.gap_mm)
     sheets: list[list[CutMirror]] = [[] for _ in range(1 + max(nested.sheet for nested in placed))]
     for (name, outline), path, nested in zip(mirrors, paths, placed, strict=True):
-        strokes = tuple(nested.apply(stroke) for stroke in mark(name, outline, cutting.mark_mm))
+        text = "" if name == TEST else name
+        strokes = tuple(nested.apply(stroke) for stroke in mark(text, outline, cutting.mark_mm))
         sheets[nested.sheet].append(CutMirror(name, nested.apply(path), strokes))
     return sheets
 
@@ -330,6 +349,7 @@ def sheet_metrics(sheets: tuple[StockSheet, ...]) -> dict[str, Metric]:
         _width_mm(offset_outline(cut.outline, -sheet.cutting.allowance_mm)) / sheet.thickness_mm
         for sheet in sheets
         for cut in sheet.cuts
+        if cut.name != TEST
     ]
     return {
         "sheets": Metric(value=len(sheets), unit=""),

@@ -13,13 +13,11 @@ from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import box
+from mirrorcam.cad.plan.rectangles import coupon_mirror_mm, is_sold_in_size
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
-
-MIRROR_MM = (20.0, 15.0)
-"""Width and height of the test mirror, cut from the layout's stock sheet."""
 
 PLATE_MM = 2.4
 STRIP_MM = (22.0, 8.0)
@@ -66,16 +64,18 @@ class Gauge:
     parameter: str
 
 
-def gauges_of(hardware: Hardware) -> tuple[Gauge, ...]:
+def gauges_of(layout: Layout, hardware: Hardware) -> tuple[Gauge, ...]:
     """The gauges of a device's coupon, for the assembly guide."""
     screw, camera, fit = hardware.screw, hardware.camera, hardware.fit
     smaller, _, larger = (f"{step:+g}" for step in THREAD_STEPS_MM)
     insert = screw.kind == "insert"
+    width, height = coupon_mirror_mm(layout)
+    source = "a spare one of the pack" if is_sold_in_size(layout) else "`mirror_test` of the cutting file"
     gauges = [
         Gauge(
             "seat of a mirror",
-            f"a mirror of {MIRROR_MM[0]:g} x {MIRROR_MM[1]:g} mm, cut from an offcut of the stock sheet, drops in with "
-            f"a gap of {fit.free_mm:g} mm all round and rests on the three pads without rocking",
+            f"a mirror of {width:g} x {height:g} mm, {source}, drops in with a gap of {fit.free_mm:g} mm all round and "
+            "rests on the three pads without rocking",
             "`free_mm` under `[fit]`",
         ),
         Gauge(
@@ -116,12 +116,12 @@ def gauges_of(hardware: Hardware) -> tuple[Gauge, ...]:
 
 
 def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> CouponPlan:
-    """Lay out the coupon, which depends on the layout only through the thickness of the thickest mirror.
+    """Lay out the coupon, which depends on the layout only through the thickest mirror and the test mirror.
 
     With a gap between carriers and holder, a strip of that thickness extends to the left.
     """
     origin, ring = RIG_FROM_COUPON_MM, hardware.back.ring_gauge
-    seat_x, seat_y = _seat_mm(hardware)
+    seat_x, seat_y = _seat_mm(layout, hardware)
     pitch = hardware.camera.lens_ring_mm + 2.0 * GAUGE_WALL_MM
     slot_y = _slot_y_mm(hardware)
     depth = seat_y + pitch + slot_y
@@ -139,14 +139,14 @@ def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> Coup
             _box((0.0, 0.0, 0.0), (right, depth, PLATE_MM)),
             *rims,
             block,
-            *_pads(hardware),
+            *_pads(layout, hardware),
             *([_box((-STRIP_MM[0], 0.0, 0.0), (1.0, STRIP_MM[1], gap_mm))] if gap_mm else []),
         ),
         cuts=(*grooves, *screw_holes, *_lens_gauges(seat_y, pitch, hardware), *_slot(right, depth, hardware)),
         centre=origin + np.array([centre, depth / 2.0, 0.0]),
         ring=ring,
         right_mm=float(origin[0] + right),
-        lengths=(*_seat_lengths(right, gap_mm, hardware), *_slot_lengths(right, depth, hardware)),
+        lengths=(*_seat_lengths(right, gap_mm, layout, hardware), *_slot_lengths(right, depth, hardware)),
     )
 
 
@@ -155,9 +155,9 @@ def _length(start: tuple[float, float, float], end: tuple[float, float, float], 
     return length(RIG_FROM_COUPON_MM + start, RIG_FROM_COUPON_MM + end, text)
 
 
-def _seat_lengths(right_mm: float, gap_mm: float, hardware: Hardware) -> Iterator[Length]:
+def _seat_lengths(right_mm: float, gap_mm: float, layout: Layout, hardware: Hardware) -> Iterator[Length]:
     """The thickness of plate and strip, and the seat's size within its rims."""
-    rim, (x, y) = hardware.holder.rim_mm, _seat_mm(hardware)
+    rim, (x, y) = hardware.holder.rim_mm, _seat_mm(layout, hardware)
     yield _length((right_mm, 0.0, 0.0), (right_mm, 0.0, PLATE_MM), "plate")
     if gap_mm:
         yield _length((-STRIP_MM[0], 0.0, 0.0), (-STRIP_MM[0], 0.0, gap_mm), "strip")
@@ -181,9 +181,9 @@ def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> F
     return box(tuple(RIG_FROM_COUPON_MM + low), tuple(RIG_FROM_COUPON_MM + high))
 
 
-def _seat_mm(hardware: Hardware) -> tuple[float, float]:
+def _seat_mm(layout: Layout, hardware: Hardware) -> tuple[float, float]:
     """Width and depth of the test mirror's seat, including its rims."""
-    x, y = (side + 2.0 * (hardware.fit.free_mm + hardware.holder.rim_mm) for side in MIRROR_MM)
+    x, y = (side + 2.0 * (hardware.fit.free_mm + hardware.holder.rim_mm) for side in coupon_mirror_mm(layout))
     return x, y
 
 
@@ -208,7 +208,7 @@ def _slot_y_mm(hardware: Hardware) -> float:
 
 def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frustum]]:
     """The rims and the glue grooves of the seat, with the holder's dimensions."""
-    dimensions, (seat_x, seat_y) = hardware.holder, _seat_mm(hardware)
+    dimensions, (seat_x, seat_y) = hardware.holder, _seat_mm(layout, hardware)
     rim, thickness = dimensions.rim_mm, max(mirror.thickness_mm for mirror in layout.mirrors)
     rim_top = PLATE_MM + dimensions.bond_mm + dimensions.rim_height_of_sheet * thickness
     rims = [
@@ -225,10 +225,10 @@ def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frust
     return rims, grooves
 
 
-def _pads(hardware: Hardware) -> list[Frustum]:
+def _pads(layout: Layout, hardware: Hardware) -> list[Frustum]:
     """Three pads in the seat, clear of the grooves."""
     margin = hardware.holder.rim_mm + 2.0 * hardware.fit.free_mm + hardware.holder.pad_mm / 2.0
-    seat_x, seat_y = _seat_mm(hardware)
+    seat_x, seat_y = _seat_mm(layout, hardware)
     centres = np.array([(margin, margin), (seat_x - margin, margin), (seat_x / 2.0, seat_y - margin)])
     pads = []
     for shape in pad_shapes(centres, hardware):

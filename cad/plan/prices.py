@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import BeforeValidator, Field, PlainSerializer
 
@@ -20,12 +20,40 @@ BASIS = "typical retail prices of small quantities, estimated: check before you 
 # EUR per kg of filament, by the start of the plastic's name; OTHER_PLASTIC for any other.
 PLASTICS = {"PLA": 22.0, "PETG": 22.0, "ASA": 30.0, "ABS": 24.0, "PC": 45.0, "PA": 55.0}
 OTHER_PLASTIC = 40.0
-# EUR per 100 cm2 of stock, by the start of its name in a parts list, without the cost of a cutting service.
+
+
+class MirrorSource(NamedTuple):
+    """Price of stock in EUR per 100 cm2 and per small piece, who sells it, and words to search for."""
+
+    per_100_cm2: float
+    piece: float
+    supplier: str
+    search: str
+
+
+# By the start of the stock's name in a parts list, without the cost of a cutting service. Suppliers are the kinds that
+# public pages named in 2026-11: shops for kaleidoscopes and stained glass sell first-surface glass in sheets to score
+# (clarityglass.com, theavenuestainedglass.com), its makers state 94 % of reflectance and 8 waves per inch for 1/8 in
+# (firstsurfacemirrors.com); laser shops stock second-surface acrylic of 3 mm, others to order
+# (lasersoverlosangeles.com); glaziers and hardware stores cut second-surface glass of 3 and 4 mm to size
+# (engineerfix.com), for 8 to 15 USD per square foot installed (thisoldhouse.com), which is 0.9 to 1.6 USD per 100 cm2.
+# No page offered first-surface acrylic. The other prices are estimates.
 MIRRORS = {
-    "first-surface acrylic mirror": 6.0,
-    "second-surface acrylic mirror": 2.0,
-    "first-surface glass mirror": 20.0,
-    "second-surface glass mirror": 3.0,
+    "first-surface acrylic mirror": MirrorSource(
+        6.0, 2.0, "to order from a coating company: no shop found", "first surface acrylic mirror sheet"
+    ),
+    "second-surface acrylic mirror": MirrorSource(
+        2.0, 0.5, "plastics shop or laser cutting service", "silver acrylic mirror sheet laser cut to size"
+    ),
+    "first-surface glass mirror": MirrorSource(
+        8.0, 3.0, "maker of first-surface mirrors, or shop for kaleidoscopes", "front surface mirror glass sheet"
+    ),
+    "second-surface glass mirror": MirrorSource(
+        1.5,
+        0.3,
+        "glazier or hardware store; craft shop for small sizes",
+        "mirror cut to size; mosaic mirror tiles",
+    ),
 }
 # EUR per item, by the start or end of its title in a parts list, without its length; for small items, the price of a
 # bag divided by their number.
@@ -62,6 +90,7 @@ ITEM_PRICES = {
     "38 mm USB board, M12 lens": 45.0,
 }
 
+Entry = TypeVar("Entry")
 PRICE = Bounds(0.0, 1e6)
 
 
@@ -90,6 +119,7 @@ class Prices(Value):
     date: Name = Field(default="2026-11", description="month of the prices")
     plastic_per_kg: _PriceList = _price_list("filament by the name of its plastic")
     mirror_per_100_cm2: _PriceList = _price_list('stock by name, such as "first-surface acrylic mirror"')
+    mirror_each: _PriceList = _price_list("mirrors sold in their sizes, by the name of their stock")
     each: _PriceList = _price_list('purchased items by title without their length, such as "M3 screw"; cameras by name')
 
     def of_plastic(self, plastic: str, grams: float) -> float:
@@ -99,15 +129,26 @@ class Prices(Value):
 
     def of_mirrors(self, stock: str, area_cm2: float) -> float:
         """Price of an area of stock, given by its name, such as "first-surface acrylic mirror, 1 mm"."""
-        price = _by_name(stock, MIRRORS | dict(self.mirror_per_100_cm2))
-        if price is None:
-            raise ValueError(f"stock {stock}: expected one of {', '.join(MIRRORS)}")
-        return price * area_cm2 / 100.0
+        price = _by_name(stock, dict(self.mirror_per_100_cm2))
+        return (mirror_source(stock).per_100_cm2 if price is None else price) * area_cm2 / 100.0
+
+    def of_mirror_pieces(self, stock: str, count: int) -> float:
+        """Price of mirrors that are sold in their sizes; a pack's price divided by their number."""
+        price = _by_name(stock, dict(self.mirror_each))
+        return (mirror_source(stock).piece if price is None else price) * count
 
     def of_item(self, title: str) -> float | None:
         """Price of one purchased item by its title; None if unknown."""
         plain = re.sub(r" x [\d.]+(?= )", "", title)
         return _by_name(plain, ITEM_PRICES | dict(self.each))
+
+
+def mirror_source(stock: str) -> MirrorSource:
+    """Price and source of stock by its name; raises ValueError for an unknown one."""
+    source = _by_name(stock, MIRRORS)
+    if source is None:
+        raise ValueError(f"stock {stock}: expected one of {', '.join(MIRRORS)}")
+    return source
 
 
 def hours_text(minutes: float | None) -> str:
@@ -127,7 +168,7 @@ def summary_of(checks: Mapping[str, Metric]) -> str:
     return ", ".join(texts)
 
 
-def _by_name(title: str, prices: dict[str, float]) -> float | None:
-    """The price of the longest known name with which a title starts or ends; None if there is none."""
+def _by_name(title: str, prices: dict[str, Entry]) -> Entry | None:
+    """The entry of the longest known name with which a title starts or ends; None if there is none."""
     matches = [name for name in prices if title.startswith(name) or title.endswith(name)]
     return prices[max(matches, key=len)] if matches else None

@@ -16,13 +16,15 @@ from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.components import item_title, standard_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.glue import glue_amount
-from mirrorcam.cad.mirrors.stock_sheets import StockSheet
+from mirrorcam.cad.mirrors.stock_sheets import TEST, StockSheet
 from mirrorcam.cad.plan.part_plan import BuiltPart, PurchasedItem
-from mirrorcam.cad.plan.prices import BASIS, Prices, hours_text
+from mirrorcam.cad.plan.prices import BASIS, Prices, hours_text, mirror_source
+from mirrorcam.cad.plan.rectangles import coupon_mirror_mm, is_sold_in_size, size_mm
 from mirrorcam.cad.plan.tightening import Tightening, tightenings
 from mirrorcam.core.disk.files import write_json, write_text
 from mirrorcam.core.names import markdown_text, spreadsheet_text
 from mirrorcam.core.values import Metric, Value
+from mirrorcam.optics.geometry.layout import Layout
 
 # Common name of all mirror carriers in a note.
 CARRIERS = "mirror_carriers"
@@ -48,19 +50,28 @@ class PrintedLine(Value):
 
 
 class MirrorLine(Value):
-    """The mirrors cut from one kind of stock sheet."""
+    """The mirrors of one kind of stock: cut from sheets, or bought in their sizes with a spare one."""
 
     sheet: str
     names: tuple[str, ...]
     area_cm2: float
-    sheets: int
+    sheets: int = Field(description="number of sheets; 0 if mirrors are bought in their sizes")
+    pieces: tuple[str, ...] = Field(description="sizes to buy with their counts, such as 9 x (30 x 20 mm)")
     sheet_mm: tuple[float, float]
     files: tuple[str, ...] = Field(description="DXF files, relative to the folder of the bill")
-    price: float = Field(description="price of stock of their area")
+    supplier: str = Field(description="who sells the stock")
+    search: str = Field(description="words to search for")
+    price: float = Field(description="price of whole sheets, or of the pieces")
 
     @property
     def count(self) -> int:
         return len(self.names)
+
+    @property
+    def to_buy(self) -> str:
+        """The sheets or the sizes to buy."""
+        width, height = self.sheet_mm
+        return ", ".join(self.pieces) or f"{self.sheets} of {width:g} x {height:g} mm"
 
 
 class BoughtLine(Value):
@@ -153,22 +164,35 @@ def _mirrors(device: Device, sheets: Sequence[StockSheet]) -> tuple[MirrorLine, 
         name: Polygon(mirror.outline_in_plane_mm).area
         for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True)
     }
-    lines = []
+    lines, prices, sheet_mm = [], device.hardware.prices, device.hardware.cutting.sheet_mm
+    pieces = _pieces(device.layout) if is_sold_in_size(device.layout) else {}
     for kind, group in kinds.items():
-        names = tuple(cut.name for sheet in group for cut in sheet.cuts)
-        area_cm2 = sum(areas[name] for name in names) / 100.0
+        names = tuple(cut.name for sheet in group for cut in sheet.cuts if cut.name != TEST)
+        source, bought = mirror_source(kind), 0 if pieces else len(group)
+        price = prices.of_mirror_pieces(kind, sum(pieces.values()))
+        if not pieces:
+            price = prices.of_mirrors(kind, bought * sheet_mm[0] * sheet_mm[1] / 100.0)
         lines.append(
             MirrorLine(
                 sheet=kind,
                 names=names,
-                area_cm2=round(area_cm2, 1),
-                sheets=len(group),
-                sheet_mm=device.hardware.cutting.sheet_mm,
+                area_cm2=round(sum(areas[name] for name in names) / 100.0, 1),
+                sheets=bought,
+                pieces=tuple(f"{count} x ({size} mm)" for size, count in pieces.items()),
+                sheet_mm=sheet_mm,
                 files=tuple(f"mirrors/{sheet.stem}.dxf" for sheet in group),
-                price=round(device.hardware.prices.of_mirrors(kind, area_cm2), 2),
+                supplier=source.supplier,
+                search=source.search,
+                price=round(price, 2),
             )
         )
     return tuple(lines)
+
+
+def _pieces(layout: Layout) -> Counter[str]:
+    """Counts of the sizes that are bought, with a spare one of the smallest as the coupon's test mirror."""
+    sizes = [*(size_mm(mirror) for mirror in layout.mirrors), coupon_mirror_mm(layout)]
+    return Counter(f"{longer:g} x {shorter:g}" for longer, shorter in sorted(sizes, reverse=True))
 
 
 def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]:
@@ -258,12 +282,12 @@ def as_markdown(bom: Bom) -> str:
         "",
         "## Mirrors",
         "",
-        f"| stock sheet | mirrors | area, cm² | sheets | files | {money} |",
-        "|---|---:|---:|---:|---|---:|",
+        f"| stock | mirrors | area, cm² | to buy | files | where | search words | {money} |",
+        "|---|---:|---:|---|---|---|---|---:|",
         *(
-            f"| {line.sheet} | {line.count} | {line.area_cm2:.1f} "
-            f"| {line.sheets} of {line.sheet_mm[0]:g} x {line.sheet_mm[1]:g} mm "
-            f"| {', '.join(f'[{Path(file).name}]({file})' for file in line.files)} | {line.price:.2f} |"
+            f"| {line.sheet} | {line.count} | {line.area_cm2:.1f} | {line.to_buy} "
+            f"| {', '.join(f'[{Path(file).name}]({file})' for file in line.files)} "
+            f"| {line.supplier} | {line.search} | {line.price:.2f} |"
             for line in bom.mirrors
         ),
         "",
@@ -290,7 +314,7 @@ def as_csv(bom: Bom) -> str:
         note = spreadsheet_text(f"{bom.plastic}, {part.volume_cm3:g} cm3")
         writer.writerow(("printed", part.number, part.title, 1, part.file, *printed, note))
     for mirror in bom.mirrors:
-        note = f"{mirror.sheets} sheets of {mirror.sheet_mm[0]:g} x {mirror.sheet_mm[1]:g} mm, {mirror.area_cm2:g} cm2"
+        note = f"{mirror.to_buy}; {mirror.area_cm2:g} cm2; {mirror.supplier}: {mirror.search}"
         writer.writerow(
             ("mirror", "", mirror.sheet, mirror.count, " ".join(mirror.files), "", "", "", mirror.price, note)
         )

@@ -22,6 +22,7 @@ from mirrorcam.cad.checks.cut_outlines import fits
 from mirrorcam.cad.mirrors.stock_sheets import (
     FACINGS,
     LINE_GAP_MM,
+    TEST,
     StockSheet,
     Surface,
     facing_of,
@@ -118,8 +119,9 @@ def test_seen_from_the_back_right_is_rig_x_and_up_is_rig_z(default_layout: Layou
 
 def test_every_mirror_is_cut_once_in_its_own_shape(default_layout: Layout) -> None:
     (sheet,) = plan_sheets(default_layout, CUTTING)
-    assert tuple(cut.name for cut in sheet.cuts) == default_layout.mirror_names
-    for cut, mirror in zip(sheet.cuts, default_layout.mirrors, strict=True):
+    assert tuple(cut.name for cut in sheet.cuts) == (*default_layout.mirror_names, TEST)
+    np.testing.assert_allclose(sorted(np.ptp(sheet.cuts[-1].outline, axis=0)), [15.2, 20.2])
+    for cut, mirror in zip(sheet.cuts[:-1], default_layout.mirrors, strict=True):
         finished = offset_outline(cut.outline, -CUTTING.kerf_mm / 2.0)
         expected = outline_from_back(mirror, CUTTING)
         assert min(fit.error_mm for fit in fits(finished, expected)) < 1e-9
@@ -129,7 +131,7 @@ def test_every_mirror_is_cut_once_in_its_own_shape(default_layout: Layout) -> No
 
 def test_the_arrow_rotates_with_its_mirror(default_layout: Layout) -> None:
     (sheet,) = plan_sheets(default_layout, CUTTING)
-    for cut, mirror in zip(sheet.cuts, default_layout.mirrors, strict=True):
+    for cut, mirror in zip(sheet.cuts[:-1], default_layout.mirrors, strict=True):
         upright = outline_from_back(mirror, CUTTING)
         path = cut.outline if Polygon(cut.outline).exterior.is_ccw else cut.outline[::-1]
         loop = offset_outline(upright, CUTTING.kerf_mm / 2.0)
@@ -156,7 +158,7 @@ def test_kinds_do_not_share_a_sheet(default_layout: Layout) -> None:
     mixed = default_layout.replaced(mirrors=(first.replaced(thickness_mm=2.0), *others))
     thin, thick = plan_sheets(mixed, CUTTING)
     assert (thin.thickness_mm, thick.thickness_mm) == (1.0, 2.0)
-    assert [cut.name for cut in thick.cuts] == ["0-0"]
+    assert [cut.name for cut in thick.cuts] == ["0-0", TEST]
     assert len(thin.cuts) == 8
     assert (thin.stem, thick.stem) == ("mirrors_1", "mirrors_2")
     assert "first-surface acrylic mirror, 2 mm" in " ".join(thick.notes)
@@ -166,9 +168,10 @@ def test_many_mirrors_take_several_sheets(make_parabola: Callable[..., Layout]) 
     layout = make_parabola(3, 4, scale_mm=150.0)
     sheets = plan_sheets(layout, CUTTING.replaced(sheet_mm=(160.0, 130.0)))
     assert len(sheets) > 1
-    assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted(layout.mirror_names)
+    assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted([*layout.mirror_names, TEST])
     assert sum(sheet.use * 160.0 * 130.0 for sheet in sheets) == pytest.approx(
-        sum(Polygon(offset_outline(outline_from_back(mirror, CUTTING), 0.1)).area for mirror in layout.mirrors)
+        20.2 * 15.2
+        + sum(Polygon(offset_outline(outline_from_back(mirror, CUTTING), 0.1)).area for mirror in layout.mirrors)
     )
 
 
@@ -237,11 +240,11 @@ def test_any_layout_is_cut_completely_or_refused(
     try:
         sheets = plan_sheets(layout, cutting)
     except InputError as refusal:
-        measures = r"mirror \d-\d is [\d.]+ (mm across|x [\d.]+ mm as cut), expected at (most|least)"
+        measures = r"mirror (\d-\d|test) is [\d.]+ (mm across|x [\d.]+ mm as cut), expected at (most|least)"
         assert re.search(measures, str(refusal))
         return
     cuts = {cut.name: cut for sheet in sheets for cut in sheet.cuts}
-    assert sorted(cuts) == sorted(layout.mirror_names)
+    assert sorted(cuts) == sorted([*layout.mirror_names, TEST])
     for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
         finished = offset_outline(cuts[name].outline, -cutting.kerf_mm / 2.0)
         assert min(fit.error_mm for fit in fits(finished, outline_from_back(mirror, CUTTING))) < 1e-8
@@ -258,7 +261,7 @@ def test_glass_is_cut_to_the_lines_themselves_and_by_no_laser(default_layout: La
     thick = default_layout.replaced(mirrors=tuple(m.replaced(thickness_mm=2.0) for m in default_layout.mirrors))
     (sheet,) = plan_sheets(thick, glass)
     assert sheet.kind == "first-surface glass mirror, 2 mm"
-    area = sum(Polygon(cut.outline).area for cut in sheet.cuts)
+    area = 20.0 * 15.0 + sum(Polygon(cut.outline).area for cut in sheet.cuts)
     assert area == pytest.approx(sum(Polygon(m.outline_in_plane_mm).area for m in thick.mirrors), rel=1e-9)
     notes = "\n".join(sheet.notes)
     assert "no kerf is included. Glass is not cut by a laser" in notes

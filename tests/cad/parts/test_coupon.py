@@ -13,7 +13,6 @@ from mirrorcam.cad.parts.coupon import (
     GO_DEPTH_MM,
     GO_MM,
     LENS_STEPS_MM,
-    MIRROR_MM,
     PLATE_MM,
     RIG_FROM_COUPON_MM,
     THREAD_STEPS_MM,
@@ -27,6 +26,7 @@ from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import plain
 from mirrorcam.cad.plan.prisms import corners_of
+from mirrorcam.cad.plan.rectangles import TEST_MIRROR_MM
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_library import read_body
@@ -53,7 +53,7 @@ def within(solids: tuple[object, ...], points: FloatArray) -> FloatArray:
 
 
 def test_the_test_mirror_has_the_play_of_a_mirror_in_its_pocket(coupon: CouponPlan) -> None:
-    half = np.array(MIRROR_MM) / 2.0 + FREE_MM
+    half = np.array(TEST_MIRROR_MM) / 2.0 + FREE_MM
     middle = RIG_FROM_COUPON_MM + np.array([*(half + RIM_MM), PLATE_MM + 0.1])
     sides = np.array([(1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)])
     reach = np.abs(sides[:, :2] @ half)[:, None]
@@ -71,7 +71,7 @@ def test_the_seat_has_three_pads_under_the_test_mirror_as_high_as_the_glue(coupo
         assert pad.top[:, 2] == pytest.approx(np.full(8, floor + HARDWARE.holder.bond_mm))
         # Each pad is completely behind the mirror, wherever that is in its pocket.
         assert (pad.top[:, :2] > low + FREE_MM - 1e-9).all()
-        assert (pad.top[:, :2] < low + np.array(MIRROR_MM) - FREE_MM + 1e-9).all()
+        assert (pad.top[:, :2] < low + np.array(TEST_MIRROR_MM) - FREE_MM + 1e-9).all()
         assert not within(coupon.cuts, pad.top).any()
 
 
@@ -156,7 +156,7 @@ def test_the_slot_lets_the_stated_body_in_and_stops_it_at_the_step(default_layou
 
 def test_a_bare_board_has_no_slot_for_its_body(default_layout: Layout) -> None:
     hardware = HARDWARE.replaced(camera=read_body("board_38"))
-    assert "slot with a step" not in {gauge.name for gauge in gauges_of(hardware)}
+    assert "slot with a step" not in {gauge.name for gauge in gauges_of(default_layout, hardware)}
     plan = plan_coupon(default_layout, hardware)
     assert len(plan.cuts) == len(plan_coupon(default_layout, HARDWARE).cuts) - 2
 
@@ -165,7 +165,7 @@ def test_a_bare_board_has_no_slot_for_its_body(default_layout: Layout) -> None:
 def test_every_gauge_changes_with_the_parameter_that_it_names(default_layout: Layout, hardware: Hardware) -> None:
     tables = {"fit": "fit", "screw": "screw", "back": "back"}
     before = plain(plan_coupon(default_layout, hardware))
-    found = gauges_of(hardware)
+    found = gauges_of(default_layout, hardware)
     assert len(found) == (5 if hardware is CLAMPED else 4)
     for gauge in found:
         name, *table = re.findall(r"`\[?(\w+)\]?`", gauge.parameter)

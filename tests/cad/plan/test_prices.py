@@ -31,7 +31,11 @@ def test_the_longest_name_at_an_end_of_a_title_counts() -> None:
     assert PRICES.of_item("M3 x 5.7 heat-set insert") == ITEM_PRICES["M3 heat-set insert"]
     assert PRICES.of_item("0.4 x 5 x 12 compression spring") == ITEM_PRICES["compression spring"]
     assert PRICES.of_item("a tool of gold") is None
-    assert PRICES.of_mirrors("second-surface glass mirror, 2 mm", 250.0) == 2.5 * MIRRORS["second-surface glass mirror"]
+    glass = MIRRORS["second-surface glass mirror"]
+    assert PRICES.of_mirrors("second-surface glass mirror, 2 mm", 250.0) == 2.5 * glass.per_100_cm2
+    assert PRICES.of_mirror_pieces("second-surface glass mirror, 2 mm", 10) == 10 * glass.piece
+    own = PRICES.replaced(mirror_each={"second-surface glass mirror": 0.1})
+    assert own.of_mirror_pieces("second-surface glass mirror, 2 mm", 10) == 1.0
     with pytest.raises(ValueError, match="stock paper"):
         PRICES.of_mirrors("paper", 1.0)
 

@@ -81,8 +81,9 @@ def test_every_line_has_its_price_and_the_sum_is_the_devices(bom: Bom, device: D
     assert {title for title, price in prices.items() if price is None} == {
         t for t in prices if t.startswith(("Tool: ", "Also needed: "))
     }
-    area = sum(Polygon(mirror.outline_in_plane_mm).area for mirror in device.layout.mirrors) / 100.0
-    assert bom.mirrors[0].price == pytest.approx(area * 0.06, abs=0.006)
+    # A whole sheet of 300 x 200 mm at 6 EUR per 100 cm2.
+    assert bom.mirrors[0].price == 36.0
+    assert bom.mirrors[0].to_buy == "1 of 300 x 200 mm"
     lines = [*(line.price for line in bom.printed), *(line.price for line in bom.mirrors), *prices.values()]
     assert bom.price == pytest.approx(sum(price for price in lines if price is not None))
     assert bom.unpriced == ()
