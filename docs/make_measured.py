@@ -72,6 +72,17 @@ calibration_photos | real photographs: reprojection, RMS x / y | {board bows in 
 calibration_photos | the same, mirrored corners held out | {board bows in each photograph/1} px
 calibration_video | real video: reprojection, RMS x / y | {reprojection/0}
 
+## Layouts of rectangles
+
+Usable efficiency, as a percentage of free quadrilaterals with the same choice of fold.
+
+mirror_shapes | 3 x 3 mirrors, default fold: cut in 1 mm steps | {3x3_120.0_cut_percent:.0f} %
+mirror_shapes | 3 x 3 mirrors, default fold: one size of a list | {3x3_120.0_one_size_percent:.0f} %
+mirror_shapes | 3 x 3 mirrors, default fold: each of the list | {3x3_120.0_list_percent:.0f} %
+mirror_shapes | 3 x 3 mirrors, best fold: cut in 1 mm steps | {3x3_auto_cut_percent:.0f} %
+mirror_shapes | 3 x 3 mirrors, best fold: one size of a list | {3x3_auto_one_size_percent:.0f} %
+mirror_shapes | 3 x 3 mirrors, best fold: each of the list | {3x3_auto_list_percent:.0f} %
+
 ## Sets of another renderer
 
 The other renderer shares no code with this project.

@@ -33,6 +33,7 @@ from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.names import markdown_text
 from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror_gaps import edges_mm
 
 WEB = Path(__file__).parents[1] / "web"
 
@@ -194,10 +195,15 @@ def camera_toml(camera: CameraBody) -> str:
 
 
 def _mirror_rows(device: Device) -> list[tuple[str, str, str, int]]:
-    """Name, width and height (mm, across and along the arrow), and number of corners of every mirror."""
+    """Name, width and height (mm, across and along the arrow), and number of corners of every mirror.
+
+    Of a rectangle, which may be turned a little to the arrow, they are its sides.
+    """
     rows = []
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         width, height = np.ptp(mirror.outline_in_plane_mm, axis=0)
+        if is_rectangular(device.layout):
+            width, height = edges_mm(mirror)[:2]
         rows.append((name, f"{width:.1f}", f"{height:.1f}", len(mirror.outline_in_plane_mm)))
     return rows
 

@@ -11,7 +11,6 @@ from typing import Literal
 
 import numpy as np
 import pytest
-from ezdxf.filemanagement import readfile
 from manifold3d import Manifold
 from markdown_it import MarkdownIt
 from shapely import Polygon
@@ -25,8 +24,7 @@ from mirrorcam.cad.checks.cut_outlines import check_cuts
 from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of
 from mirrorcam.cad.guide.assembly_guide import camera_toml, focus_of, write_guide
 from mirrorcam.cad.guide.device_pictures import EDGE_TEXT, scale_edges
-from mirrorcam.cad.mirrors.sheet_files import write_dxf
-from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
+from mirrorcam.cad.mirrors.sheet_files import write_sheets
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.fasteners import Bore
@@ -132,16 +130,15 @@ def test_the_guide_asks_for_the_settings_that_the_slicer_uses(made: Made) -> Non
 def test_guide_notes_and_drawing_lay_the_same_face_up(
     made: Made, tmp_path: Path, surface: Literal["first", "second"], up: str, other: str
 ) -> None:
-    """Read back from the files: the DXF's note, the guide, and the side from which outlines and marks are drawn."""
+    """Read back from the files: the cutter's note, the guide, and the side from which outlines and marks are drawn."""
     mirrors = tuple(mirror.replaced(surface=surface) for mirror in made.device.layout.mirrors)
     layout = made.device.layout.replaced(mirrors=mirrors)
-    (sheet,) = plan_sheets(layout, HARDWARE.cutting)
-    write_dxf(tmp_path / "mirrors" / "mirrors.dxf", sheet)
+    write_sheets(tmp_path / "mirrors", layout, HARDWARE.cutting)
     write_guide(tmp_path, replace(made.device, layout=layout), made.parts, made.components)
     step = (tmp_path / "guide.md").read_text(encoding="utf-8").partition("## Step 3")[2].partition("## Step 4")[0]
-    texts = readfile(tmp_path / "mirrors" / "mirrors.dxf").modelspace().query('TEXT[layer=="NOTES"]')
-    (note,) = [text.dxf.text for text in texts if text.dxf.text.startswith("Lay the sheet down")]
-    assert note.removeprefix("Lay the sheet down with its ") in step
+    lines = (tmp_path / "mirrors" / "cutting.md").read_text(encoding="utf-8").splitlines()
+    (note,) = [line for line in lines if line.startswith("- Lay the sheet down")]
+    assert note.removeprefix("- Lay the sheet down with its ") in step
     assert f"BACK up ({up})" in note
     assert other not in note
     assert other not in step
@@ -192,13 +189,10 @@ def test_the_guide_names_mirrors_of_a_pattern_by_their_numbers(made: Made, tmp_p
 def test_glass_is_never_cut_by_a_laser_or_called_acrylic(made: Made, tmp_path: Path) -> None:
     """Guide, cut file and parts list name one material and nothing of the other."""
     device = replace(made.device, hardware=made.device.hardware.replaced(cutting=Cutting(material="glass")))
-    (sheet,) = plan_sheets(device.layout, device.hardware.cutting)
-    write_dxf(tmp_path / "mirrors" / "mirrors.dxf", sheet)
+    (sheet,) = write_sheets(tmp_path / "mirrors", device.layout, device.hardware.cutting)
     write_guide(tmp_path, device, made.parts, made.components)
     guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
-    notes = "\n".join(
-        text.dxf.text for text in readfile(tmp_path / "mirrors" / "mirrors.dxf").modelspace().query("TEXT")
-    )
+    notes = (tmp_path / "mirrors" / "cutting.md").read_text(encoding="utf-8")
     bill = as_markdown(bill_of(device, made.parts, (sheet,)))
     for text in (guide, notes, bill):
         assert "first-surface glass mirror, 1 mm" in text
