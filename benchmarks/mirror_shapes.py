@@ -1,4 +1,4 @@
-"""Usable efficiency of layouts of rectangles against free quadrilaterals: `python -m benchmarks.mirror_shapes`.
+"""Usable efficiency of rectangles against free quadrilaterals: `python -m benchmarks.mirror_shapes [--counts N ...]`.
 
 For 2x2 to 5x5 mirrors of the default design, at its fold and at each shape's best fold: free outlines, rectangles cut
 in steps of 1 mm, the best single size of a list, and the best size of the list for each mirror. The efficiency is the
@@ -50,12 +50,13 @@ def size_text(layout: Layout) -> str:
 def main() -> None:
     """Print the table, and write its record."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--counts", type=int, nargs="+", default=COUNTS, help="rows and columns; 5 takes an hour")
     add_json_option(parser)
     arguments = parser.parse_args()
     rows = Rows("mirrors", "free", "cut in 1 mm steps", "one size of the list", "each of the list")
     figures: dict[str, float] = {}
     with in_two_processes(["mirrorcam.optics.design.optimise"]) as calls:
-        for count in COUNTS:
+        for count in arguments.counts:
             for fold_deg in (120.0, "auto"):
                 spec = DesignSpec(rows=count, cols=count, fold_deg=fold_deg)
                 free = design(spec, calls)
