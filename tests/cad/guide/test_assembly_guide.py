@@ -38,6 +38,8 @@ from mirrorcam.core.figures.figure_texts import TIMES
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera_library import read_body
+from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.mirror_gaps import edges_mm
 from tests.cad.guide.conftest import Made
 
 
@@ -199,6 +201,29 @@ def test_glass_is_never_cut_by_a_laser_or_called_acrylic(made: Made, tmp_path: P
         assert "acrylic" not in text
     for text in (guide, notes):
         assert "laser" not in text.replace("No laser: it cracks glass", "").replace("Glass is not cut by a laser", "")
+
+
+@pytest.mark.parametrize(
+    ("shape", "title", "expected"),
+    [("rectangles", "cut", "a plan of straight cuts"), ("stock:30x20", "mark", "bought in the sizes that [bom.md]")],
+)
+def test_rectangles_are_cut_straight_or_bought(
+    made: Made, tmp_path: Path, shape: str, title: str, expected: str
+) -> None:
+    layout = made.device.layout.replaced(spec=DesignSpec(rows=2, cols=2, shape=shape))
+    device = replace(made.device, layout=layout)
+    write_sheets(tmp_path / "mirrors", layout, HARDWARE.cutting)
+    write_guide(tmp_path, device, made.parts, made.components)
+    guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
+    step = guide.partition(f"## Step 3: {title} the mirrors")[2].partition("## Step 4")[0]
+    assert expected in step
+    assert ("laser" in step) == (title == "cut")
+    width, height = edges_mm(layout.mirrors[0])[:2]
+    assert (
+        f"\n\n| mirror | width | height | corners |\n|---|---|---|---|\n| 0-0 | {width:.1f} | {height:.1f} | 4 |"
+        in step
+    )
+    assert ("a spare mirror of" in guide) == (title == "mark")
 
 
 def test_the_step_of_the_back_is_that_of_its_kind(made: Made, tmp_path: Path) -> None:
