@@ -12,9 +12,9 @@ from mirrorcam.studio.controls import Control, control_groups, snapping_groups
 EVERY = [control for group in control_groups(DesignSpec()) for control in group.controls]
 
 
-def test_every_field_of_a_request_but_the_pattern_has_its_control() -> None:
+def test_every_field_of_a_request_but_pattern_and_shape_has_its_control() -> None:
     named = {control.name for control in EVERY} | {"cols"}
-    assert named == DesignSpec.model_fields.keys() - {"pattern"}
+    assert named == DesignSpec.model_fields.keys() - {"pattern", "shape", "size_step_mm", "same_size"}
 
 
 @pytest.mark.parametrize("control", EVERY, ids=lambda control: control.name)
