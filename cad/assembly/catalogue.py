@@ -15,7 +15,7 @@ import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device, connections
 from mirrorcam.cad.backs.back import BackJoint
-from mirrorcam.cad.backs.plan_backs import MAKERS
+from mirrorcam.cad.backs.plan_backs import make_adapter
 from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
 from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
@@ -96,7 +96,7 @@ def _unsplit(device: Device) -> Iterator[PartPlan]:
     for number, back in enumerate(device.back.parts, start=4):
         base_z = float((back.plan.corners @ back.bed_from_rig[2]).min())
         pose = with_base_at(back.bed_from_rig, base_z)
-        yield part(number, back.name, back.title, back.plan, MAKERS[type(back.plan)], pose, back.rgb)
+        yield part(number, back.name, back.title, back.plan, make_adapter, pose, back.rgb)
     yield part(6, COUPON, "Fit coupon", coupon, make_coupon, with_base_at(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82))
     if cover:
         yield part(7, COVER, "Dust cover", cover, make_cover, face_down(cover.rig_from_front), (0.80, 0.76, 0.62))
@@ -111,7 +111,6 @@ def purchased_items(device: Device) -> tuple[PurchasedItem, ...]:
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
     slots = device.holder.slot_directions if device.holder.slots else X_AXIS
-    down = np.array([0.0, 0.0, -1.0])
     slide = clip.slide_points - clip.slide.grip_mm * TO_SCENE
     head, foot = (MOUNT, HOLDER), (back.parts[0].name, MOUNT)
     return (
@@ -125,7 +124,9 @@ def purchased_items(device: Device) -> tuple[PurchasedItem, ...]:
             slots,
         ),
         *_screws(device, slide, -TO_SCENE, clip.slide, (MOUNT, CLIP), slide_nut_exits_mm),
-        *_screws(device, back.foot_heads, down, back.foot, foot, foot_nut_exits_mm, size=back.foot_size),
+        *_screws(
+            device, back.foot_heads, -mount.foot.up_in_rig, back.foot, foot, foot_nut_exits_mm, size=back.foot_size
+        ),
         *(item for joint in back.joints for item in _joint_screws(device, joint)),
         *back.items,
         *_camera_screws(device),
@@ -324,9 +325,9 @@ def slide_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
 
 def foot_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Exit moves (n, 2, 3) of the nuts in the mount's foot: off its plate into the truss, then to the nearer side."""
-    corners, screw = corners_of(device.mount.pieces), device.hardware.screw
-    plate = device.mount.foot_z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware)
+    corners, screw, foot = corners_of(device.mount.pieces), device.hardware.screw, device.mount.foot
+    plate, up = foot.z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware), foot.up_in_rig
     # The origin of a nut is at its face towards the screw.
-    off_plate = [(plate - seat[2] + screw.nut_height_mm / 4.0) * UP for seat in seats]
+    off_plate = [(plate - seat @ up + screw.nut_height_mm / 4.0) * up for seat in seats]
     sides = [exit_move(corners, seat, np.sign(seat[0]) * RIGHT) for seat in seats]
     return np.stack([off_plate, sides], axis=1)

@@ -31,7 +31,7 @@ from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, check_clashes, chec
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
 from mirrorcam.cad.checks.light_paths import check_light, check_step_views, check_surrounding_light
-from mirrorcam.cad.checks.load_checks import check_back, check_nest, check_rest
+from mirrorcam.cad.checks.load_checks import check_aim, check_back, check_nest, check_rest
 from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
 from mirrorcam.cad.holder.stray_light import stray_light
@@ -121,6 +121,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **_check_pieces(made, parts),
         **check_mass(total),
         **check_back(device.back, items, made.valid, total),
+        **check_aim(device.back, device.layout, hardware),
         **_check_stiffness(device),
         **check_nest(device.clip, device.layout, hardware),
         **check_rest(made.valid.get(CLIP), made.valid.get(CAMERA), hardware),

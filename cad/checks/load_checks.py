@@ -21,6 +21,7 @@ from mirrorcam.cad.plan.device_names import CLIP
 from mirrorcam.cad.plan.fasteners import thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import MassProperties, PurchasedItem
+from mirrorcam.cad.plan.stand import aim_in_rig, design_depths_mm
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
@@ -140,23 +141,52 @@ def check_back(
     stress = max((section.stress_mpa(force, total.centre_in_rig_mm) for section in back.critical_sections), default=0.0)
     checks = {"device.back_stress_mpa": Metric(value=round(stress, 3), unit="MPa", limit=STRESS_MPA)}
     if back.stand is not None:
-        angle = tipping_angle_deg(back.stand, total.centre_in_rig_mm)
+        angle = tipping_angle_deg(back.stand, total.centre_in_rig_mm @ back.rig_from_stand)
         limit = back.stand.tip_deg
         checks["device.tips_at_deg"] = Metric(value=round(angle, 2), unit="deg", limit=limit, lower_is_better=False)
     for name, item in zip(item_names(items), items, strict=True):
         if item.kind == "nut" and item.size == TRIPOD:
-            turns = tripod_turns(back.table.nut.screw_mm, solids.get(name), solids.get(item.joins[0]))
+            nut, part = solids.get(name), solids.get(item.joins[0])
+            turns = tripod_turns(back.table.nut.screw_mm, nut, part, back.rig_from_stand[:, 2])
             checks["device.tripod_turns"] = Metric(
                 value=round(turns, 2), unit="", limit=MIN_TURNS, lower_is_better=False
             )
     return checks
 
 
+def check_aim(back: Back, layout: Layout, hardware: Hardware) -> dict[str, Metric]:
+    """Check that the middle ray of a device on a desk reaches every depth of the design before it meets the desk.
+
+    Parameters
+    ----------
+    back : Back
+        The plan of the adapter; only a free-standing device has a desk.
+    layout : Layout
+        Camera and mirrors.
+    hardware : Hardware
+        The depth of a layout without a spec.
+
+    Returns
+    -------
+    dict of str to Metric
+        The angle of the views above the horizon, or above the axis of an arm's flange; for a free-standing device, the
+        smallest height of the middle ray above the desk at the depths of the design.
+    """
+    checks = {"device.look_deg": Metric(value=round(back.table.look_deg, 2), unit="deg")}
+    if back.stand is not None:
+        up = back.rig_from_stand[:, 2]
+        height = min(aim_in_rig(layout, depth) @ up for depth in design_depths_mm(layout, hardware)) - back.stand.z_mm
+        checks["device.above_desk_mm"] = Metric(
+            value=round(float(height), 1), unit="mm", limit=0.0, lower_is_better=False
+        )
+    return checks
+
+
 def tipping_angle_deg(stand: Stand, centre_mm: FloatArray) -> float:
     """The smallest tilt in deg, over any side of its base, at which a device falls over; negative if it cannot stand.
 
-    The centre of mass (3,) is above the side at a tilt of atan(d / h), with d its horizontal distance from the side and
-    h its height.
+    The centre of mass (3,), in the stand frame, is above the side at a tilt of atan(d / h), with d its horizontal
+    distance from the side and h its height.
     """
     starts, ends = stand.corners, np.roll(stand.corners, -1, axis=0)
     directions = (ends - starts) / np.linalg.norm(ends - starts, axis=1)[:, None]
@@ -167,10 +197,16 @@ def tipping_angle_deg(stand: Stand, centre_mm: FloatArray) -> float:
     return float(np.degrees(np.arctan2(distance, centre_mm[2] - stand.z_mm)))
 
 
-def tripod_turns(screw_mm: float, nut: manifold3d.Manifold | None, part: manifold3d.Manifold | None) -> float:
-    """Turns of a tripod's screw, `screw_mm` long, in the nut above a part's lower face; 0 if nut or part is missing."""
+def tripod_turns(
+    screw_mm: float, nut: manifold3d.Manifold | None, part: manifold3d.Manifold | None, up: FloatArray
+) -> float:
+    """Turns of a tripod's screw, `screw_mm` long, in the nut above a part's lower face; 0 if nut or part is missing.
+
+    The screw points along the unit vector `up` (3,).
+    """
     if nut is None or part is None:
         return 0.0
-    thread_start = nut.bounding_box()[2] - part.bounding_box()[2]
+    nut_low, part_low = (float((solid.to_mesh64().vert_properties[:, :3] @ up).min()) for solid in (nut, part))
+    thread_start = nut_low - part_low
     thread = thread_of(TRIPOD)
     return max(0.0, min(screw_mm - thread_start, thread.nut_height_mm)) / thread.pitch_mm

@@ -16,8 +16,11 @@ from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.backs.back import carried_load
+from mirrorcam.cad.checks.load_checks import check_aim
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
 from mirrorcam.cad.guide.camera_measures import MEASUREMENTS
+from mirrorcam.cad.guide.side_view import look_text
 from mirrorcam.cad.holder.carriers import PITCH_MM, tilt_per_turn_deg
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
@@ -27,6 +30,7 @@ from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.device_names import COUPON, COVER
 from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.cad.plan.stand import design_depths_mm
 from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.names import markdown_text
@@ -93,6 +97,7 @@ def write_guide(
         settings=PRINT_SETTINGS,
         covered=next((part.number for part in parts if part.name == COVER), ""),
         tightening=_tightening_rows(components, hardware),
+        look=_look_texts(device),
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
     )
     write_text(folder / "guide.md", text)
@@ -153,6 +158,22 @@ def _nest_texts(device: Device) -> dict[str, Any]:
     for position, screw in zip(("back", "end"), clip.nest.screws, strict=True):
         contacts[f"{position}_screw"] = f"M3 x {screw.length_mm:g} screw"
     return texts | contacts
+
+
+def _look_texts(device: Device) -> dict[str, Any]:
+    """Where the device looks as it stands, and to which side it is heavier and its desk foot longer."""
+    back, foot, layout = device.back, device.mount.foot, device.layout
+    load = carried_load(device.mount, device.clip, device.hardware)
+    texts = {
+        "text": look_text(back.table.look_deg),
+        "heavier": "scene" if load.centre[1] > foot.screws[:, 1].min() else "back",
+        "depth_mm": f"{design_depths_mm(layout, device.hardware)[-1]:g}",
+    }
+    if back.stand is None:
+        return texts
+    before, behind = back.stand.corners[:, 1].max() - foot.edge_y_mm, foot.back_y_mm - back.stand.corners[:, 1].min()
+    above_mm = check_aim(back, layout, device.hardware)["device.above_desk_mm"].value
+    return texts | {"longer": "scene" if before > behind else "back", "above_mm": above_mm}
 
 
 def _carrier_texts(device: Device) -> dict[str, Any]:

@@ -40,7 +40,7 @@ def files_of(hardware: Hardware, *, elastic: bool = False) -> tuple[str, ...]:
     return (
         *("index.html", "guide.md", "checks.json", "bom.md", "bom.csv", "bom.json", "assembly.step", "assembly.glb"),
         *(f"parts/{part}.{extension}" for part in parts for extension in ("step", "stl", "3mf")),
-        *(f"drawings/{part}.{extension}" for part in (*parts, "assembly") for extension in ("svg", "pdf")),
+        *(f"drawings/{part}.{extension}" for part in (*parts, "assembly", "side_view") for extension in ("svg", "pdf")),
         *(f"mirrors/mirrors{sheet}.{extension}" for sheet in ("", "_[0-9]*") for extension in ("dxf", "svg")),
         *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
         *("NOTICE.txt", "source/layout.json", "source/hardware.toml"),
