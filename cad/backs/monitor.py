@@ -73,6 +73,7 @@ def plan_monitor(table: MonitorBack, foot: Foot, load: Load, hardware: Hardware)
         length(screen, screen - table.hook_mm * ABOVE),
         length(step, step - PAD_MM * ABOVE),
         length(step, np.array([-half, screen_y, low_z])),
+        *([length(screen, np.array([-half, front_y, pad_z]), "", ALONG_Y)] if front_y > screen_y + HOOK_MM else []),
     )
     jaw_y = screen_y - table.thick_mm
     screw_y = jaw_y - LEG_MM - TO_SCREW_MM
