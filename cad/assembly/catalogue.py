@@ -22,14 +22,13 @@ from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.mount import rotation_2d
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.parts.truss import foot_plate_mm
-from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
+from mirrorcam.cad.plan.device_names import CAMERA, CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
 from mirrorcam.cad.plan.fasteners import COUNTERSUNK, X_AXIS, Stack, exit_move, frame_along
-from mirrorcam.cad.plan.part_plan import FORMING, NamedFace, PartPlan, PurchasedItem, Rgb
+from mirrorcam.cad.plan.part_plan import NamedFace, PartPlan, PurchasedItem, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import seat_height_mm
 from mirrorcam.cad.splitting import Pieces, split
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 # Print orientations of a part: rows are the bed's x, y and z in the rig frame.
@@ -196,16 +195,13 @@ def _thread(
 
 
 def _camera_screws(device: Device) -> Iterator[PurchasedItem]:
-    """The fasteners of the camera in its clip: sprung screws on a body, or a board's own screws."""
+    """The fasteners of the camera in its clip: sprung screws on a body, screws in its threads, or those of a board."""
     clip, hardware = device.clip, device.hardware
     clip_move = np.array(EXPLODE[CLIP])
-    held_by = hardware.camera.held_by
-    if not isinstance(held_by, Lips):
-        for head in clip.board_screws:
-            size = f"M{held_by.screw_mm:g}{FORMING}"
-            yield PurchasedItem(
-                "screw", size, held_by.screw_length_mm, frame_along(head, UP), clip_move + 20.0 * UP, (CLIP,)
-            )
+    for screw in clip.screws:
+        joins = (CLIP, CAMERA) if screw.engaged_mm else (CLIP,)
+        frame = frame_along(screw.head, screw.out)
+        yield PurchasedItem("screw", screw.size, screw.length_mm, frame, clip_move + 20.0 * screw.out, joins)
     for sprung in clip.nest.screws if clip.nest else ():
         out = -sprung.axis
         yield PurchasedItem(

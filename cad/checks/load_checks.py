@@ -16,6 +16,7 @@ from mirrorcam.cad.backs.back import Back, Stand
 from mirrorcam.cad.backs.blocks import TRIPOD
 from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, body_box, min_contact_n
 from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.parts.corner_clip import MIN_ENGAGED
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.device_names import CLIP
 from mirrorcam.cad.plan.fasteners import thread_of
@@ -59,7 +60,12 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
         f"{CLIP}.{name}": Metric(value=round(value, digits), unit=unit)
         for name, (value, unit, digits) in figures.items()
     }
-    if clip.nest is None:
+    engaged = [screw.engaged_mm / thread_of(screw.size).diameter_mm for screw in clip.screws if screw.engaged_mm]
+    if engaged:
+        reclamped[f"{CLIP}.camera_thread"] = Metric(
+            value=round(min(engaged), 2), unit="diameters", limit=MIN_ENGAGED, lower_is_better=False
+        )
+    if clip.nest is None or not clip.nest.screws:
         return reclamped
     printer, camera = hardware.printer, hardware.camera
     weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g

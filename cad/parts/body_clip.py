@@ -258,7 +258,6 @@ def hold_body(camera: CameraBody, lips: Lips, boss_radius_mm: float, hardware: H
         inner_y_mm=tray.wall_mm,
         x_mm=(float(ends[0]), float(ends[1])),
         z_mm=(bottom, top),
-        board_screws=np.zeros((0, 3)),
         nest=nest,
     )
 

@@ -7,11 +7,11 @@ that bends when the screw is turned further after contact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from mirrorcam.cad.plan.fasteners import Bore, Hexagon
+from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
@@ -44,7 +44,12 @@ class Leaf:
 
         Only the leaf deforms: the screw's displacement along its axis is the deflection times the cosine.
         """
-        return CONTACT_TURNS * PITCH_MM / self.cosine
+        return self.advance_mm / self.cosine
+
+    @property
+    def advance_mm(self) -> float:
+        """Advance of the screw along its axis beyond contact."""
+        return CONTACT_TURNS * PITCH_MM
 
     @property
     def _difference_of_cubes_mm3(self) -> float:
@@ -189,17 +194,33 @@ def tie_height_mm(hardware: Hardware) -> float:
 
 
 @dataclass(frozen=True)
+class CameraScrew:
+    """A screw of a camera: the centre (3,) of its head's rim, the direction (3,) out of its head, size and length.
+
+    It engages `engaged_mm` of a thread in the camera; 0 for a screw that forms its thread in the clip.
+    """
+
+    head: FloatArray
+    out: FloatArray
+    size: str
+    length_mm: float
+    engaged_mm: float = 0.0
+
+
+@dataclass(frozen=True)
 class Cradle:
     """The part of a clip that holds a camera, in the rig frame, mm: pieces, cuts, and the extent of the joining wall.
 
     The wall's face towards the camera is at y = `inner_y_mm`; it spans `x_mm` (from, to) and `z_mm` (from, to).
-    `board_screws` (n, 3) are the positions of the heads of a board's own screws; a body has a nest.
+    `screws` are those of a board, or in a body's own threads. A body rests on the six points of a `nest`; without
+    sprung screws, `straps_mm` (n, 3) are the x coordinates of both slots of each tie round the body, and their z.
     """
 
     pieces: tuple[Frustum, ...]
-    cuts: tuple[Frustum | Bore | Hexagon, ...]
+    cuts: tuple[Frustum | Bore | Countersink | Hexagon, ...]
     inner_y_mm: float
     x_mm: tuple[float, float]
     z_mm: tuple[float, float]
-    board_screws: FloatArray
+    screws: tuple[CameraScrew, ...] = ()
     nest: Nest | None = None
+    straps_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))

@@ -6,6 +6,8 @@ from mirrorcam.cad.plan.hardware import Hardware
 
 HOLDER, MOUNT, CLIP, COUPON, COVER = "mirror_holder", "mount", "camera_clip", "fit_coupon", "dust_cover"
 """Names of printed parts; the table of an adapter names its own parts."""
+CAMERA = "camera"
+"""Name of the camera among the pieces of a device."""
 UNMOUNTED = (COUPON, COVER)
 """Printed parts that are not mounted while the device is in use."""
 CARRIER = "carrier_"

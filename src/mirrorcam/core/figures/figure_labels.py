@@ -18,6 +18,7 @@ ASSEMBLY: Mapping[str, str] = {
     "centre_y_mm": "centre of mass, y",
     "centre_z_mm": "centre of mass, z",
     "tips_at_deg": "tipping angle",
+    "camera_thread": "screws in the camera's threads",
     "look_deg": "views above the horizon",
     "above_desk_mm": "middle ray above the desk",
     "tripod_turns": "turns of a tripod's screw",
