@@ -200,7 +200,7 @@ def also_needed(device: Device) -> tuple[Tool, ...]:
         Tool("calibration board, printed on paper", "`mirrorcam board --out board.pdf` makes the page, at 100 %"),
         Tool("flat stiff plate of the same size, glass or aluminium", "to glue the board on"),
     ]
-    if device.hardware.camera.held_by.kind == "lips" and device.hardware.camera.held_by.display:
+    if device.clip.tray is not None and not device.hardware.camera.has_cable:
         needed.append(Tool("dot of felt, 1 mm thick", "between the display and the screw"))
     return tuple(needed)
 

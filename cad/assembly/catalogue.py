@@ -202,7 +202,7 @@ def _camera_screws(device: Device) -> Iterator[PurchasedItem]:
         joins = (CLIP, CAMERA) if screw.engaged_mm else (CLIP,)
         frame = frame_along(screw.head, screw.out)
         yield PurchasedItem("screw", screw.size, screw.length_mm, frame, clip_move + 20.0 * screw.out, joins)
-    for sprung in clip.nest.screws if clip.nest else ():
+    for sprung in clip.tray.screws if clip.tray else ():
         out = -sprung.axis
         yield PurchasedItem(
             "screw", "M3", sprung.length_mm, frame_along(sprung.head, out), clip_move + 25.0 * out, (CLIP,)

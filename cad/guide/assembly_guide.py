@@ -25,6 +25,7 @@ from mirrorcam.cad.holder.carriers import PITCH_MM, tilt_per_turn_deg
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of, stock_kind
+from mirrorcam.cad.parts.camera_box import CONTACT_TURNS
 from mirrorcam.cad.parts.coupon import MIRROR_MM, gauges_of
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.device_names import COUPON, COVER
@@ -34,7 +35,7 @@ from mirrorcam.cad.plan.stand import design_depths_mm
 from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.names import markdown_text
-from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
+from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody
 from mirrorcam.optics.geometry.layout import Layout
 
 WEB = Path(__file__).parents[1] / "web"
@@ -70,7 +71,8 @@ def write_guide(
         gap_mm=hardware.fit.free_mm,
         cures=_cure_texts(device),
         test_mm=MIRROR_MM,
-        lips=hardware.camera.held_by.kind == "lips",
+        tray=device.clip.tray is not None,
+        straps=len(device.clip.straps_mm),
         nest=_nest_texts(device),
         inserts=hardware.screw.kind == "insert",
         parts=parts,
@@ -145,17 +147,18 @@ def _nest_texts(device: Device) -> dict[str, Any]:
     held_by = hardware.camera.held_by
     texts = {
         "contact_um": f"{1000.0 * CONTACT_MM:.0f}",
-        "play_mm": "" if isinstance(held_by, Lips) else f"{held_by.play_mm:.2f}",
+        "play_mm": f"{held_by.play_mm:.2f}" if isinstance(held_by, BoardHoles) else "",
         "shift_um": f"{1000.0 * repeats.shift_mm:.0f}",
         "turn_deg": f"{repeats.rotation_deg:.2f}",
         "image_px": f"{repeats.image_px:.1f}",
         "views_px": f"{repeats.between_views_px:.1f}",
     }
-    if clip.nest is None:
+    if clip.tray is None:
         return texts
-    back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.nest.screws)
-    contacts = {"v": bool(abs(clip.nest.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
-    for position, screw in zip(("back", "end"), clip.nest.screws, strict=True):
+    back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.tray.screws)
+    contacts = {"v": bool(abs(clip.tray.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
+    contacts["turns"] = f"{CONTACT_TURNS:g}"
+    for position, screw in zip(("back", "end"), clip.tray.screws, strict=True):
         contacts[f"{position}_screw"] = f"M3 x {screw.length_mm:g} screw"
     return texts | contacts
 

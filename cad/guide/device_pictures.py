@@ -53,7 +53,7 @@ FIRST_END = "this end goes in first"
 
 def viewers(clip: ClipPlan) -> tuple[FloatArray, FloatArray]:
     """Directions (3,) in the rig frame towards the two viewers: above the lens, and behind the camera."""
-    mirrored = np.array([first_side(clip.nest) if clip.nest else -1.0, 1.0, 1.0]) * (-1.0, 1.0, 1.0)
+    mirrored = np.array([first_side(clip.tray) if clip.tray else -1.0, 1.0, 1.0]) * (-1.0, 1.0, 1.0)
     return np.array(ABOVE_SCENE) * mirrored, np.array(BELOW_SCENE) * mirrored
 
 
@@ -72,30 +72,33 @@ def notes_of(clip: ClipPlan) -> tuple[tuple[str, FloatArray], ...]:
     left, right, z = clip.tie_mm
     inner_y = clip.slide_y_mm + clip.slide.wall_mm
     notes = [("slot of the cable tie", np.array([x, inner_y, z])) for x in (left, right)]
+    notes += [("slot of a tie round the body", np.array([x, inner_y, z])) for *xs, z in clip.straps_mm for x in xs]
     if clip.nest is None:
         return tuple(notes)
     points = clip.nest.points
+    if clip.tray is None:
+        return (*notes, ("fence", points[3]), ("fence", points[4]), ("stop", points[5]))
     notes += [("front pad", point) for point in points[:3]]
-    if is_v(clip.nest):
+    if is_v(clip.tray):
         return (*notes, ("V", points[3]), ("V", points[4]), ("side pad", points[5]))
     return (*notes, ("side pad", points[3]), ("side pad", points[4]), ("end pad", points[5]))
 
 
 def screw_label(clip: ClipPlan, screw: Component) -> str:
-    """The title of a camera's screw, with its position if it belongs to a nest."""
-    if clip.nest is None:
+    """The title of a camera's screw, with its position if it is sprung."""
+    if clip.tray is None:
         return screw.title
     centre = np.asarray(screw.mesh.bounds).mean(axis=0)
-    nearest = int(np.argmin([np.linalg.norm((own.head + own.tip) / 2.0 - centre) for own in clip.nest.screws]))
+    nearest = int(np.argmin([np.linalg.norm((own.head + own.tip) / 2.0 - centre) for own in clip.tray.screws]))
     return f"{('back', 'corner')[nearest]} screw, {screw.title.removesuffix(' screw')}"
 
 
 def tilted(clip: ClipPlan, triangles: FloatArray) -> FloatArray:
-    """The triangles (n, 3, 3) of a camera tilted about its first end on its path into a nest; a board is unchanged."""
-    if clip.nest is None:
+    """The triangles (n, 3, 3) of a camera tilted about its first end on its path into a tray; others are unchanged."""
+    if clip.tray is None:
         return triangles
-    side = first_side(clip.nest)
-    pivot = end_point(clip.nest, triangles)
+    side = first_side(clip.tray)
+    pivot = end_point(clip.tray, triangles)
     rotation = Rotation.from_euler("z", -side * TILT_DEG, degrees=True).as_matrix()
     return np.asarray((triangles - pivot) @ rotation.T + pivot)
 
@@ -286,9 +289,9 @@ def _camera(device: Device, stages: Stages) -> DevicePicture:
     for camera in stages.camera:
         body = displaced(camera, shift, name_of(camera)).body
         camera_items.append(Item(replace(body, triangles=tilted(clip, body.triangles)), name_of(camera)))
-        if clip.nest is not None:
-            end = end_point(clip.nest, body.triangles)
-            seat = end_point(clip.nest, triangles_of(camera))
+        if clip.tray is not None:
+            end = end_point(clip.tray, body.triangles)
+            seat = end_point(clip.tray, triangles_of(camera))
             direction = (seat - end) / np.linalg.norm(seat - end)
             arrow = arrow_head((end + seat) / 2.0, direction)
             camera_items.append(Item(arrow, FIRST_END, np.array([end, seat])))

@@ -156,6 +156,11 @@ class ClipPlan:
     tie_mm: tuple[float, float, float]
 
     @property
+    def tray(self) -> Nest | None:
+        """The nest with sprung screws of a body in a tray; None for a corner or a board."""
+        return self.nest if self.nest is not None and self.nest.screws else None
+
+    @property
     def slide_points(self) -> FloatArray:
         """Points (n, 3) in the rig frame where the slide's screws cross from the mount into the clip."""
         sides = (-self.slide_x_mm, self.slide_x_mm)

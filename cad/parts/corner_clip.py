@@ -36,8 +36,8 @@ PAD_MM, PAD_SIDE_MM, FENCE_MM = 0.8, 3.0, 12.0
 MIN_FENCE_MM = 2.0
 # Overlap of joined pieces.
 OVERLAP_MM = 0.5
-# Tension of a nylon tie of 2.5 mm after relaxation: an eighth of its strength in a loop, 80 N by its makers.
-TIE_N = 10.0
+# Tension of a nylon tie of 2.5 mm after relaxation: a quarter of its strength in a loop, 80 N by its makers.
+TIE_N = 20.0
 # Friction of plastic on plastic or painted metal, a low value, and the factor by which the ties hold more than needed.
 FRICTION, RESERVE = 0.25, 1.5
 # Ties round a body, at most, and the distance of a tie from the body's front and back.
@@ -143,7 +143,7 @@ def _screw(threads: Threads, through_mm: float, max_sink_mm: float) -> tuple[flo
         raise InputError(
             f"camera's {threads.thread} thread is {threads.thread_depth_mm:g} mm deep, but screws through "
             f"{through_mm:.1f} mm of clip engage less than {least:.1f} mm in it: expected at least "
-            f'{least + BELOW_TIP_MM:.1f} mm of thread_depth_mm; held_by.kind = "lips" holds the body without its threads'
+            f'{least + BELOW_TIP_MM:.1f} mm of thread_depth_mm; held_by.kind = "lips" holds the body by ties'
         )
     engaged, length = max(fits, key=lambda fit: (fit[0], -fit[1]))
     return length, engaged

@@ -59,6 +59,9 @@ class Printer(Value):
     plastic_mpa: float = Bounds(1.0, 1e6).field(
         2300.0, "modulus of elasticity of the plastic as printed (PLA: 2.2 to 2.4 GPa in data sheets)"
     )
+    plastic_creep: float = Bounds(0.0, 10.0).field(
+        0.5, "additional strain after 1000 h under a constant small stress, as a multiple of the elastic strain"
+    )
     plastic_strain: float = Bounds(1e-4, 0.2).field(
         0.0055,
         "largest strain of a leaf spring that stays bent: a quarter of the yield strain (PLA: 50 MPa / 2300 MPa = "
@@ -197,7 +200,7 @@ class ClipDimensions(Value):
 
     wall_mm: float = _positive(4.0, "thickness of walls, lips and the floor under a bare board")
     travel_mm: float = _positive(4.0, "travel of the clip from the nominal depth of the pupil, plus or minus")
-    behind_mm: float = _positive(1.0, "gap between the body's back and the leaf behind it")
+    behind_mm: float = _positive(1.5, "gap between the body's back and the leaf behind it")
     shaken_g: float = Bounds(0.1, 100.0).field(
         3.0, "largest acceleration, as a multiple of gravity, at which the camera stays in contact with its six points"
     )
