@@ -20,8 +20,9 @@ from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem, Rgb
 from mirrorcam.cad.plan.prisms import box, volume_mm3
 from mirrorcam.cad.plan.seats import Frustum
-from mirrorcam.cad.plan.stand import rotated
+from mirrorcam.cad.plan.stand import aim_in_rig, design_depths_mm, rotated
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 
 # Colours of the part under the mount's foot, and of the part fastened to it.
@@ -266,6 +267,14 @@ def in_rig(back: Back, rig_from_stand: FloatArray) -> Back:
         robot=back.robot and replace(back.robot, rig_from_link=frame @ back.robot.rig_from_link),
         rig_from_stand=rig_from_stand,
     )
+
+
+def above_desk_mm(back: Back, layout: Layout, hardware: Hardware) -> float | None:
+    """The smallest height of the middle ray above the desk at the depths of the design; None without a desk."""
+    if back.stand is None:
+        return None
+    up = back.rig_from_stand[:, 2]
+    return min(float(aim_in_rig(layout, depth) @ up) for depth in design_depths_mm(layout, hardware)) - back.stand.z_mm
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import manifold3d
 import numpy as np
 
 from mirrorcam.cad.assembly.components import item_names
-from mirrorcam.cad.backs.back import Back, Stand
+from mirrorcam.cad.backs.back import Back, Stand, above_desk_mm
 from mirrorcam.cad.backs.blocks import TRIPOD
 from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, body_box, min_contact_n
 from mirrorcam.cad.parts.clip import ClipPlan
@@ -22,7 +22,6 @@ from mirrorcam.cad.plan.device_names import CLIP
 from mirrorcam.cad.plan.fasteners import thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import MassProperties, PurchasedItem
-from mirrorcam.cad.plan.stand import aim_in_rig, design_depths_mm
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
@@ -181,12 +180,9 @@ def check_aim(back: Back, layout: Layout, hardware: Hardware) -> dict[str, Metri
         smallest height of the middle ray above the desk at the depths of the design.
     """
     checks = {"device.look_deg": Metric(value=round(back.table.look_deg, 2), unit="deg")}
-    if back.stand is not None:
-        up = back.rig_from_stand[:, 2]
-        height = min(aim_in_rig(layout, depth) @ up for depth in design_depths_mm(layout, hardware)) - back.stand.z_mm
-        checks["device.above_desk_mm"] = Metric(
-            value=round(float(height), 1), unit="mm", limit=0.0, lower_is_better=False
-        )
+    height = above_desk_mm(back, layout, hardware)
+    if height is not None:
+        checks["device.above_desk_mm"] = Metric(value=round(height, 1), unit="mm", limit=0.0, lower_is_better=False)
     return checks
 
 

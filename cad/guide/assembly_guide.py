@@ -16,8 +16,7 @@ from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.back import carried_load
-from mirrorcam.cad.checks.load_checks import check_aim
+from mirrorcam.cad.backs.back import above_desk_mm, carried_load
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
 from mirrorcam.cad.guide.camera_measures import MEASUREMENTS
 from mirrorcam.cad.guide.side_view import look_text
@@ -175,8 +174,8 @@ def _look_texts(device: Device) -> dict[str, Any]:
     if back.stand is None:
         return texts
     before, behind = back.stand.corners[:, 1].max() - foot.edge_y_mm, foot.back_y_mm - back.stand.corners[:, 1].min()
-    above_mm = check_aim(back, layout, device.hardware)["device.above_desk_mm"].value
-    return texts | {"longer": "scene" if before > behind else "back", "above_mm": above_mm}
+    above = above_desk_mm(back, layout, device.hardware)
+    return texts | {"longer": "scene" if before > behind else "back", "above_mm": above}
 
 
 def _carrier_texts(device: Device) -> dict[str, Any]:

@@ -253,7 +253,7 @@ def _glue(area_mm2: float, normal: FloatArray, count: int, hardware: Hardware) -
 def _camera(device: Device, nodes: FloatArray) -> Carried:
     """The camera, on the nodes around its points of contact."""
     nest, body = device.clip.nest, body_box(device.hardware.camera)
-    contacts = device.np.array([screw.head for screw in device.clip.screws]) if nest is None else nest.points
+    contacts = np.array([screw.head for screw in device.clip.screws]) if nest is None else nest.points
     carrying = np.linalg.norm(nodes[:, None] - contacts, axis=2).min(axis=1) < CONTACT_RADIUS_MM
     centre = (body.low + body.high) / 2.0
     return Carried(np.flatnonzero(carrying), np.zeros(3), device.hardware.camera.mass_g / 1000.0 * G, centre)
