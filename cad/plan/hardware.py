@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from mirrorcam.cad.plan.back_table import AnyBack, DeskBack
 from mirrorcam.cad.plan.prices import Prices
@@ -86,10 +86,18 @@ class Fastening(Value):
     insert_wall_mm: float = _positive(2.0, "material around an insert or a nut")
     nut_flats_mm: float = _positive(5.5, "width of a nut across flats (ISO 4032)")
     nut_height_mm: float = _positive(2.4, "height of the nut")
-    engaged_mm: float = _positive(4.0, "minimum thread engagement in an insert")
+    engaged_mm: float = _positive(2.5, "minimum thread engagement in an insert: 0.8 diameters, as in a steel nut")
     lengths_mm: tuple[_Size, ...] = Field(
         default=(5, 6, 8, 10, 12, 16, 20, 25, 30), min_length=1, description="lengths of screws on sale (ISO 4762)"
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.clearance_hole_mm <= 3.0:
+            raise ValueError(
+                f"clearance_hole_mm {self.clearance_hole_mm:g}, expected more than 3: the device's screws are M3"
+            )
+        return self
 
 
 class CompressionSpring(Value):
