@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.cad.assembly.build_steps import CAMERA, is_piece_of
+from mirrorcam.cad.assembly.build_steps import is_piece_of
 from mirrorcam.cad.assembly.components import Component
-from mirrorcam.cad.plan.device_names import CARRIER, CLIP, HOLDER, MOUNT
+from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.core.figures.figure_texts import TIMES
 
 # Prefix of the names of an adapter's parts.

@@ -36,6 +36,9 @@ class BackTable(Value):
     """Names of the printed parts."""
     on_arm: ClassVar[bool] = False
     """Whether the device is on a robot's arm, for which a robot description is written."""
+    look_deg: float = Bounds(-90.0, 90.0).field(
+        0.0, "angle of the views above the horizon as the device stands, or above the axis of an arm's flange"
+    )
 
     @property
     def ring_gauge(self) -> RingGauge | None:

@@ -187,7 +187,9 @@ def stack(grip_mm: float, hardware: Hardware) -> Stack:
     needed = washer + grip_mm + 2.0 * hardware.printer.wall_mm + screw.nut_height_mm + NUT_FIT_MM
     lengths = [length for length in screw.lengths_mm if length >= needed]
     if not lengths:
-        raise InputError(f"M3 screws through {grip_mm:g} mm must be {needed:.1f} mm long, longer than any on the list")
+        raise InputError(
+            f"M3 screws through {grip_mm:g} mm must be {needed:.1f} mm long, expected one in lengths_mm under [screw]"
+        )
     wall = min(lengths) - grip_mm - washer
     return Stack(grip_mm, wall, min(lengths), wall - screw.nut_height_mm - NUT_FIT_MM, screw.nut_height_mm, washer)
 
@@ -207,7 +209,8 @@ def stack_into(
     if engaged < needed - 1e-9:
         raise InputError(
             f"M3 screws through {grip_mm:g} mm engage {max(engaged, 0.0):.1f} mm of the thread {start:g} to {end:g} mm "
-            f"deep, expected at least {needed:g} mm"
+            f"deep, expected at least {needed:g} mm: add to lengths_mm under [screw], now "
+            f"{', '.join(f'{length:g}' for length in screw.lengths_mm)}"
         )
     return Stack(grip_mm, wall_mm, max(lengths), start, engaged, washer)
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from mirrorcam.cad.plan.back_table import AnyBack, DeskBack
 from mirrorcam.cad.plan.prices import Prices
@@ -61,6 +61,9 @@ class Printer(Value):
     plastic_mpa: float = Bounds(1.0, 1e6).field(
         2300.0, "modulus of elasticity of the plastic as printed (PLA: 2.2 to 2.4 GPa in data sheets)"
     )
+    plastic_creep: float = Bounds(0.0, 10.0).field(
+        0.5, "additional strain after 1000 h under a constant small stress, as a multiple of the elastic strain"
+    )
     plastic_strain: float = Bounds(1e-4, 0.2).field(
         0.0055,
         "largest strain of a leaf spring that stays bent: a quarter of the yield strain (PLA: 50 MPa / 2300 MPa = "
@@ -85,10 +88,18 @@ class Fastening(Value):
     insert_wall_mm: float = _positive(2.0, "material around an insert or a nut")
     nut_flats_mm: float = _positive(5.5, "width of a nut across flats (ISO 4032)")
     nut_height_mm: float = _positive(2.4, "height of the nut")
-    engaged_mm: float = _positive(4.0, "minimum thread engagement in an insert")
+    engaged_mm: float = _positive(2.5, "minimum thread engagement in an insert: 0.8 diameters, as in a steel nut")
     lengths_mm: tuple[_Size, ...] = Field(
         default=(5, 6, 8, 10, 12, 16, 20, 25, 30), min_length=1, description="lengths of screws on sale (ISO 4762)"
     )
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if self.clearance_hole_mm <= 3.0:
+            raise ValueError(
+                f"clearance_hole_mm {self.clearance_hole_mm:g}, expected more than 3: the device's screws are M3"
+            )
+        return self
 
 
 class CompressionSpring(Value):
@@ -199,7 +210,7 @@ class ClipDimensions(Value):
 
     wall_mm: float = _positive(4.0, "thickness of walls, lips and the floor under a bare board")
     travel_mm: float = _positive(4.0, "travel of the clip from the nominal depth of the pupil, plus or minus")
-    behind_mm: float = _positive(1.0, "gap between the body's back and the leaf behind it")
+    behind_mm: float = _positive(1.5, "gap between the body's back and the leaf behind it")
     shaken_g: float = Bounds(0.1, 100.0).field(
         3.0, "largest acceleration, as a multiple of gravity, at which the camera stays in contact with its six points"
     )

@@ -42,6 +42,12 @@ class HardwareChoice(Value):
         + UNSET.format("glue"),
     )
 
+    look_deg: float | None = Field(
+        default=None,
+        description="angle of the views above the horizon as the device stands, or above the axis of an arm's flange. "
+        + UNSET.format("0"),
+    )
+
     def read(self, layout: Layout | None = None) -> Hardware:
         """Read the hardware of a device.
 
@@ -65,4 +71,6 @@ class HardwareChoice(Value):
             hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors=self.mounting))
         if self.adapter and self.adapter != hardware.back.kind:
             hardware = hardware.replaced(back=back_of(self.adapter))
+        if self.look_deg is not None:
+            hardware = hardware.replaced(back=hardware.back.replaced(look_deg=self.look_deg))
         return hardware
