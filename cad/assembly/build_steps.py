@@ -13,8 +13,8 @@ from mirrorcam.cad.assembly.components import item_title, standard_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, HOLDER, MOUNT
-from mirrorcam.cad.plan.fasteners import diameter_mm
 from mirrorcam.cad.plan.part_plan import PurchasedItem
+from mirrorcam.cad.plan.threads import diameter_mm
 
 # Regular expressions for the names of pieces.
 MIRROR, ADAPTER, CARRIERS = r"mirror_\d+(?:-\d+)?", r"adapter_\w+", rf"{CARRIER}\d+(?:-\d+)?"
@@ -146,7 +146,7 @@ def is_piece_of(name: str, kind: str) -> bool:
 
 # Width across flats of the hexagon socket by thread diameter, mm: table 1 of ISO 4762 and ISO 10642; ASME B18.3.
 SOCKETS_MM = {
-    "ISO 4762": {2.0: 1.5, 3.0: 2.5, 4.0: 3.0, 5.0: 4.0, 6.0: 5.0},
+    "ISO 4762": {2.0: 1.5, 2.5: 2.0, 3.0: 2.5, 4.0: 3.0, 5.0: 4.0, 6.0: 5.0},
     "ISO 10642": {3.0: 2.0, 4.0: 2.5, 5.0: 3.0, 6.0: 4.0},
     "ASME B18.3": {6.35: 3.97},
 }
@@ -174,9 +174,10 @@ def tools_of(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]
             Tool("goggles and cut-resistant gloves", "to break glass"),
             Tool("paint marker", "to label the mirrors"),
         ]
+    thread = device.hardware.screw.thread
     if any(item.kind == "insert" for item in items):
-        tools.append(Tool("soldering iron with a tip for M3 inserts", "at about 220 °C in PLA"))
-    if any((item.kind, item.size) == ("nut", "M3") for item in items):
+        tools.append(Tool(f"soldering iron with a tip for {thread} inserts", "at about 220 °C in PLA"))
+    if any((item.kind, item.size) == ("nut", thread) for item in items):
         tools.append(Tool("tweezers", "to place nuts"))
     tools += [
         Tool("5 ml syringe", "to lay beads of glue"),

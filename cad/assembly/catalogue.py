@@ -16,17 +16,18 @@ import numpy as np
 from mirrorcam.cad.assembly.device_plan import Device, connections
 from mirrorcam.cad.backs.back import BackJoint
 from mirrorcam.cad.backs.plan_backs import make_adapter
-from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
+from mirrorcam.cad.holder.adjuster import SUNK_MM, UNDER_NUT_MM
 from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.mount import rotation_2d
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.parts.truss import foot_plate_mm
 from mirrorcam.cad.plan.device_names import CAMERA, CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
-from mirrorcam.cad.plan.fasteners import COUNTERSUNK, X_AXIS, Stack, exit_move, frame_along
+from mirrorcam.cad.plan.fasteners import X_AXIS, Stack, exit_move, frame_along
 from mirrorcam.cad.plan.part_plan import NamedFace, PartPlan, PurchasedItem, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import seat_height_mm
+from mirrorcam.cad.plan.threads import COUNTERSUNK
 from mirrorcam.cad.splitting import Pieces, split
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid, transform
@@ -124,7 +125,7 @@ def purchased_items(device: Device) -> tuple[PurchasedItem, ...]:
         ),
         *_screws(device, slide, -TO_SCENE, clip.slide, (MOUNT, CLIP), slide_nut_exits_mm),
         *_screws(
-            device, back.foot_heads, -mount.foot.up_in_rig, back.foot, foot, foot_nut_exits_mm, size=back.foot_size
+            device, back.foot_heads, -mount.foot.up_in_rig, back.foot, foot, foot_nut_exits_mm, form=back.foot_form
         ),
         *(item for joint in back.joints for item in _joint_screws(device, joint)),
         *back.items,
@@ -157,7 +158,7 @@ def _screws(
     joins: tuple[str, str],
     nut_exits_mm: Callable[[Device, FloatArray], FloatArray],
     corners: FloatArray = X_AXIS,
-    size: str = "M3",
+    form: str = "",
 ) -> Iterator[PurchasedItem]:
     """Screws with their heads, or the washers under them, at points (n, 3), and their inserts or nuts.
 
@@ -168,9 +169,11 @@ def _screws(
     outer, inner = (explode_moves(device)[name] for name in joins)
     for head in heads:
         if stack.washer_mm > 0.0:
-            yield PurchasedItem("washer", "M3", stack.washer_mm, frame_along(head, out), outer + 23.0 * out, joins)
+            yield PurchasedItem(
+                "washer", screw.thread, stack.washer_mm, frame_along(head, out), outer + 23.0 * out, joins
+            )
         under_head = frame_along(head + stack.washer_mm * out, out)
-        yield PurchasedItem("screw", size, stack.length_mm, under_head, outer + 25.0 * out, joins)
+        yield PurchasedItem("screw", f"{screw.thread}{form}", stack.length_mm, under_head, outer + 25.0 * out, joins)
     mouths = heads - stack.grip_mm * out
     if screw.kind == "insert":
         moves = insert_exit_mm(out)
@@ -190,7 +193,7 @@ def _thread(
     screw = device.hardware.screw
     length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
     return PurchasedItem(
-        screw.kind, "M3", length, rig_from_item, part_move + exit_moves_mm.sum(axis=0), joins, exit_moves_mm
+        screw.kind, screw.thread, length, rig_from_item, part_move + exit_moves_mm.sum(axis=0), joins, exit_moves_mm
     )
 
 
@@ -205,7 +208,12 @@ def _camera_screws(device: Device) -> Iterator[PurchasedItem]:
     for sprung in clip.tray.screws if clip.tray else ():
         out = -sprung.axis
         yield PurchasedItem(
-            "screw", "M3", sprung.length_mm, frame_along(sprung.head, out), clip_move + 25.0 * out, (CLIP,)
+            "screw",
+            hardware.screw.thread,
+            sprung.length_mm,
+            frame_along(sprung.head, out),
+            clip_move + 25.0 * out,
+            (CLIP,),
         )
         seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
         insert = hardware.screw.kind == "insert"
@@ -229,7 +237,7 @@ def _carrier_items(device: Device) -> Iterator[PurchasedItem]:
             top = head - SUNK_MM * outward
             yield PurchasedItem(
                 "screw",
-                f"{SCREW}{COUNTERSUNK}",
+                f"{adjuster.thread}{COUNTERSUNK}",
                 adjuster.length_mm,
                 frame_along(top, outward),
                 holder_move + 25.0 * outward,

@@ -30,9 +30,9 @@ from build123d import (
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.device_names import CAMERA, CLIP, HOLDER, UNMOUNTED, carrier_name
-from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, THREADS, diameter_mm, thread_of
 from mirrorcam.cad.plan.part_plan import FORMING, BuiltPart, MassProperties, PurchasedItem, Rgb
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
+from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, THREADS, diameter_mm, thread_of
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Threads
 from mirrorcam.optics.geometry.mirror import Mirror

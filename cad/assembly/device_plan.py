@@ -19,11 +19,12 @@ from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
 from mirrorcam.cad.parts.dust_cover import CoverPlan, plan_cover
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
 from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
-from mirrorcam.cad.plan.fasteners import THREADS
+from mirrorcam.cad.plan.fasteners import with_holes_for_screws
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
 from mirrorcam.cad.plan.part_plan import Connection
 from mirrorcam.cad.plan.prisms import box, overlap_mm, require_clear_of_light, shifted
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
+from mirrorcam.cad.plan.threads import THREADS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles
@@ -83,6 +84,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         If the device cannot be made: a part would block light, a part cannot be printed, or a mirror cannot be cut. The
         message gives the dimension.
     """
+    hardware = with_holes_for_screws(hardware)
     require_same_camera(layout.camera, hardware.camera)
     _require_known_screws(hardware)
     require_cuttable(layout, hardware.cutting)

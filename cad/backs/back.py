@@ -93,7 +93,7 @@ class BackPart:
 
 @dataclass(frozen=True)
 class BackJoint:
-    """M3 screws between two parts of an adapter, into inserts or nuts.
+    """Screws between two parts of an adapter, into inserts or nuts.
 
     Their heads are at points (n, 3), `out` (3,) points from the tips to the heads, and `stack` is their grip and
     thread. Nuts have a corner towards `corners` (3,) and leave their seats by the moves `nut_exits_mm` (n, k, 3).
@@ -185,16 +185,17 @@ class Back:
     """An adapter of any kind, mm; its first part is screwed to the mount's foot.
 
     It is planned in the stand frame, and `in_rig` takes all of it but `stand` to the rig frame. The foot's screws, of
-    `foot_size`, have their heads at `foot_heads` (4, 3) and the stack `foot`. `joints` are further M3 screws with their
-    threads, `items` other purchased items, and `connections` the joints between its parts. `table` is the hardware's
-    table from which it was planned. `rig_from_stand` (3, 3) is the rotation to the rig frame.
+    the form `foot_form` ("" or `COUNTERSUNK`), have their heads at `foot_heads` (4, 3) and the stack `foot`. `joints`
+    are further screws with their threads, `items` other purchased items, and `connections` the joints between its
+    parts. `table` is the hardware's table from which it was planned. `rig_from_stand` (3, 3) is the rotation to the rig
+    frame.
     """
 
     table: Any
     parts: tuple[BackPart, ...]
     foot: Stack
     foot_heads: FloatArray
-    foot_size: str = "M3"
+    foot_form: str = ""
     joints: tuple[BackJoint, ...] = ()
     items: tuple[PurchasedItem, ...] = ()
     connections: tuple[Connection, ...] = ()

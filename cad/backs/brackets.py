@@ -34,11 +34,12 @@ from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, Foot, foot_stack
 from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back, VesaBack
 from mirrorcam.cad.plan.dimension import length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, frame_along, thread_of
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, frame_along
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem
 from mirrorcam.cad.plan.prisms import box, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
@@ -232,7 +233,7 @@ def _flange_back(
             BackPart(BRACKET, "Flange bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),
             BackPart(rear_part.name, title, rear_part, BACK_DOWN, SECOND_EXPLODE, SECOND_RGB),
         ),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=bracket.heads,
         items=tuple(
             PurchasedItem("screw", size, table.screw_mm, frame_along(head, ALONG_Y), screw_explode, (BRACKET,))
@@ -312,7 +313,7 @@ def plan_vesa(table: VesaBack, foot: Foot, load: Load, hardware: Hardware) -> Ba
     return Back(
         table=table,
         parts=(BackPart(NAME, "VESA bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=bracket.heads,
         items=tuple(items),
         supports=(Support("arm", (arm,)),),

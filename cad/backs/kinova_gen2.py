@@ -28,7 +28,7 @@ from mirrorcam.cad.backs.back import (
 from mirrorcam.cad.backs.blocks import ALONG_X
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE
 from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, FOOT_X_MM, Foot, foot_stack
-from mirrorcam.cad.plan.back_table import Gen2Back
+from mirrorcam.cad.plan.back_table import CAP_EAR_MM, Gen2Back
 from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import (
     NUT_FIT_MM,
@@ -51,7 +51,6 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 SADDLE, CAP = Gen2Back.parts
 UP = np.array([0.0, -1.0, 0.0])
-CAP_EAR_MM = 5.0
 EAR_OFFSET_MM = 0.3
 
 ARMS = "MICO and JACO with two fingers: m1n4s200, m1n6s200, j2n6s200, j2s6s200 of kinova-ros"
@@ -223,7 +222,7 @@ def _round_solid(radii_mm: tuple[float, float], y_mm: tuple[float, float], axis_
 
 def plan_clamp(wrist: Gen2Back, foot: Foot, hardware: Hardware) -> ClampPlan:
     """Lay out the clamp below the mount's foot; it is the same for all layouts."""
-    screwed, clamp = foot_stack(wrist.grip_mm, hardware), stack(CAP_EAR_MM + wrist.gap_mm, hardware)
+    screwed, clamp = foot_stack(hardware), stack(CAP_EAR_MM + wrist.gap_mm, hardware)
     position = _clamp_position(wrist, foot, hardware)
     spans, ears = _ears(wrist, position, hardware)
     heads = foot.screws - wrist.grip_mm * ABOVE

@@ -10,20 +10,11 @@ from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.truss import Foot, foot_stack
 from mirrorcam.cad.plan.back_table import MonitorBack
 from mirrorcam.cad.plan.dimension import length
-from mirrorcam.cad.plan.fasteners import (
-    COUNTERSUNK,
-    NUT_FIT_MM,
-    OUTSIDE_MM,
-    Bore,
-    Countersink,
-    Hexagon,
-    frame_along,
-    head_space_mm,
-    thread_of,
-)
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Countersink, Hexagon, frame_along, head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem
 from mirrorcam.cad.plan.prisms import box
+from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
@@ -119,7 +110,7 @@ def plan_monitor(table: MonitorBack, foot: Foot, load: Load, hardware: Hardware)
             BackPart(HOOK, "Monitor hook", hook, TOP_DOWN, HOOK_EXPLODE, RGB),
             BackPart(JAW, "Monitor jaw", jaw, TOP_DOWN, JAW_EXPLODE, SECOND_RGB),
         ),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=heads,
         items=tuple(items),
         connections=(Connection("jaw", HOOK, JAW, slide, slide),),

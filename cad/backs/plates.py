@@ -26,11 +26,12 @@ from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.truss import Foot, foot_stack
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
 from mirrorcam.cad.plan.dimension import Length, length
-from mirrorcam.cad.plan.fasteners import COUNTERSUNK, OUTSIDE_MM, Bore, frame_along, thread_of
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, frame_along
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.prisms import box, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
@@ -75,16 +76,16 @@ def back_of_plate(
     base = np.column_stack([outline, np.full(len(outline), plate.low_z_mm)])
     sink = plate.thickness_mm - table.grip_mm
     cuts = (
-        *(cut for head in plate.heads for cut in countersunk_hole(head, table.grip_mm, sink, "M3")),
+        *(cut for head in plate.heads for cut in countersunk_hole(head, table.grip_mm, sink, hardware.screw.thread)),
         *tripod_cuts(plate.nut_mouth, plate.thickness_mm, table.nut),
     )
     plan = BlocksPlan(name, (Frustum(base, base + plate.thickness_mm * ABOVE),), cuts, lengths)
     return Back(
         table=table,
         parts=(BackPart(name, title, plan, UPRIGHT, EXPLODE, RGB),),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=plate.heads,
-        foot_size=f"M3{COUNTERSUNK}",
+        foot_form=COUNTERSUNK,
         items=(tripod_nut(plate.nut_mouth, plate.thickness_mm, table.nut, name, EXPLODE),),
     )
 
@@ -203,7 +204,7 @@ def plan_arca(table: ArcaBack, foot: Foot, load: Load, hardware: Hardware) -> Ba
     return Back(
         table=table,
         parts=(BackPart(DOVETAIL, "Dovetail", plan, SIDE_DOWN, np.array([0.0, 0.0, -45.0]), RGB),),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=heads,
         critical_sections=(
             CriticalSection("over the slope", np.array([0.0, y, top]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck_half)),
@@ -230,7 +231,9 @@ def plan_profile(table: ProfileBack, foot: Foot, load: Load, hardware: Hardware)
     y, x = float(heads[:, 1].min()), foot.half_width_mm + SCREW_GAP_MM
     end, back = x + SCREW_TO_END_MM, foot.back_y_mm
     sink = table.plate_mm - table.grip_mm
-    cuts = [cut for head in heads for cut in countersunk_hole(head, table.grip_mm, sink, "M3", FLARE_MM)]
+    cuts = [
+        cut for head in heads for cut in countersunk_hole(head, table.grip_mm, sink, hardware.screw.thread, FLARE_MM)
+    ]
     grip = table.plate_mm - table.sunk_mm
     explode, items = np.array([0.0, 0.0, -45.0]), []
     for side in (-x, x):
@@ -268,9 +271,9 @@ def plan_profile(table: ProfileBack, foot: Foot, load: Load, hardware: Hardware)
     return Back(
         table=table,
         parts=(BackPart(PROFILE, "Profile plate", plan, UPRIGHT, explode, RGB),),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=heads,
-        foot_size=f"M3{COUNTERSUNK}",
+        foot_form=COUNTERSUNK,
         items=tuple(items),
         supports=(Support("profile", (profile,)),),
         critical_sections=(section,),

@@ -19,9 +19,9 @@ from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.corner_clip import MIN_ENGAGED
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.device_names import CLIP
-from mirrorcam.cad.plan.fasteners import thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import MassProperties, PurchasedItem
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout

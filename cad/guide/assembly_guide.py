@@ -20,7 +20,7 @@ from mirrorcam.cad.backs.back import above_desk_mm, carried_load
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
 from mirrorcam.cad.guide.camera_measures import MEASUREMENTS
 from mirrorcam.cad.guide.side_view import look_text
-from mirrorcam.cad.holder.carriers import PITCH_MM, tilt_per_turn_deg
+from mirrorcam.cad.holder.carriers import tilt_per_turn_deg, travel_turns
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of, stock_kind
@@ -32,6 +32,7 @@ from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.rectangles import coupon_mirror_mm, is_rectangular, is_sold_in_size
 from mirrorcam.cad.plan.stand import design_depths_mm
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.names import markdown_text
@@ -162,7 +163,7 @@ def _nest_texts(device: Device) -> dict[str, Any]:
     contacts = {"v": bool(abs(clip.tray.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
     contacts["turns"] = f"{CONTACT_TURNS:g}"
     for position, screw in zip(("back", "end"), clip.tray.screws, strict=True):
-        contacts[f"{position}_screw"] = f"M3 x {screw.length_mm:g} screw"
+        contacts[f"{position}_screw"] = f"{device.hardware.screw.thread} x {screw.length_mm:g} screw"
     return texts | contacts
 
 
@@ -194,10 +195,10 @@ def _carrier_texts(device: Device) -> dict[str, Any]:
         "spring_n": f"{holder.adjuster.force_n:.0f}",
         "inset_mm": f"{dimensions.carrier_inset_mm:g}",
         "adjust_deg": f"{dimensions.adjust_deg:g}",
-        "travel_turns": f"{holder.adjuster.travel_mm / PITCH_MM:.1f}",
+        "travel_turns": f"{travel_turns(holder.adjuster):.1f}",
         "min_tilt_deg": f"{min(tilts):.1f}",
         "max_tilt_deg": f"{max(tilts):.1f}",
-        "pitch_mm": f"{PITCH_MM:g}",
+        "pitch_mm": f"{thread_of(holder.adjuster.thread).pitch_mm:g}",
     }
 
 

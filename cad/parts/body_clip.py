@@ -30,6 +30,7 @@ from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, ROOF_IN_SKINS_D
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
 from mirrorcam.cad.plan.prisms import box, corners_of, prism_along_x, prism_along_z
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import THREADS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
@@ -371,6 +372,7 @@ def _back_screw(
         width,
         2.0,
         1.0,
+        THREADS[screw.thread].pitch_mm,
     )
     return SprungScrew(
         tip=tray.in_rig((u, y, float(tray.low[2]))),
@@ -406,6 +408,7 @@ def _far_screw(tray: Tray, boss_radius_mm: float, hardware: Hardware) -> SprungS
         max(width, MIN_FAR_LEAF_MM),
         3.0,
         1.0 / np.sqrt(2.0),
+        THREADS[screw.thread].pitch_mm,
         WALL_END_ROOT,
     )
     return SprungScrew(
@@ -438,7 +441,8 @@ def _screw_length_mm(mouth_mm: float, screw: Fastening) -> float:
     lengths = [length for length in screw.lengths_mm if length >= mouth_mm + SCREW_RESERVE_MM]
     if not lengths:
         raise InputError(
-            f"camera clip needs an M3 screw of {mouth_mm + SCREW_RESERVE_MM:.1f} mm, longer than any on the list"
+            f"camera clip needs an {screw.thread} screw of {mouth_mm + SCREW_RESERVE_MM:.1f} mm, longer than any in "
+            "lengths_mm under [screw]"
         )
     return min(lengths)
 

@@ -19,8 +19,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import CameraBody
 
 GRAVITY_N_PER_KG = 9.80665
-# Pitch of an M3 screw (ISO 261), its turns after it touches the body, and the error of a turn by hand.
-PITCH_MM = 0.5
+# Turns of a screw after it touches the body, and the error of a turn by hand.
 CONTACT_TURNS, TURN_ERROR = 0.5, 0.125
 # Tolerance of a leaf's thickness as printed, which its drawing states.
 LEAF_TOLERANCE_MM = 0.1
@@ -36,7 +35,7 @@ class Leaf:
 
     The last `stiff_mm`, round the thread, are rigid. The wall at its root yields as an elastic half-plane, `root` times
     as far: 1 in the middle of a wall, more at its end. `cosine` is that of the angle between the screw's axis and the
-    direction of deflection.
+    direction of deflection, `pitch_mm` the screw's pitch.
     """
 
     length_mm: float
@@ -44,6 +43,7 @@ class Leaf:
     width_mm: float
     thickness_mm: float
     cosine: float
+    pitch_mm: float
     root: float = 1.0
 
     @property
@@ -63,7 +63,7 @@ class Leaf:
         """
         bending, root = self._terms
         compliance = (bending / self.thickness_mm**3 + root / self.thickness_mm**2) / modulus_mpa
-        return turns * PITCH_MM / (compliance * self.cosine**2)
+        return turns * self.pitch_mm / (compliance * self.cosine**2)
 
     def least_force_n(self, modulus_mpa: float, creep: float) -> float:
         """The smallest force along the screw that is certain after 1000 h.
@@ -82,7 +82,7 @@ class Leaf:
     def with_least_force(self, force_n: float, modulus_mpa: float, creep: float) -> Leaf:
         """The leaf whose `least_force_n` is a given force."""
         bending, root = self._terms
-        advance = (CONTACT_TURNS - TURN_ERROR) * PITCH_MM
+        advance = (CONTACT_TURNS - TURN_ERROR) * self.pitch_mm
         load = force_n * (1.0 + creep) * self.cosine**2 / (modulus_mpa * advance)
         # load (bending / t^3 + root / t^2) = 1 has one positive root.
         roots = np.roots([1.0, 0.0, -load * root, -load * bending])

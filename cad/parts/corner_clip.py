@@ -22,10 +22,11 @@ from mirrorcam.cad.parts.camera_box import (
     tie_height_mm,
 )
 from mirrorcam.cad.parts.ties import tie_slot_mm
-from mirrorcam.cad.plan.fasteners import COUNTERSUNK, OUTSIDE_MM, ROOF_DEG, SUNK_HEAD, Bore, Countersink, thread_of
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, ROOF_DEG, Bore, Countersink
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import CameraBody, Threads

@@ -10,7 +10,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.camera_box import SCENE, UP
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.truss import Foot, Webs, foot_plate_mm
+from mirrorcam.cad.parts.truss import Foot, Webs, foot_plate_mm, foot_stack
 from mirrorcam.cad.plan.fasteners import (
     OUTSIDE_MM,
     ROOF_DEG,
@@ -19,7 +19,6 @@ from mirrorcam.cad.plan.fasteners import (
     Bore,
     Hexagon,
     head_space_mm,
-    stack,
     thread,
 )
 from mirrorcam.cad.plan.hardware import Hardware
@@ -65,7 +64,7 @@ def openings(
         start = screw_point - clip.slide.grip_mm * SCENE
         cuts.append(Bore(start, -SCENE, driver_radius, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
     for screw_point in foot.screws_in_rig:
-        cuts += thread(screw_point, foot.up_in_rig, UP, stack(mount.skin_mm, hardware), plate, screw)
+        cuts += thread(screw_point, foot.up_in_rig, UP, foot_stack(hardware), plate, screw)
     cuts += _cable_cuts(clip.slide_y_mm, foot, section, hardware)
     cuts += _scale_marks(clip, half_width, hardware)
     if abs(normal[0]) > 1e-6:

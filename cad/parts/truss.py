@@ -15,7 +15,7 @@ from shapely.ops import substring
 
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.plan.fasteners import Stack, head_space_mm, stack, stack_into
+from mirrorcam.cad.plan.fasteners import Stack, head_space_mm, stack
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
@@ -104,19 +104,12 @@ def foot_of(line: FloatArray, half_width_mm: float, hardware: Hardware) -> Foot 
 
 def foot_plate_mm(depth_mm: float, hardware: Hardware) -> float:
     """Thickness of the foot's plate, normal to it, which holds the adapter's screws, in a mount of given depth."""
-    return max(stack(hardware.mount.skin_mm, hardware).wall_mm, depth_mm / DEPTH_TO_PLATE_RATIO)
+    return max(foot_stack(hardware).wall_mm, depth_mm / DEPTH_TO_PLATE_RATIO)
 
 
-def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
-    """The screws of an adapter with `grip_mm` of material under their heads, into the threads of the mount's foot.
-
-    Their tips may protrude from the foot's plate into the hollow above it. Raises InputError if no screw on the list
-    engages.
-    """
-    in_mount, screw = stack(hardware.mount.skin_mm, hardware), hardware.screw
-    length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
-    max_depth = screw.insert_depth_mm if screw.kind == "insert" else in_mount.wall_mm + 1.0
-    return stack_into(grip_mm, (in_mount.begins_mm, in_mount.begins_mm + length), max_depth, in_mount.wall_mm, screw)
+def foot_stack(hardware: Hardware) -> Stack:
+    """The screws of the adapter into the threads of the mount's foot; raises InputError if none on the list engages."""
+    return stack(hardware.back.grip_mm, hardware)
 
 
 def inner_path(

@@ -14,13 +14,13 @@ from build123d import GeomType
 
 from mirrorcam.cad.assembly.components import tessellated
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.kinova_gen2 import CAP_EAR_MM, JOINT_RING_MM, ROUND_TO_MM, SHELL_MM, plan_clamp
+from mirrorcam.cad.backs.kinova_gen2 import JOINT_RING_MM, ROUND_TO_MM, SHELL_MM, plan_clamp
 from mirrorcam.cad.backs.plan_backs import make_adapter, make_ring, plan_back
 from mirrorcam.cad.checks.clashes import check_clashes
 from mirrorcam.cad.checks.device_checks import supports_of
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
-from mirrorcam.cad.plan.back_table import Gen2Back
+from mirrorcam.cad.plan.back_table import CAP_EAR_MM, Gen2Back
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.write.robot_link import link_from_rig

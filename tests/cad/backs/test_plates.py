@@ -21,7 +21,8 @@ from mirrorcam.cad.backs.plan_backs import MAKERS
 from mirrorcam.cad.backs.plates import FRONT_MM, back_of_plate, foot_plate, plan_arca, plan_desk
 from mirrorcam.cad.checks.load_checks import tipping_angle_deg
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
-from mirrorcam.cad.plan.fasteners import Countersink, thread_of
+from mirrorcam.cad.plan.fasteners import Countersink
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.errors import InputError
 from tests.cad.backs.planned_blocks import blocks_of, planned_back
 

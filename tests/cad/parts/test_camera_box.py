@@ -12,7 +12,6 @@ import pytest
 
 from mirrorcam.cad.parts.camera_box import (
     CONTACT_TURNS,
-    PITCH_MM,
     Leaf,
     Nest,
     body_box,
@@ -40,24 +39,24 @@ def nest() -> Nest:
 
 def test_a_leaf_bends_by_the_integrated_beam_equation() -> None:
     """Bent by a load at its end: curvature F (l - x) / (E I) up to its stiff part, integrated twice."""
-    leaf = Leaf(30.0, 8.0, 20.0, 2.5, 1.0, root=0.0)
+    leaf = Leaf(30.0, 8.0, 20.0, 2.5, 1.0, 0.5, root=0.0)
     force = leaf.force_n(MPA)
     x = np.linspace(0.0, 30.0, 300_001)
     curvature = np.where(x < 22.0, force * (30.0 - x) / (MPA * 20.0 * 2.5**3 / 12.0), 0.0)
     step = x[1]
     slope = np.cumsum(curvature) * step
-    assert float(np.sum(slope) * step) == pytest.approx(CONTACT_TURNS * PITCH_MM, rel=1e-3)
+    assert float(np.sum(slope) * step) == pytest.approx(CONTACT_TURNS * leaf.pitch_mm, rel=1e-3)
     assert curvature[0] * 2.5 / 2.0 == pytest.approx(leaf.strain(MPA), rel=1e-9)
 
 
 def test_an_oblique_screw_bends_its_leaf_more_and_presses_harder_than_a_normal_one() -> None:
     """By virtual work: the force along the screw is that of a straight one over the cosine squared."""
-    straight, oblique = Leaf(30.0, 8.0, 20.0, 2.5, 1.0), Leaf(30.0, 8.0, 20.0, 2.5, np.sqrt(0.5))
+    straight, oblique = Leaf(30.0, 8.0, 20.0, 2.5, 1.0, 0.5), Leaf(30.0, 8.0, 20.0, 2.5, np.sqrt(0.5), 0.5)
     assert oblique.force_n(MPA) == pytest.approx(2.0 * straight.force_n(MPA))
 
 
 def test_a_leaf_for_a_least_force_has_it() -> None:
-    leaf = Leaf(30.0, 8.0, 20.0, 2.5, np.sqrt(0.5), 2.1).with_least_force(7.0, MPA, 0.5)
+    leaf = Leaf(30.0, 8.0, 20.0, 2.5, np.sqrt(0.5), 0.5, 2.1).with_least_force(7.0, MPA, 0.5)
     assert leaf.least_force_n(MPA, 0.5) == pytest.approx(7.0)
     # New, as drawn, and turned as far as stated, it presses about twice as hard.
     assert 1.5 * 0.5 / 0.375 * 7.0 < leaf.force_n(MPA) < 2.5 * 7.0
@@ -65,12 +64,12 @@ def test_a_leaf_for_a_least_force_has_it() -> None:
 
 def test_the_roots_rotation_adds_its_lever_arm_to_the_deflection() -> None:
     """The additional deflection is that of O'Donnell's rotation under F l."""
-    leaf = Leaf(30.0, 8.0, 20.0, 2.5, 1.0)
+    leaf = Leaf(30.0, 8.0, 20.0, 2.5, 1.0, 0.5)
     rigid = replace(leaf, root=0.0)
     force = leaf.force_n(MPA)
-    bent = CONTACT_TURNS * PITCH_MM * force / rigid.force_n(MPA)
+    bent = CONTACT_TURNS * leaf.pitch_mm * force / rigid.force_n(MPA)
     rotation = 16.67 / np.pi * (1.0 - 0.35**2) * force * 30.0 / (MPA * 20.0 * 2.5**2)
-    assert bent + 30.0 * rotation == pytest.approx(CONTACT_TURNS * PITCH_MM)
+    assert bent + 30.0 * rotation == pytest.approx(CONTACT_TURNS * leaf.pitch_mm)
 
 
 def test_the_six_forces_hold_any_load_in_equilibrium(nest: Nest) -> None:

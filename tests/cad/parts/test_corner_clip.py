@@ -18,8 +18,8 @@ from mirrorcam.cad.parts.camera_box import body_box, error_jacobian
 from mirrorcam.cad.parts.clip import plan_clip
 from mirrorcam.cad.parts.corner_clip import MIN_ENGAGED
 from mirrorcam.cad.parts.part_solids import make_clip
-from mirrorcam.cad.plan.fasteners import thread_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.layout import Layout

@@ -24,7 +24,7 @@ from mirrorcam.cad.parts.truss import (
     truss,
     webs_between,
 )
-from mirrorcam.cad.plan.fasteners import head_space_mm, stack
+from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.core.errors import InputError
@@ -50,18 +50,19 @@ def test_plate_and_window_are_below_the_clip_and_the_screwdriver_holes(lean: flo
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 @pytest.mark.parametrize("grip_mm", [1.6, 5.5])
 def test_the_screws_of_a_back_hold_in_the_threads_of_the_plate(kind: str, grip_mm: float) -> None:
-    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
-    held = foot_stack(grip_mm, hardware)
-    assert held.wall_mm == stack(hardware.mount.skin_mm, hardware).wall_mm <= foot_plate_mm(FOOT_DEPTH_MM, hardware)
+    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind), back=HARDWARE.back.replaced(grip_mm=grip_mm))
+    held = foot_stack(hardware)
+    assert held.wall_mm <= foot_plate_mm(FOOT_DEPTH_MM, hardware)
     least = hardware.screw.engaged_mm if kind == "insert" else hardware.screw.nut_height_mm
     assert held.engaged_mm >= least - 1e-9
-    # There is plastic under an insert, and the hollow of the truss over a nut.
-    assert held.length_mm - grip_mm < (hardware.screw.insert_depth_mm if kind == "insert" else held.wall_mm + 1.0)
+    # There is plastic under an insert, and a nut at the end of its screw.
+    tip_mm = held.length_mm - grip_mm - held.washer_mm
+    assert tip_mm < (hardware.screw.insert_depth_mm if kind == "insert" else held.wall_mm + 1e-9)
 
 
 def test_screws_that_no_length_holds_are_refused() -> None:
     with pytest.raises(InputError, match=r"M3 screws through 40 mm engage 0\.0 mm of the thread"):
-        foot_stack(40.0, HARDWARE)
+        foot_stack(HARDWARE.replaced(back=HARDWARE.back.replaced(grip_mm=40.0)))
 
 
 @pytest.mark.parametrize("lean", LEANS_DEG)
