@@ -20,10 +20,11 @@ from mirrorcam.optics.geometry.transforms import transform
 
 # An edge within this angle of a groove counts as parallel to it, and leaves a thin wall next to it.
 PARALLEL_DEG = 30.0
-# Grooves end this far outside the rims, or within the pocket of an adjacent mirror, at this fraction of the fit from
-# the column behind that mirror.
+# Grooves end this far outside the rims, or from the column behind an adjacent mirror: this fraction of the fit if the
+# filler adjoins the column, otherwise in the slit between the two.
 PAST_RIM_MM = 0.2
 CLEARANCE_OF_FIT = 0.8
+SLIT_MM = 0.01
 
 
 @dataclass(frozen=True)
@@ -40,17 +41,18 @@ class Groove:
 def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardware: Hardware) -> tuple[Groove, ...]:
     """Parallel grooves of one mirror, evenly spaced about the centre of its outline; none in a narrow mirror.
 
-    They pass through notches of the rims and out of the part, or up to the column behind the adjacent mirror. Air and
-    surplus glue can escape, and no thin wall remains at their ends. `normal` (3,) points out of the part's back.
+    They pass through notches of the rims and out of the filler round the mirror, or up to the column behind the
+    adjacent mirror, which the filler adjoins. Air and surplus glue can escape, and no thin wall remains at their ends.
+    `normal` (3,) points out of the part's back.
     """
     dimensions, mirror = hardware.holder, mirrors[index]
     outline = Polygon(mirror.outline_in_plane_mm)
-    margin = hardware.fit.free_mm + dimensions.rim_mm + PAST_RIM_MM
-    enlarged = outline.buffer(margin, join_style="mitre", mitre_limit=2.0)
+    filler_mm = hardware.fit.free_mm + dimensions.rim_mm
+    margin = filler_mm + PAST_RIM_MM
+    filler, enlarged = (outline.buffer(mm, join_style="mitre", mitre_limit=2.0) for mm in (filler_mm, margin))
     columns = [_column(mirror, other, normal, hardware) for k, other in enumerate(mirrors) if k != index]
-    columns_area = union_all([column.buffer(CLEARANCE_OF_FIT * hardware.fit.free_mm) for column in columns])
     left, bottom, right, top = outline.bounds
-    half = dimensions.groove_mm / 2.0
+    half, clearance = dimensions.groove_mm / 2.0, CLEARANCE_OF_FIT * hardware.fit.free_mm
     steps = np.arange(0.5, 0.5 + (right - left) / dimensions.groove_pitch_mm)
     grooves = []
     for x in sorted(np.concatenate([-steps, steps]) * dimensions.groove_pitch_mm):
@@ -58,7 +60,11 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardwa
         if strip.intersection(outline).is_empty or not _clear_of_edges(outline, strip, hardware):
             continue
         centre_y = strip.intersection(outline).centroid.y
-        blocked = columns_area.intersection(strip)
+        own = filler.intersection(strip)
+        # A filler that ends in front of a column leaves a slit there, into which the groove opens.
+        blocked = union_all(
+            [column.buffer(clearance if own.intersects(column) else SLIT_MM).intersection(strip) for column in columns]
+        )
         ends_below = [part.bounds[3] for part in _parts(blocked) if part.bounds[3] < centre_y]
         ends_above = [part.bounds[1] for part in _parts(blocked) if part.bounds[1] > centre_y]
         shape = enlarged.intersection(
