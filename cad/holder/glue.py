@@ -20,11 +20,11 @@ from mirrorcam.optics.geometry.transforms import transform
 
 # An edge within this angle of a groove counts as parallel to it, and leaves a thin wall next to it.
 PARALLEL_DEG = 30.0
-# Grooves end this far outside the rims, or from the column behind an adjacent mirror: this fraction of the fit if the
-# filler adjoins the column, otherwise in the slit between the two.
+# Grooves end this far outside the rims, or at this fraction of the fit from the column behind an adjacent mirror.
 PAST_RIM_MM = 0.2
 CLEARANCE_OF_FIT = 0.8
-SLIT_MM = 0.01
+# Thickness, beyond a wall's, of what remains between a groove and a slit, whose sides are oblique to the groove's end.
+OBLIQUE_MM = 0.2
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,8 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardwa
     """Parallel grooves of one mirror, evenly spaced about the centre of its outline; none in a narrow mirror.
 
     They pass through notches of the rims and out of the filler round the mirror, or up to the column behind the
-    adjacent mirror, which the filler adjoins. Air and surplus glue can escape, and no thin wall remains at their ends.
-    `normal` (3,) points out of the part's back.
+    adjacent mirror. Air and surplus glue can escape, and no thin wall remains at their ends. `normal` (3,) points out
+    of the part's back.
     """
     dimensions, mirror = hardware.holder, mirrors[index]
     outline = Polygon(mirror.outline_in_plane_mm)
@@ -52,7 +52,7 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardwa
     filler, enlarged = (outline.buffer(mm, join_style="mitre", mitre_limit=2.0) for mm in (filler_mm, margin))
     columns = [_column(mirror, other, normal, hardware) for k, other in enumerate(mirrors) if k != index]
     left, bottom, right, top = outline.bounds
-    half, clearance = dimensions.groove_mm / 2.0, CLEARANCE_OF_FIT * hardware.fit.free_mm
+    half = dimensions.groove_mm / 2.0
     steps = np.arange(0.5, 0.5 + (right - left) / dimensions.groove_pitch_mm)
     grooves = []
     for x in sorted(np.concatenate([-steps, steps]) * dimensions.groove_pitch_mm):
@@ -61,10 +61,7 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardwa
             continue
         centre_y = strip.intersection(outline).centroid.y
         own = filler.intersection(strip)
-        # A filler that ends in front of a column leaves a slit there, into which the groove opens.
-        blocked = union_all(
-            [column.buffer(clearance if own.intersects(column) else SLIT_MM).intersection(strip) for column in columns]
-        )
+        blocked = union_all([_blocked(column, own, hardware).intersection(strip) for column in columns])
         ends_below = [part.bounds[3] for part in _parts(blocked) if part.bounds[3] < centre_y]
         ends_above = [part.bounds[1] for part in _parts(blocked) if part.bounds[1] > centre_y]
         shape = enlarged.intersection(
@@ -81,6 +78,16 @@ def _column(mirror: Mirror, other: Mirror, normal: FloatArray, hardware: Hardwar
     corners = outline_at(other, seat_height_mm(other, hardware)) - origin
     flat = corners - ((corners @ frame[:3, 2]) / (normal @ frame[:3, 2]))[:, None] * normal
     return Polygon(flat @ frame[:3, :2])
+
+
+def _blocked(column: Polygon, filler: Polygon, hardware: Hardware) -> BaseGeometry:
+    """The area that a groove spares round the column behind an adjacent mirror; `filler` is that along the groove.
+
+    Where the filler ends just in front of the column, a wall remains between the groove and the slit there.
+    """
+    clearance, slit_mm = CLEARANCE_OF_FIT * hardware.fit.free_mm, filler.distance(column)
+    is_slit = 0.0 < slit_mm < PAST_RIM_MM + clearance
+    return column.buffer(slit_mm + hardware.printer.wall_mm + OBLIQUE_MM if is_slit else clearance)
 
 
 def _parts(area: BaseGeometry) -> list[BaseGeometry]:

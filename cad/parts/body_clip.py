@@ -170,8 +170,10 @@ def back_leaf(tray: Tray, screw: SprungScrew, boss_radius: float, hardware: Hard
     top = float(screw.tip[2]) - hardware.clip.behind_mm
     low, half = float(screw.tip[2]) - screw.mouth_mm, screw.leaf.width_mm / 2.0
     leaf_z = top - screw.leaf.thickness_mm
+    # A leaf as thick as the boss is long leaves no slope.
+    slope = [(y - boss_radius - (leaf_z - low), leaf_z)] if leaf_z > low + 1e-9 else []
     boss = [
-        (y - boss_radius - (leaf_z - low), leaf_z),
+        *slope,
         (y - boss_radius, low),
         (y + boss_radius, low),
         (y + boss_radius, top),

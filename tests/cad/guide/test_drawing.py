@@ -17,6 +17,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -304,8 +305,8 @@ def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Devic
 @pytest.mark.parametrize("name", a_few(5, NAMES))
 def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name: str) -> None:
     """Every size, as often as in the plan, with its depth or "through"."""
-    plan = part_of(device, name).plan
-    plan = plan.plan if isinstance(plan, RotatedPlan) else plan
+    part = part_of(device, name).plan
+    plan: Any = part.plan if isinstance(part, RotatedPlan) else part
     wanted: Counter[str] = Counter()
     for cut in plan.cuts:
         if isinstance(cut, Bore):
