@@ -26,7 +26,7 @@ EDGE_GREY = 10.0
 """Step of a colour, of 255, that lowers the penalty of a depth edge by a factor of e."""
 EDGE_FLOOR = 0.2
 """Fraction of the penalty that remains at the strongest edge."""
-MIN_RATIO = 1.5
+MIN_RATIO = 1.0
 """Minimum ratio of the penalty of a larger step to the penalty of a step to the next plane."""
 SLANT_RADIUS_PX, SLANT_MEDIAN_PX = 3, 21
 SLANT_MEAN_PX = (145, 49, 17, 9)
