@@ -34,8 +34,8 @@ MAX_FINE_PLANES = 192
 """Maximum number of planes of a search over all planes at fine spacing; more are spaced coarsely."""
 NEXT_PLANE_PENALTY, JUMP_PENALTY = 2.5, 12.0
 """P1 and P2 of semi-global matching, as matching costs, for eight views besides the reference view."""
-NEXT_PLANE_POWER, JUMP_POWER = 0.3, 0.2
-"""Powers of eight over the number of views that scale the penalties: costs of fewer views are noisier."""
+PENALTY_POWER = 0.2
+"""Power of eight over the number of views that scales the penalties: costs of fewer views are noisier."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,10 +129,9 @@ def search(
         Planes to search at each pixel; all by default.
     """
     small_reference, *small_others = run(level.shrunk, [reference, *others])
-    views = 8.0 / len(others)
-    # A matching cost of 1, scaled for the lower noise of more than eight views.
-    unit = UNITS * min(views**NEXT_PLANE_POWER, 1.0)
-    penalties = round(NEXT_PLANE_PENALTY * unit), round(JUMP_PENALTY * UNITS * views**JUMP_POWER)
+    # A matching cost of 1, scaled for the noise of this number of views.
+    unit = UNITS * (8.0 / len(others)) ** PENALTY_POWER
+    penalties = round(NEXT_PLANE_PENALTY * unit), round(JUMP_PENALTY * unit)
     volume = matching_costs(
         channels(small_reference.colours),
         _stacked(small_others, run),

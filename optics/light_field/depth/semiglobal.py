@@ -24,7 +24,7 @@ MapFunction = Callable[..., Any]
 PATH_DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 EDGE_GREY = 10.0
 """Step of a colour, of 255, that lowers the penalty of a depth edge by a factor of e."""
-EDGE_FLOOR = 0.2
+EDGE_FLOOR = 0.1
 """Fraction of the penalty that remains at the strongest edge."""
 MIN_RATIO = 1.0
 """Minimum ratio of the penalty of a larger step to the penalty of a step to the next plane."""

@@ -32,6 +32,8 @@ NEIGHBOUR_PX = 8
 MARGIN_PLANES = 6
 """Planes searched beyond the known ones, nearer and farther."""
 MIN_PLANES = 3
+MAX_EXTRA_COSTS = 2.0
+"""Ratio of all planes to those near known depths up to which all are searched: wires too thin for a coarser level."""
 
 
 class PlaneMapping(NamedTuple):
@@ -190,7 +192,10 @@ def full_range(shape: tuple[int, int], plane_count: int) -> Ranges:
 
 
 def range_around(known_planes: Float32, plane_count: int) -> Ranges:
-    """Return the ranges near known planes (v, u), constant per tile and limited to `plane_count` planes."""
+    """Return the ranges near known planes (v, u), constant per tile and limited to `plane_count` planes.
+
+    All planes, if these are at most MAX_EXTRA_COSTS times as many.
+    """
     side = TILE_PX + 2 * NEIGHBOUR_PX
     # OpenCV's kernels of even side reach one pixel farther up and left, so the anchor centres them on the tiles.
     height, width = known_planes.shape
@@ -212,7 +217,9 @@ def range_around(known_planes: Float32, plane_count: int) -> Ranges:
     def per_pixel(tiles: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.repeat(np.repeat(tiles, TILE_PX, axis=0), TILE_PX, axis=1)[:height, :width]
 
-    return Ranges.of(per_pixel(low), per_pixel(high - low))
+    ranges = Ranges.of(per_pixel(low), per_pixel(high - low))
+    everything = full_range((height, width), plane_count)
+    return everything if everything.size <= MAX_EXTRA_COSTS * ranges.size else ranges
 
 
 @dataclass(frozen=True, eq=False)
