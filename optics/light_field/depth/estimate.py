@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
+from mirrorcam.optics.light_field.depth.confidence import log_odds, statistics
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, Parallax, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
@@ -31,7 +32,7 @@ from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, 
 from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, search
 from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
 from mirrorcam.optics.light_field.depth.sweep import range_around
-from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
+from mirrorcam.optics.light_field.depth.uncertainty import standard_deviation_px
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.temporal import TemporalFilter
 
@@ -170,7 +171,8 @@ class DepthEstimator:
         if not self.fits(light_field):
             raise InputError("light field differs in views or weights from the one that the estimator was built for")
         pictures = list(self._run(lambda index: ViewPicture.of(light_field, index), [self.reference, *self.others]))
-        reference, others = pictures[0], pictures[1:]
+        noise = pictures[0].noise_grey()
+        reference, *others = self._run(lambda picture: picture.smoothed(noise), pictures)
         reference_grey = reference.grey
         gains = self._run(lambda other: rough_gain(other.grey, reference_grey), others)
         others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
@@ -231,7 +233,17 @@ class DepthEstimator:
         step_px = np.float32(full.step_px)
         range_px, views = full.plane_count * full.step_px, len(self.others)
         lowest = result.lowest_cost
-        confidence = probability(planes * step_px, match, lowest.rivals, result.first_rivals, smoothness, result.halved)
+        confidence = self._confidence(
+            statistics(
+                planes * step_px,
+                match,
+                lowest.rivals,
+                result.first_rivals,
+                range_px=range_px,
+                views=views,
+                halved=result.halved,
+            )
+        )
         sigma_px = standard_deviation_px(match, smoothness, lowest.margin, confidence, views, result.halved, range_px)
         deviation = sigma_px * np.float32(full.step / full.step_px)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -245,6 +257,10 @@ class DepthEstimator:
             sigma_mm=np.where(valid, sigma, np.float32(np.nan)).astype(np.float32),
             confidence=np.where(valid, confidence, np.float32(0.0)).astype(np.float32),
         )
+
+    def _confidence(self, statistics: Float32) -> Float32:
+        """Return the probability (v, u) that the depth is right; training overrides this to record the statistics."""
+        return log_odds().probability(statistics)
 
 
 def _check(views: Views, near_mm: float, far_mm: float) -> None:

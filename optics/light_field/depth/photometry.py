@@ -1,6 +1,8 @@
-"""Equalisation of the brightness of views: by one gain before depth is known, by a linear function afterwards.
+"""Preparation of views for comparison: noise is smoothed, and their brightness equalised.
 
-Mirrors reflect unevenly and a lens darkens its corners, so a point's brightness differs by up to a fifth between views.
+Matching compares single pixels, so noise must be small at the size of a pixel: the noisier, the wider the smoothing.
+Mirrors reflect unevenly and a lens darkens its corners, so a point's brightness differs by up to a fifth between views:
+it is equalised by one gain before depth is known, by a linear function afterwards.
 """
 
 from __future__ import annotations
@@ -28,6 +30,16 @@ MIN_GAIN_CHANGE = 0.03
 """Minimum relative difference in brightness that is equalised before depth is known."""
 OCCLUSION_SCALES = (24.0, 12.0, 6.0, 6.0)
 """Scale of the robust loss per round, out of 255: larger differences probably show different surfaces."""
+NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / np.float32(6.0)
+"""Difference of two Laplacians: white noise keeps its deviation, planes and edges along an axis vanish."""
+NOISE_BLOCK_PX = 16
+NOISE_QUANTILE = 0.2
+"""Quantile of the blocks, by noise, that is taken as the noise: texture raises others."""
+MEDIAN_OF_NOISE = 0.6745
+USUAL_NOISE_GREY = 1.5
+"""Noise up to which nothing is smoothed; fine texture measures as much."""
+SMOOTHING_PX = 0.35
+"""Deviation of the smoothing for 1 grey level more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +95,24 @@ class ViewPicture:
         valid = self.valid[even]
         valid_rows = valid[::2] & valid[1::2]
         return ViewPicture(np.asarray(colours), valid_rows[:, ::2] & valid_rows[:, 1::2])
+
+    def noise_grey(self) -> float:
+        """Return the standard deviation of white noise in the second colour, grey levels (Immerkaer 1996, by medians)."""
+        green = np.ascontiguousarray(self.colours[..., 1])
+        side = NOISE_BLOCK_PX
+        rows, columns = green.shape[0] // side, green.shape[1] // side
+        if min(rows, columns) == 0:
+            return 0.0
+        residual = np.abs(cv2.filter2D(green, -1, NOISE_KERNEL))[: rows * side, : columns * side]
+        blocks = residual.reshape(rows, side, columns, side).transpose(0, 2, 1, 3).reshape(rows * columns, side * side)
+        return float(np.quantile(np.median(blocks, axis=1), NOISE_QUANTILE)) / MEDIAN_OF_NOISE
+
+    def smoothed(self, noise_grey: float) -> ViewPicture:
+        """Return the view smoothed as its noise requires."""
+        if noise_grey <= USUAL_NOISE_GREY:
+            return self
+        deviation_px = SMOOTHING_PX * float(np.sqrt(noise_grey - USUAL_NOISE_GREY))
+        return ViewPicture(np.asarray(cv2.GaussianBlur(self.colours, (0, 0), deviation_px)), self.valid)
 
     def multiplied(self, gain: Float32 | float) -> ViewPicture:
         """Return the view with its brightness multiplied by a gain, a number or a map (v, u)."""
