@@ -19,6 +19,7 @@ and remaps of all views, for more pixels and for more views over the same baseli
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from benchmarks.light_field_depth.scenes import print_scores
 from benchmarks.light_field_depth.speed import speed
@@ -40,6 +41,7 @@ def main() -> None:
     confidence_parser.add_argument("--train", nargs="+", default=[], metavar="SCENE[=TRUTH.pfm]")
     confidence_parser.add_argument("--test", nargs="+", default=[], metavar="SCENE[=TRUTH.pfm]")
     confidence_parser.add_argument("--step", type=int, default=4, help="steps of the full grid between views")
+    confidence_parser.add_argument("--figure", type=Path, help="SVG file of the reliability diagrams to write")
     confidence_parser.add_argument("--fast", action="store_true", help="test the fast quality; both are trained")
     for job in (scenes_parser, speed_parser, confidence_parser):
         add_json_option(job)
@@ -48,17 +50,11 @@ def main() -> None:
         write_record(options.json, "light_field_depth_speed", table=speed(options.rounds).table)
     elif options.job == "confidence":
         if options.train:
-            store(
-                train(
-                    tried(case, quality)
-                    for case in cases(options.train, options.step, TRAINING_SEED)
-                    for quality in ("best", "fast")
-                )
-            )
-        rows = report(
-            tried(case, "fast" if options.fast else "best") for case in cases(options.test, options.step, TEST_SEED)
-        )
-        write_record(options.json, "light_field_depth_confidence", table=rows.table)
+            training = cases(options.train, options.step, TRAINING_SEED)
+            store(train(tried(case, quality) for case in training for quality in ("best", "fast")))
+        quality = "fast" if options.fast else "best"
+        results = (tried(case, quality) for case in cases(options.test, options.step, TEST_SEED))
+        write_record(options.json, "light_field_depth_confidence", table=report(results, options.figure).table)
     else:
         rows = print_scores(options.scenes, options.every, options.step, "fast" if options.fast else "best")
         write_record(options.json, "light_field_depth_scenes", table=rows.table)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -34,21 +35,26 @@ ROOM_NOISES_GREY = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 class Case:
     """A light field, the true disparity (v, u) of its reference view at the longest baseline, and the search range.
 
-    The disparity is relative to the reference plane; NaN where unknown. Depths are in mm; None for the default.
+    `kind` is what makes it difficult. The disparity is relative to the reference plane, in multiples of `truth_step_px`; NaN where unknown. Depths are in
+    mm; None for the default.
     """
 
     name: str
+    kind: str
     light_field: LightField
     truth_px: Floats
     near_mm: float | None
     far_mm: float | None
+    truth_step_px: float = 0.0
 
     def noisy(self, grey: float, seed: int) -> Case:
         """Return the case with white noise of a standard deviation in grey levels."""
-        samples = self.light_field.samples
+        samples: Any = self.light_field.samples
         noise = grey * np.random.default_rng(seed).standard_normal(samples.shape, np.float32)
         changed = np.rint(np.clip(samples + noise, 0, 255)).astype(np.uint8)
-        return self._with(f"noise {grey:g}", LightField.of(self.light_field, changed, self.light_field.weights))
+        return self._with(
+            "noise", f"noise {grey:g}", LightField.of(self.light_field, changed, self.light_field.weights)
+        )
 
     def within(self, name: str, start: float, end: float) -> Case:
         """Return the case searched over a part of its range of inverse depth only, from fraction `start` to `end`."""
@@ -57,7 +63,11 @@ class Case:
         low, width = 1.0 / far, 1.0 / near - 1.0 / far
         low, high = low + start * width, low + end * width
         return replace(
-            self, name=f"{self.name}, {name}", near_mm=1.0 / high, far_mm=1.0 / low if low > 0 else float("inf")
+            self,
+            name=f"{self.name}, {name}",
+            kind="wrong range",
+            near_mm=1.0 / high,
+            far_mm=1.0 / low if low > 0 else float("inf"),
         )
 
     def exchanged(self, seed: int) -> Case:
@@ -67,9 +77,9 @@ class Case:
         others = np.delete(np.arange(count), count // 2)
         order = np.arange(count)
         order[others] = np.random.default_rng(seed).permutation(others)
-        samples = light_field.samples.reshape(count, *light_field.samples.shape[2:])[order]
+        samples: Any = light_field.samples.reshape(count, *light_field.samples.shape[2:])[order]
         changed = np.ascontiguousarray(samples.reshape(light_field.samples.shape))
-        return self._with("wrong order", LightField.of(light_field, changed, light_field.weights))
+        return self._with("wrong order", "wrong order", LightField.of(light_field, changed, light_field.weights))
 
     def some_views(self, rows: int, cols: int) -> Case:
         """Return the case with `rows` x `cols` of its 3 x 3 views: the central one and those around or after it."""
@@ -79,11 +89,12 @@ class Case:
             Views(**{field.name: getattr(light_field, field.name) for field in fields(Views)}),
             positions_mm=light_field.positions_mm[part],
         )
-        samples, weights = (np.ascontiguousarray(a[part]) for a in (light_field.samples, light_field.weights))
-        return self._with(f"{rows} x {cols} views", LightField.of(views, samples, weights))
+        samples: Any = np.ascontiguousarray(light_field.samples[part])
+        weights = np.ascontiguousarray(light_field.weights[part])
+        return self._with("few views", f"{rows} x {cols} views", LightField.of(views, samples, weights))
 
-    def _with(self, change: str, light_field: LightField) -> Case:
-        return replace(self, name=f"{self.name}, {change}", light_field=light_field)
+    def _with(self, kind: str, change: str, light_field: LightField) -> Case:
+        return replace(self, name=f"{self.name}, {change}", kind=kind, light_field=light_field)
 
 
 def read_case(text: str, step: int) -> Case:
@@ -112,13 +123,13 @@ def read_case(text: str, step: int) -> Case:
     inner = (slice(BORDER_PX, -BORDER_PX),) * 2
     truth_px = np.full_like(disparity, np.nan)
     truth_px[inner] = disparity[inner] * np.float32(max(light_field.rows, light_field.cols) // 2)
-    return Case(path.name, light_field, truth_px, *(scene.depth_range_mm or (None, None)))
+    return Case(path.name, "rendered", light_field, truth_px, *(scene.depth_range_mm or (None, None)))
 
 
 def _read_pair(folder: Path, names: tuple[str, str, str], units: float) -> Case:
     left, right, stored = (cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED) for name in names)
     assert left is not None and right is not None and stored is not None
-    pictures = np.stack([np.ascontiguousarray(picture[..., ::-1]) for picture in (left, right)])[None]
+    pictures: Any = np.stack([np.ascontiguousarray(picture[..., ::-1]) for picture in (left, right)])[None]
     height, width = left.shape[:2]
     views = Views(
         positions_mm=np.array([[[0.0, 0.0, 0.0], [PAIR_STEP_MM, 0.0, 0.0]]]),
@@ -133,7 +144,9 @@ def _read_pair(folder: Path, names: tuple[str, str, str], units: float) -> Case:
     )
     truth = np.where(stored > 0, stored / np.float32(units), np.nan).astype(np.float32)
     light_field = LightField.of(views, pictures, np.ones(pictures.shape[:4], np.float32))
-    return Case(folder.name, light_field, truth, PAIR_FOCAL_PX * PAIR_STEP_MM / MAX_PAIR_PX, np.inf)
+    return Case(
+        folder.name, "real pair", light_field, truth, PAIR_FOCAL_PX * PAIR_STEP_MM / MAX_PAIR_PX, np.inf, 1.0 / units
+    )
 
 
 def variants(case: Case, seed: int) -> Iterator[Case]:
@@ -157,4 +170,4 @@ def rooms(first_seed: int, count: int) -> Iterator[Case]:
         ramp = None if furnished else 30.0 * (seed % 2)
         light_field, truth = room(seed, noise, furnished=furnished, ramp_grey=ramp)
         name = "room" if furnished else "wall with a ramp" if ramp else "bare wall"
-        yield Case(f"{name} {seed}, noise {noise:g}", light_field, truth, NEAR_MM, FAR_MM)
+        yield Case(f"{name} {seed}, noise {noise:g}", "bare walls", light_field, truth, NEAR_MM, FAR_MM)

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from benchmarks.light_field_depth.kinds import Case, read_case, rooms, variants
 from benchmarks.light_field_depth.reliability import sigma_px
 from benchmarks.records import Rows
+from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.depth import DepthEstimator, Quality, confidence
 from mirrorcam.optics.light_field.depth.confidence import RIGHT_PX, STATISTICS, LogOdds
@@ -27,6 +30,9 @@ LIMITS = 0.005
 """Fraction of the pixels beyond each limit of a statistic."""
 TRAINING_SEED, TEST_SEED = 0, 1000
 ROOMS = 18
+SURE = 0.9
+MIN_CLASS = 0.01
+COLUMNS = "mean confidence", "right", "calibration error", "beyond 3 sigma", "of those sure by 0.9"
 BINS = np.linspace(0.0, 1.0, 11)
 COEFFICIENTS = Path(confidence.__file__).with_suffix(".json")
 
@@ -43,18 +49,28 @@ class _Recorder(DepthEstimator):
 
 @dataclass(frozen=True, eq=False)
 class Tried:
-    """Pixels with a truth: statistics (k, n), error and sigma (n,) in px at the longest baseline, confidence (n,)."""
+    """Pixels with a truth: statistics (k, n), error and sigma (n,) in px at the longest baseline, confidence (n,).
+
+    The truth is a multiple of `truth_step_px`, 0 if it is not rounded.
+    """
 
     name: str
+    kind: str
     statistics: Floats
     error_px: FloatArray
     sigma_px: FloatArray
     confidence: Floats
+    truth_step_px: float
 
     @property
     def right(self) -> NDArray[np.bool_]:
         """Whether (n,) depths are right."""
         return np.asarray(self.error_px < RIGHT_PX)
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """Errors (n,) beyond the rounding of the truth, in standard deviations."""
+        return np.asarray(np.maximum(self.error_px - self.truth_step_px / 2.0, 0.0) / self.sigma_px)
 
 
 def tried(case: Case, quality: Quality) -> Tried:
@@ -69,10 +85,12 @@ def tried(case: Case, quality: Quality) -> Tried:
     known = np.isfinite(error)
     return Tried(
         case.name,
+        case.kind,
         estimator.recorded[:, known],
         error[known],
         sigma_px(depth)[known],
         depth.confidence[known],
+        case.truth_step_px,
     )
 
 
@@ -157,20 +175,54 @@ def calibration_error(stated: Floats, right: NDArray[np.bool_]) -> float:
     return float(np.abs(sums).sum() / len(stated))
 
 
-def report(results: Iterable[Tried]) -> Rows:
-    """Print and return how well confidence and sigma hold on each case."""
-    rows = Rows("case", "mean confidence", "right", "calibration error", "beyond 3 sigma", "of those sure by .9")
-    errors = []
+def report(results: Iterable[Tried], figure: Path | None) -> Rows:
+    """Print how well confidence and sigma hold on each case, and return that of each kind of cases."""
+    cases = Rows("case", *COLUMNS)
+    by_kind: dict[str, list[Tried]] = {}
     for result in results:
-        beyond, sure = result.error_px > 3.0 * result.sigma_px, result.confidence >= 0.9
-        errors.append(calibration_error(result.confidence, result.right))
-        rows.add(
-            result.name,
-            f"{result.confidence.mean():.3f}",
-            f"{result.right.mean():.3f}",
-            f"{errors[-1]:.3f}",
-            f"{beyond.mean():.1%}",
-            f"{beyond[sure].mean():.1%} of {sure.mean():.0%}" if sure.any() else "none",
-        )
-    rows.add("mean", "", "", f"{np.mean(errors):.3f}", "", "")
-    return rows
+        cases.add(result.name, *_figures([result]))
+        by_kind.setdefault(result.kind, []).append(result)
+    print()
+    kinds = Rows("kind", *COLUMNS)
+    for kind, members in by_kind.items():
+        kinds.add(kind, *_figures(members))
+    if figure is not None:
+        draw(by_kind, figure)
+    return kinds
+
+
+def _figures(results: Sequence[Tried]) -> tuple[str, ...]:
+    confidence, right = (
+        np.concatenate([getattr(result, name) for result in results]) for name in ("confidence", "right")
+    )
+    beyond = np.concatenate([result.sigmas for result in results]) > 3.0
+    sure = confidence >= SURE
+    error = np.mean([calibration_error(result.confidence, result.right) for result in results])
+    among_sure = f"{beyond[sure].mean():.1%} of {sure.mean():.0%}" if sure.any() else "none"
+    return f"{confidence.mean():.3f}", f"{right.mean():.3f}", f"{error:.3f}", f"{beyond.mean():.1%}", among_sure
+
+
+def draw(by_kind: Mapping[str, Sequence[Tried]], path: Path) -> None:
+    """Draw the reliability diagram of each kind: how often depth is right, over stated confidence, one line a case."""
+    matplotlib.rcParams["svg.hashsalt"] = "mirrorcam"
+    figure = Figure(figsize=(2.3 * len(by_kind), 2.7), layout="constrained")
+    for axes, (kind, results) in zip(figure.subplots(1, len(by_kind), sharey=True), by_kind.items(), strict=True):
+        axes.plot([0, 1], [0, 1], color="0.7", linewidth=1)
+        for result in results:
+            axes.plot(*_points(result.confidence, result.right), color="tab:blue", alpha=0.35, linewidth=1)
+        together = [np.concatenate([getattr(r, name) for r in results]) for name in ("confidence", "right")]
+        axes.plot(*_points(*together), "o-", color="black", markersize=3)
+        axes.set(title=kind, xlabel="stated", xlim=(0, 1), ylim=(0, 1), aspect="equal")
+    figure.axes[0].set_ylabel("fraction right")
+    with atomic(path) as temporary:
+        figure.savefig(temporary, format="svg", metadata={"Date": None})
+
+
+def _points(stated: Floats, right: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    """Return mean stated probability and fraction right of the classes with at least MIN_CLASS of the pixels."""
+    number = np.clip(np.digitize(stated, BINS) - 1, 0, len(BINS) - 2)
+    counts, stated_sums, right_sums = (
+        np.bincount(number, weights=weights, minlength=len(BINS) - 1) for weights in (None, stated, right)
+    )
+    kept = counts > MIN_CLASS * len(stated)
+    return stated_sums[kept] / counts[kept], right_sums[kept] / counts[kept]

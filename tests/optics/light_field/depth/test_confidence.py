@@ -54,7 +54,7 @@ def test_training_finds_the_log_odds_of_its_samples() -> None:
 @pytest.mark.parametrize("noise_grey", [0.5, 10.0])
 def test_a_bare_wall_has_no_sure_depth_and_a_sigma_as_wide_as_the_search(ramp_grey: float, noise_grey: float) -> None:
     light_field, truth = room(77, noise_grey, furnished=False, ramp_grey=ramp_grey)
-    found = tried(Case("wall", light_field, truth, NEAR_MM, FAR_MM), "best")
+    found = tried(Case("wall", "bare walls", light_field, truth, NEAR_MM, FAR_MM), "best")
     assert np.mean(found.confidence > 0.5) < 0.02
     assert np.mean(found.error_px > 3.0 * found.sigma_px) < 0.01
     range_px = light_field.focal_px * light_field.positions_mm[..., 0].max() * (1 / NEAR_MM - 1 / FAR_MM)
