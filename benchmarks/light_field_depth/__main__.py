@@ -25,6 +25,9 @@ from benchmarks.light_field_depth.scenes import print_scores
 from benchmarks.light_field_depth.speed import speed
 from benchmarks.light_field_depth.training import TEST_SEED, TRAINING_SEED, cases, report, store, train, tried
 from benchmarks.records import add_json_option, write_record
+from mirrorcam.optics.light_field.depth import Quality
+
+EFFORTS: tuple[Quality, ...] = ("best", "fast")
 
 
 def main() -> None:
@@ -46,17 +49,17 @@ def main() -> None:
     for job in (scenes_parser, speed_parser, confidence_parser):
         add_json_option(job)
     options = parser.parse_args()
+    quality: Quality = "fast" if getattr(options, "fast", False) else "best"
     if options.job == "speed":
         write_record(options.json, "light_field_depth_speed", table=speed(options.rounds).table)
     elif options.job == "confidence":
         if options.train:
             training = cases(options.train, options.step, TRAINING_SEED)
-            store(train(tried(case, quality) for case in training for quality in ("best", "fast")))
-        quality = "fast" if options.fast else "best"
+            store(train(tried(case, effort) for case in training for effort in EFFORTS))
         results = (tried(case, quality) for case in cases(options.test, options.step, TEST_SEED))
         write_record(options.json, "light_field_depth_confidence", table=report(results, options.figure).table)
     else:
-        rows = print_scores(options.scenes, options.every, options.step, "fast" if options.fast else "best")
+        rows = print_scores(options.scenes, options.every, options.step, quality)
         write_record(options.json, "light_field_depth_scenes", table=rows.table)
 
 

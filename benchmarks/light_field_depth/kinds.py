@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.light_field_depth.rooms import FAR_MM, NEAR_MM, room
-from mirrorcam.core.errors import InputError
-from mirrorcam.core.images.pfm import read_pfm
+from benchmarks.light_field_depth.scenes import truth_of
+from benchmarks.light_field_depth.stereo import BORDER_PX
 from mirrorcam.optics.light_field.depth.estimate import DEFAULT_FAR, DEFAULT_NEAR
 from mirrorcam.optics.light_field.io.formats.hci import read_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
@@ -26,7 +26,6 @@ PAIRS = {("im2.png", "im6.png", "disp2.pgm"): 4.0, ("view1.png", "view5.png", "d
 """Names of left picture, right picture and left disparity in Middlebury's folders, and its units per px."""
 PAIR_FOCAL_PX, PAIR_STEP_MM = 1000.0, 100.0
 MAX_PAIR_PX = 80.0
-BORDER_PX = 15
 NOISES_GREY = (5.0, 20.0)
 ROOM_NOISES_GREY = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 
@@ -35,8 +34,8 @@ ROOM_NOISES_GREY = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 class Case:
     """A light field, the true disparity (v, u) of its reference view at the longest baseline, and the search range.
 
-    `kind` is what makes it difficult. The disparity is relative to the reference plane, in multiples of `truth_step_px`; NaN where unknown. Depths are in
-    mm; None for the default.
+    `kind` is what makes it difficult. The disparity is relative to the reference plane, in multiples of
+    `truth_step_px`; NaN where unknown. Depths are in mm; None for the default.
     """
 
     name: str
@@ -110,16 +109,7 @@ def read_case(text: str, step: int) -> Case:
             return _read_pair(path, names, units)
     scene = read_hci(path)
     light_field = scene.light_field
-    if truth:
-        given = read_pfm(Path(truth)) * np.float32(step)
-    elif scene.disparity_px is not None:
-        given = scene.disparity_px
-    else:
-        raise InputError(f"{folder}: a scene without ground truth, expected FOLDER=TRUTH.pfm")
-    shape = light_field.height_px, light_field.width_px
-    down, right = ((whole - part) // 2 for whole, part in zip(shape, given.shape, strict=True))
-    disparity = np.full(shape, np.nan, np.float32)
-    disparity[down : down + given.shape[0], right : right + given.shape[1]] = given
+    disparity = truth_of(scene, Path(truth) if truth else None, step)
     inner = (slice(BORDER_PX, -BORDER_PX),) * 2
     truth_px = np.full_like(disparity, np.nan)
     truth_px[inner] = disparity[inner] * np.float32(max(light_field.rows, light_field.cols) // 2)
