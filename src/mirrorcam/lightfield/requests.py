@@ -20,7 +20,7 @@ Tilt = Annotated[float, TILT_DEG.limits]
 Offset = Annotated[float, OFFSET_MM.limits]
 LoopFormat = Literal["gif", "mp4"]
 Detector = Annotated[
-    Literal["SIFT", "ORB", "AKAZE", "SIFT4D"],
+    Literal["SIFT4D", "ORB", "AKAZE"],
     Field(
         description="keypoint detector; SIFT4D searches position, scale and slope jointly; the others search single "
         "views, which is faster; AKAZE needs the contributed modules of OpenCV"
