@@ -7,8 +7,9 @@ map, px per view step of the full grid; a map smaller than the views is centred 
 benchmark's; for comparison, the best of all pairs and settings of StereoSGBM, chosen by the truth. Errors in standard
 deviations exclude pixels within 4 px of a true depth edge.
 
-`python -m benchmarks.light_field_depth speed [--rounds N]` times both qualities, StereoSGBM of two neighbouring views
-and remaps of all views, for more pixels and for more views over the same baselines.
+`python -m benchmarks.light_field_depth speed [--rounds N]` times both qualities, a frame of a video, StereoSGBM of two
+neighbouring views and remaps of all views, for more pixels, for more views over the same baselines and for more planes:
+processor time of one thread, and wall time of two.
 """
 
 from __future__ import annotations

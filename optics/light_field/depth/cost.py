@@ -1,6 +1,6 @@
 """Matching cost of planes across all views, with occlusion handled view by view.
 
-Colours and brightness gradients are compared. Before occlusion is known, views at similar distance from the reference
+Brightness and its gradients are compared. Before occlusion is known, views at similar distance from the reference
 view compete: a near object hides a point from the views in some directions only, so the better half of the directions
 decides. Once a first depth is known, the views in which a nearer surface hides the point are left out. Loops run over
 runs of adjacent pixels that search the same plane.
@@ -32,9 +32,9 @@ UInt16 = NDArray[np.uint16]
 
 Float32 = NDArray[np.float32]
 MapFunction = Callable[..., Any]
-CHANNELS = 5
-COLOUR, GRADIENT = 1.0, 2.0
-"""Weights of the mean difference of three colours, and of the difference of each brightness gradient."""
+CHANNELS = 3
+GRADIENT = 2.0
+"""Weight of the difference of each brightness gradient, relative to the difference of brightness."""
 CONTRAST_PX = 7
 CONTRAST_GREY = 4.0
 CONTRAST_FLOOR = 0.3
@@ -49,20 +49,18 @@ MAX_RUN_PX = 512
 
 
 def channels(colours: Float32) -> Float32:
-    """Return the compared channels (5, v + 1, u + 1) of a picture (v, u, 3) from 0 to 255: colours and two gradients.
+    """Return the compared channels (3, v + 1, u + 1) of a picture (v, u, 3), 0 to 255: brightness and its gradients.
 
     The last row and column are repeated, so that each sample has a successor.
     """
     grey: Any = cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY)
     gradients = [cv2.Sobel(grey, cv2.CV_32F, *order, ksize=1, scale=0.5) for order in ((1, 0), (0, 1))]
-    return np.stack(
-        [cv2.copyMakeBorder(channel, 0, 1, 0, 1, cv2.BORDER_REPLICATE) for channel in (*cv2.split(colours), *gradients)]
-    )
+    return np.stack([cv2.copyMakeBorder(channel, 0, 1, 0, 1, cv2.BORDER_REPLICATE) for channel in (grey, *gradients)])
 
 
 def mean_gradient(reference: Float32, side_px: int) -> Float32:
     """Return means (v, u) over a square of the sum of both absolute brightness gradients of `channels`."""
-    gradient_u, gradient_v = reference[3:, :-1, :-1]
+    gradient_u, gradient_v = reference[1:, :-1, :-1]
     return np.asarray(cv2.blur(np.abs(gradient_u) + np.abs(gradient_v), (side_px, side_px)))
 
 
@@ -92,7 +90,7 @@ def matching_costs(
     reference
         `channels` of the reference view.
     others
-        `channels` of the other views, (K, 5, v + 1, u + 1).
+        `channels` of the other views, (K, 3, v + 1, u + 1).
     valid
         (K, v, u), 1 where a view has samples in the pixel and its right and lower neighbours, else 0.
     sweep
@@ -109,7 +107,6 @@ def matching_costs(
     views = ComparedViews(
         reference,
         others,
-        np.array([COLOUR / 3.0] * 3 + [GRADIENT] * 2, np.float32),
         np.float32(CONTRAST_GREY) / (np.float32(CONTRAST_FLOOR * CONTRAST_GREY) + gradient),
         valid,
         np.empty((0, shape[0], shape[1] + 1), np.float32) if nearest is None else _repeat_last_column(nearest),
@@ -139,9 +136,7 @@ class ComparedViews(NamedTuple):
     Attributes
     ----------
     reference, others
-        `channels` of the reference view (5, v + 1, u + 1) and of the K others (K, 5, v + 1, u + 1).
-    weights
-        (5,), one per channel.
+        `channels` of the reference view (3, v + 1, u + 1) and of the K others (K, 3, v + 1, u + 1).
     inverse_contrast
         Factor (v, u) on the differences at each pixel of the reference view.
     valid
@@ -154,55 +149,46 @@ class ComparedViews(NamedTuple):
 
     reference: Float32
     others: Float32
-    weights: Float32
     inverse_contrast: Float32
     valid: NDArray[np.uint8]
     nearest: Float32
     occlusion_gap: np.float32
 
 
-# Each loop runs over few arrays, and over slices, whose indices cannot be negative: this lets the compiler vectorise.
+# Each loop runs over few arrays, and over slices, whose indices cannot be negative, and loads all values that it selects
+# from: this lets the compiler vectorise.
 
 
 @compiled
-def _differences(
-    reference: Float32,
-    y: int,
-    other: Float32,
-    y0: int,
-    row_fraction: float,
+def _interpolate_rows(above: Float32, below: Float32, fraction: float, out: Float32) -> None:
+    for x in range(len(out)):
+        out[x] = above[x] + fraction * (below[x] - above[x])
+
+
+@compiled
+def _compare_lines(
+    grey: Float32,
+    gradient_u: Float32,
+    gradient_v: Float32,
+    reference_grey: Float32,
+    reference_u: Float32,
+    reference_v: Float32,
     growth: float,
     start: float,
-    weights: Float32,
-    x: int,
-    shift: int,
-    line: Float32,
+    inverse_contrast: Float32,
     cost: Float32,
 ) -> None:
-    """Sum the weighted absolute differences of a run of pixels, from `x` in row `y` on, and its samples in a view.
+    """Fill the costs (u,) of a run of pixels from the channels (u + 1,) of a view's row and (u,) of the reference's.
 
-    The samples lie between rows `y0` and `y0` + 1, and are adjacent from column x + `shift` on; their fraction of a
-    pixel to the right starts at `start` and grows by `growth` per pixel.
+    The samples' fraction of a pixel to the right starts at `start` and grows by `growth` per pixel.
     """
-    cost[:] = 0.0
-    row = line[: len(cost) + 1]
-    for channel in range(len(weights)):
-        above = other[channel, y0, x + shift : x + shift + len(row)]
-        below = other[channel, y0 + 1, x + shift : x + shift + len(row)]
-        reference_row, weight = reference[channel, y, x : x + len(cost)], weights[channel]
-        for i in range(len(row)):
-            row[i] = above[i] + row_fraction * (below[i] - above[i])
-        for i in range(len(cost)):
-            fraction = growth * np.float32(i) + start
-            value = row[i] + fraction * (row[i + 1] - row[i])
-            cost[i] += weight * abs(value - reference_row[i])
-
-
-@compiled
-def _truncate(cost: Float32, inverse_contrast: Float32) -> None:
-    limit = np.float32(TRUNCATION)
+    limit, weight = np.float32(TRUNCATION), np.float32(GRADIENT)
     for x in range(len(cost)):
-        cost[x] = min(cost[x] * inverse_contrast[x], limit)
+        fraction = growth * np.float32(x) + start
+        along_u = abs(gradient_u[x] + fraction * (gradient_u[x + 1] - gradient_u[x]) - reference_u[x])
+        along_v = abs(gradient_v[x] + fraction * (gradient_v[x + 1] - gradient_v[x]) - reference_v[x])
+        brightness = abs(grey[x] + fraction * (grey[x + 1] - grey[x]) - reference_grey[x])
+        cost[x] = min((brightness + weight * (along_u + along_v)) * inverse_contrast[x], limit)
 
 
 @compiled
@@ -210,19 +196,19 @@ def _add(cost: Float32, mask: Float32, total: Float32, count: Float32) -> None:
     """Add costs (u,) to `total`, and 1 to `count`, where the mask (u,) is 1 rather than 0."""
     for x in range(len(cost)):
         total[x] += mask[x] * cost[x]
-    for x in range(len(cost)):
         count[x] += mask[x]
 
 
 @compiled
 def _fill_visible(
-    visible: Float32, valid: UInt8, surface: Float32, max_plane: float, growth: float, start: float
+    visible: Float32, sampled: Float32, surface: Float32, max_plane: float, growth: float, start: float
 ) -> None:
-    """Fill `visible` (u,): 1 where the view is valid and no plane of `surface` (u + 1,) is nearer than `max_plane`."""
-    half = np.float32(0.5)
+    """Fill `visible` (u,): `sampled` (u,) where no plane of `surface` (u + 1,) is nearer than `max_plane`, else 0."""
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     for x in range(len(visible)):
-        nearest = surface[x] if growth * np.float32(x) + start < half else surface[x + 1]
-        visible[x] = np.float32(valid[x]) if nearest <= max_plane else np.float32(0.0)
+        left, right = surface[x], surface[x + 1]
+        nearest = left if growth * np.float32(x) + start < half else right
+        visible[x] = sampled[x] * (one if nearest <= max_plane else zero)
 
 
 @compiled
@@ -239,9 +225,9 @@ def _compare_row(
     sampled: Float32,
     visible: Float32,
 ) -> None:
-    """Fill a view's costs (u,) for a plane at pixels `first` to `last` of row `y`, and its two masks."""
+    """Fill a view's costs (u,) for a plane at pixels `first` to `last` of row `y`, where its two masks are not 0."""
     height, width = views.inverse_contrast.shape
-    cost[:], sampled[:], visible[:] = 0.0, 0.0, 0.0
+    sampled[:], visible[:] = 0.0, 0.0
     scale, offset_u = mapping.scale[plane, view], mapping.offset_u[plane, view]
     row = scale * np.float32(y) + mapping.offset_v[plane, view]
     if row < 0 or row > height - 1:
@@ -264,18 +250,30 @@ def _compare_row(
             end = min(end, int(np.floor((np.float32(shift) - offset_u) / growth)) + 1)
         end = max(end, x + 1)
         start = growth * np.float32(x) + offset_u - np.float32(shift)
-        run_cost = cost[x - first : end - first]
-        _differences(
-            views.reference, y, other, y0, row_fraction, growth, start, views.weights, x, shift, line, run_cost
+        a, b = x + shift, end + shift + 1
+        for channel in range(CHANNELS):
+            _interpolate_rows(
+                other[channel, y0, a:b], other[channel, y0 + 1, a:b], row_fraction, line[channel, : b - a]
+            )
+        _compare_lines(
+            line[0, : b - a],
+            line[1, : b - a],
+            line[2, : b - a],
+            views.reference[0, y, x:end],
+            views.reference[1, y, x:end],
+            views.reference[2, y, x:end],
+            growth,
+            start,
+            views.inverse_contrast[y, x:end],
+            cost[x - first : end - first],
         )
-        _truncate(run_cost, views.inverse_contrast[y, x:end])
         valid, run_sampled = views.valid[view, y0, x + shift : end + shift], sampled[x - first : end - first]
         for i in range(len(run_sampled)):
             run_sampled[i] = np.float32(valid[i])
         if len(views.nearest) > 0:
             surface = views.nearest[view, nearest_row, x + shift : end + shift + 1]
             max_plane = np.float32(plane) + views.occlusion_gap
-            _fill_visible(visible[x - first : end - first], valid, surface, max_plane, growth, start)
+            _fill_visible(visible[x - first : end - first], run_sampled, surface, max_plane, growth, start)
         x = end
 
 
@@ -314,8 +312,8 @@ def fill_costs(
         np.zeros((2, sectors, max_pixels), np.float32),
         np.empty((DIRECTIONS, max_pixels), np.float32),
         np.empty((8, max_pixels), np.float32),
-        np.empty((3, max_pixels), np.float32),
-        np.empty(MAX_RUN_PX + 1, np.float32),
+        np.zeros((3, max_pixels), np.float32),
+        np.empty((CHANNELS, MAX_RUN_PX + 1), np.float32),
         np.empty(max_pixels, np.float32),
     )
     for top in range(first, last, TILE_PX):

@@ -3,11 +3,13 @@
 The coarsest pyramid level is searched over all planes; finer ones, near the depth of the previous level (`search`). A
 plane sweep gives each pixel a cost at each depth (`cost`): first with competing views, then with the occlusion that
 follows from the first depth (`sweep`). Paths along slanted surfaces select a plane (`semiglobal`). Depth edges are
-moved to picture edges, and Gauss-Newton steps with a smoothness prior refine the depth (`refine`).
+moved to picture edges, and Gauss-Newton steps with a smoothness prior refine the depth (`refine`). In quality `fast`,
+all this is done at half the size, and the picture guides the enlargement of the result (`half_size`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from typing import Any, Literal
@@ -19,7 +21,15 @@ from numpy.typing import NDArray
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
-from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, Parallax, other_views, parallax, reference_index
+from mirrorcam.optics.light_field.depth.half_size import enlarged_by_picture, halved_light_field
+from mirrorcam.optics.light_field.depth.parallax import (
+    MAX_PLANES,
+    Parallax,
+    halved,
+    other_views,
+    parallax,
+    reference_index,
+)
 from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     ViewPicture,
@@ -28,7 +38,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
     rough_gain,
 )
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, align_to_picture_edges
-from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, search
+from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, doubled, search
 from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
 from mirrorcam.optics.light_field.depth.sweep import range_around
 from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
@@ -54,8 +64,8 @@ class _Effort:
 
     Attributes
     ----------
-    first_halvings, last_halvings
-        Number of times that pictures are halved for the first search, and for the last.
+    halved
+        Whether depth is measured at half size.
     slanted_rounds
         Further rounds of the first search, along the slanted surfaces of the round before.
     with_occlusion
@@ -66,23 +76,22 @@ class _Effort:
         Iterations of conjugate gradients in each step.
     """
 
-    first_halvings: int
-    last_halvings: int
+    halved: bool
     slanted_rounds: int
     with_occlusion: bool
     steps: int
     iterations: int
 
 
-EFFORTS = {"best": _Effort(1, 0, 2, True, 2, 60), "fast": _Effort(2, 1, 1, False, 1, 30)}
+EFFORTS = {"best": _Effort(False, 2, True, 2, 60), "fast": _Effort(True, 1, False, 1, 30)}
 
 
 @dataclass(frozen=True, eq=False)
 class _SearchResult:
-    """Search results at full size.
+    """Search results at the size at which depth is measured.
 
     `first_rivals` holds the rivals (v, u) of the first search, over all planes; `halved` states whether the last search
-    was at half size.
+    was at half that size.
     """
 
     lowest_cost: LowestCost
@@ -101,7 +110,7 @@ class DepthEstimator:
         Nearest and farthest depth to search, from the pupil along view z; by default 0.6 and 2 times the reference
         depth. `far_mm` may be infinite.
     quality
-        "best", or "fast" for videos, which searches at a quarter and at half the size.
+        "best", or "fast" for videos, which measures depth at half the size.
     workers
         Number of threads; by default OpenCV's.
 
@@ -132,24 +141,27 @@ class DepthEstimator:
         _check(self.views, near, far)
         self.near_mm, self.far_mm = float(near), float(far)
         self.reference, self.others = reference_index(self.views), other_views(self.views)
-        self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
+        self.workers = workers or cv2.getNumThreads()
+        self._run = ThreadPoolExecutor(self.workers).map
         self._effort = EFFORTS[quality]
+        self._halved = self._effort.halved and min(self.views.width_px, self.views.height_px) >= 2 * MIN_SEARCHED_PX
+        self._measured = halved(self.views) if self._halved else self.views
         self._levels = self._levels_to_search()
-        self._full = PyramidLevel.of(self.views, self.near_mm, self.far_mm, 0)
-        self._parallaxes = [parallax(self.views, index) for index in self.others]
+        self._full = PyramidLevel.of(self._measured, self.near_mm, self.far_mm, 0)
+        self._parallaxes = [parallax(self._measured, index) for index in self.others]
         self._refiner = Refiner(self._full.sweep, self._parallaxes, self._run)
 
     def _levels_to_search(self) -> list[PyramidLevel]:
         """Return the pyramid levels to search, coarsest first."""
 
         def level(halvings: int, max_planes: int = MAX_PLANES) -> PyramidLevel:
-            return PyramidLevel.of(self.views, self.near_mm, self.far_mm, halvings, max_planes)
+            return PyramidLevel.of(self._measured, self.near_mm, self.far_mm, halvings, max_planes)
 
-        max_halvings = max(int(np.log2(min(self.views.width_px, self.views.height_px) / MIN_SEARCHED_PX)), 0)
-        first = level(min(self._effort.first_halvings, max_halvings), MAX_FINE_PLANES)
+        max_halvings = max(int(np.log2(min(self._measured.width_px, self._measured.height_px) / MIN_SEARCHED_PX)), 0)
+        first = level(min(1, max_halvings), MAX_FINE_PLANES)
         while first.cost_count > MAX_COSTS and first.halvings < max_halvings:
             first = level(first.halvings + 1, MAX_FINE_PLANES)
-        return [first, *(level(halvings) for halvings in range(first.halvings - 1, self._effort.last_halvings - 1, -1))]
+        return [first, *(level(halvings) for halvings in range(first.halvings - 1, -1, -1))]
 
     @property
     def plane_count(self) -> int:
@@ -162,14 +174,18 @@ class DepthEstimator:
         same = all(np.array_equal(getattr(light_field, name), getattr(self.views, name)) for name in names)
         return same and np.array_equal(light_field.weights, self.weights)
 
-    def estimate(self, light_field: LightField) -> DepthMap:
+    def estimate(self, light_field: LightField, filtered: Callable[[LightField], LightField] | None = None) -> DepthMap:
         """Return the depth of the reference view of a light field with this estimator's geometry.
 
-        Raises InputError if views or weights of the light field differ.
+        `filtered` is applied to the light field at the size at which depth is measured. Raises InputError if views or
+        weights of the light field differ.
         """
         if not self.fits(light_field):
             raise InputError("light field differs in views or weights from the one that the estimator was built for")
-        pictures = list(self._run(lambda index: ViewPicture.of(light_field, index), [self.reference, *self.others]))
+        measured = halved_light_field(light_field, self._measured, self._run) if self._halved else light_field
+        if filtered is not None:
+            measured = filtered(measured)
+        pictures = list(self._run(lambda index: ViewPicture.of(measured, index), [self.reference, *self.others]))
         reference, others = pictures[0], pictures[1:]
         reference_grey = reference.grey
         gains = self._run(lambda other: rough_gain(other.grey, reference_grey), others)
@@ -182,7 +198,8 @@ class DepthEstimator:
         gradients = list(self._run(lambda view: GradientPicture.of(view.brightness, view.interior), pictures))
         steps, iterations = self._effort.steps, self._effort.iterations
         planes, match, smoothness = self._refiner.refined(planes, gradients[0], gradients[1:], steps, iterations)
-        return self._depth_map(planes, match, smoothness, result, reference.valid)
+        picture = ViewPicture.of(light_field, self.reference) if self._halved else None
+        return self._depth_map(planes, match, smoothness, result, reference, picture)
 
     def _search(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_SearchResult, list[ViewPicture]]:
         """Return the search result, and the other views equalised to the reference view."""
@@ -221,23 +238,33 @@ class DepthEstimator:
         match: Match,
         smoothness: Float32,
         result: _SearchResult,
-        valid: NDArray[np.bool_],
+        reference: ViewPicture,
+        picture: ViewPicture | None,
     ) -> DepthMap:
-        """Build the depth map from refined planes (v, u) and the statistics of their match."""
+        """Build the depth map from refined planes (v, u) and the statistics of their match.
+
+        `picture` is the reference view at full size if depth was measured at half size.
+        """
         full = self._full.sweep
-        inverse_distance = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.plane_count)))
-        inverse_distance = np.maximum(inverse_distance, np.float32(0.0))
-        valid = valid & (match.view_count >= min(2, len(self.others)))
+        valid = reference.valid & (match.view_count >= min(2, len(self.others)))
         step_px = np.float32(full.step_px)
         range_px, views = full.plane_count * full.step_px, len(self.others)
         sigma_px = standard_deviation_px(match, smoothness, result.lowest_cost.margin, views, result.halved, range_px)
         deviation = sigma_px * np.float32(full.step / full.step_px)
+        rivals, halved_search = result.lowest_cost.rivals, result.halved or self._halved
+        confidence = probability(planes * step_px, match, rivals, result.first_rivals, smoothness, halved_search)
+        if picture is not None:
+            planes = enlarged_by_picture(planes, reference.colours, picture.colours, JUMP_PX / step_px, self._run)
+            valid, deviation, confidence = (
+                doubled(values, planes.shape) for values in (valid.astype(np.float32), deviation, confidence)
+            )
+            valid = picture.valid & (valid > np.float32(0.5))
+        inverse_distance = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.plane_count)))
+        inverse_distance = np.maximum(inverse_distance, np.float32(0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse_distance
             pupil_depth = np.float32(self.views.reference_view_depth_mm)
             depth, sigma = distance + pupil_depth, deviation * np.square(distance)
-        rivals = result.lowest_cost.rivals
-        confidence = probability(planes * step_px, match, rivals, result.first_rivals, smoothness, result.halved)
         return DepthMap(
             views=self.views,
             view=self.reference,
@@ -299,8 +326,8 @@ class VideoDepth:
 
     def __init__(self, estimator: DepthEstimator) -> None:
         self._estimator = estimator
-        self._filter = TemporalFilter()
+        self._filter = TemporalFilter(estimator.workers)
 
     def estimate(self, light_field: LightField) -> DepthMap:
         """Return the depth of the next frame; raises InputError like `DepthEstimator.estimate`."""
-        return self._estimator.estimate(self._filter.filtered(light_field))
+        return self._estimator.estimate(light_field, self._filter.filtered)

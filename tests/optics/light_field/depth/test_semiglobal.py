@@ -12,6 +12,7 @@ from mirrorcam.optics.light_field.depth.semiglobal import (
     CERTAIN_MARGIN,
     EDGE_FLOOR,
     EDGE_GREY,
+    EDGE_STEPS,
     PATH_DIRECTIONS,
     aggregate,
     lowest_cost,
@@ -56,7 +57,7 @@ def plainly(
                 rise = carried[before_v, before_u] + right * slants[0][v, u] + offset_v * slants[1][v, u]
                 shift = int(np.floor(rise + 0.5))
                 carried[v, u] = rise - shift
-                edge = np.abs(picture[v, u] - picture[before_v, before_u]).max()
+                edge = np.round(np.abs(picture[v, u] - picture[before_v, before_u]).max() * EDGE_STEPS) / EDGE_STEPS
                 kept = EDGE_FLOOR + (1 - EDGE_FLOOR) * np.exp(-edge / EDGE_GREY)
                 jump = int(max(1.5 * next_plane, any_plane * kept))
                 for d in range(planes):
@@ -86,7 +87,7 @@ def test_paths_are_the_cheapest(next_plane: int, any_plane: int, slanted: bool) 
         summed(volume, picture, slants, (next_plane, any_plane)),
         summed(volume, picture, slants, (next_plane, any_plane), ThreadPoolExecutor(2).map),
     ):
-        # The penalty of an edge is rounded down in single precision: by at most one in each of eight directions.
+        # The penalty of an edge is rounded down: by at most one in each of eight directions.
         assert np.abs(found.astype(int) - expected).max() <= (0 if any_plane == 0 else 8)
 
 

@@ -1,0 +1,86 @@
+"""Depth at half size: light fields are halved, and the reference view's picture guides the enlargement of the result."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mirrorcam.core.compiled import compiled
+from mirrorcam.optics.light_field.depth.cost import bands
+from mirrorcam.optics.light_field.depth.refine import COLOUR_GREY
+from mirrorcam.optics.light_field.light_field import LightField, Views
+
+Float32 = NDArray[np.float32]
+MapFunction = Callable[..., Any]
+
+
+def halved_light_field(light_field: LightField, views: Views, run: MapFunction = map) -> LightField:
+    """Merge blocks of two by two pixels of all views, with weight 0 if a sample is missing; samples become float32.
+
+    `views` are the light field's views, halved.
+    """
+    size = views.width_px, views.height_px
+    samples: Any = light_field.samples[:, :, : 2 * size[1], : 2 * size[0]]
+    weights = light_field.weights[:, :, : 2 * size[1], : 2 * size[0]]
+    scale = np.float32(1.0 / 255.0 if samples.dtype == np.uint8 else 1.0)
+    half = np.empty((*samples.shape[:2], size[1], size[0], samples.shape[-1]), np.float32)
+
+    def fill(index: tuple[int, int]) -> None:
+        merged = cv2.resize(samples[index].astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        np.multiply(merged.reshape(half[index].shape), scale, out=half[index])
+
+    list(run(fill, np.ndindex(half.shape[:2])))
+    lowest = np.minimum(weights[:, :, ::2], weights[:, :, 1::2])
+    return LightField.of(views, half, np.minimum(lowest[..., ::2], lowest[..., 1::2]))
+
+
+@compiled
+def _enlarge(first: int, last: int, planes: Float32, half: Float32, full: Float32, jump: float, out: Float32) -> None:
+    rows, columns = planes.shape
+    near, far = np.float32(0.75), np.float32(0.25)
+    for y in range(first, last):
+        j = min(y // 2, rows - 1)
+        j_next = min(max(j + 2 * (y % 2) - 1, 0), rows - 1)
+        for x in range(out.shape[1]):
+            i = min(x // 2, columns - 1)
+            i_next = min(max(i + 2 * (x % 2) - 1, 0), columns - 1)
+            a, b, c, d = planes[j, i], planes[j, i_next], planes[j_next, i], planes[j_next, i_next]
+            if max(a, b, c, d) - min(a, b, c, d) < jump:
+                out[y, x] = near * (near * a + far * b) + far * (near * c + far * d)
+                continue
+            lowest = np.float32(np.inf)
+            for row in range(max(j - 1, 0), min(j + 2, rows)):
+                for column in range(max(i - 1, 0), min(i + 2, columns)):
+                    difference = np.float32(0.0)
+                    for colour in range(3):
+                        difference += abs(half[row, column, colour] - full[y, x, colour])
+                    dv, du = np.float32(2 * row - y) + np.float32(0.5), np.float32(2 * column - x) + np.float32(0.5)
+                    cost = difference / np.float32(COLOUR_GREY) + (dv * dv + du * du) * far
+                    if cost < lowest:
+                        lowest = cost
+                        out[y, x] = planes[row, column]
+
+
+def enlarged_by_picture(planes: Float32, half: Float32, full: Float32, jump: float, run: MapFunction = map) -> Float32:
+    """Return a map (v, u) at twice its size: interpolated on surfaces, and cut along the picture at depth edges.
+
+    Where adjacent values differ by `jump` or more, a pixel takes the value of the nearby pixel of most similar colour.
+
+    Parameters
+    ----------
+    planes
+        The map at half size.
+    half, full
+        Colours (v, u, 3) of the picture, 0 to 255, at half size and at the full size, which may be odd.
+    jump
+        Smallest difference of adjacent values at a depth edge.
+    run
+        `map`, or the `map` of a thread pool.
+    """
+    out = np.empty(full.shape[:2], np.float32)
+    list(run(lambda band: _enlarge(*band, planes, half, full, np.float32(jump), out), bands(len(out))))
+    return out
