@@ -29,8 +29,8 @@ from mirrorcam.optics.calibration.labels.label_table import LabelTable
 from mirrorcam.optics.calibration.labels.label_verdict import label_verdict
 from mirrorcam.optics.calibration.labels.point_adjustment import CameraPrior
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from tests.optics.calibration.labels.simulated_labels import CAMERA, sheet_camera, simulated
-from tests.optics.calibration.labels.test_label_calibration import SHEET, pooled
+from tests.optics.calibration.labels.label_errors import pooled
+from tests.optics.calibration.labels.simulated_labels import CAMERA, SHEET, sheet_camera, simulated
 
 SETS = 20
 ARENA_VIEWS = ("central", "mirror-top", "mirror-bottom", "mirror-left", "mirror-right")

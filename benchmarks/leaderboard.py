@@ -109,8 +109,9 @@ def main() -> int:
     options = parser.parse_args()
     not_run = dict(NOT_RUN)
     chosen = {name: CALIBRATORS[name] for name in options.only}
-    if "mrcal" in chosen and python_with_mrcal(None) is None:
-        not_run[chosen.pop("mrcal").name] = NO_MRCAL
+    with_mrcal = [name for name in chosen if name.startswith("mrcal")]
+    if with_mrcal and python_with_mrcal(None) is None:
+        not_run |= {chosen.pop(name).name: NO_MRCAL for name in with_mrcal}
     jobs = [(name, suite.resolve()) for suite in options.suites for name in chosen]
 
     def run_job(job: tuple[str, Path]) -> str:

@@ -93,7 +93,7 @@ leaderboard | OpenCV, joint | {opencv-joint.rms_px:.3f} px
 leaderboard_sets | `sensor-webcam`: MirrorCam | {mirrorcam.sensor-webcam:.3f} px
 leaderboard_sets | `sensor-webcam`: mrcal, one lens | {mrcal.sensor-webcam:.3f} px
 leaderboard_sets | `sensor-webcam`: OpenCV, joint | {opencv-joint.sensor-webcam:.3f} px
-leaderboard | MirrorCam: NEES over all its sets, `sensor-webcam` included | {mirrorcam.nees:.0f}
+leaderboard | MirrorCam: NEES over all its sets, `sensor-webcam` included | {mirrorcam.nees:.2f}
 
 ## Light fields
 

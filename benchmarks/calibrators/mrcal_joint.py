@@ -5,7 +5,7 @@ mrcal estimates itself are far off if every camera shows only a corner of the pi
 (https://mrcal.secretsauce.net) solves for one lens and a free pose of each mirror, rejects outliers, and states the
 covariance. It supports only equally spaced corners, so no AprilGrid. With `--spline` the lens is mrcal's splined
 stereographic model, written for each view as the nearest lens of OpenCV's twelve numbers, without a covariance.
-`--python PYTHON` is an interpreter with mrcal, by default the running one or that of the system.
+`--python PYTHON` is an interpreter with mrcal, by default the running one or the system's.
 Writes OUT, a FileStorage in YAML, and with `--covariance FILE` the covariance of its parameters.
 """
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -21,6 +22,9 @@ PX_PER_SQUARE = 40
 PX_PER_PITCH = range(32, 61)  # candidates for an AprilGrid
 BLUR_STEP = 2.0**0.125
 LOCAL = Checkerboard(cols=6, rows=6, square_mm=1.0)
+FIRST, SECOND = np.array([[-0.5, 0.0, 0.5]]), np.array([[1.0, -2.0, 1.0]])
+THIRD = np.array([[-0.5, 1.0, 0.0, -1.0, 0.5]])
+"""Central differences along x."""
 MIN_BLUR, MAX_BLUR = 0.008, 0.35  # sigma in cells
 
 
@@ -139,22 +143,38 @@ def sample_blurred(target: Target, print_xy: Floats, blur: FloatArray) -> PrintS
     blur
         Covariances (n, 2, 2) of the blur around each of n corners, in cells.
     """
-    pixels = image_px_of_print(target, print_xy)
-    steps = _step(np.linalg.det(blur) ** 0.25)
     count, samples = print_xy.shape[:2]
     value, derivatives = np.empty((count, samples), dtype=np.float32), np.empty((count, 5, samples), dtype=np.float32)
     remaining = blur.copy()
-    for step in np.unique(steps):
-        rows = np.flatnonzero(steps == step)
-        blurred = _blurred(target, int(step))
-        value[rows] = sample(blurred.value, pixels[rows])
-        derivatives[rows, :4] = sample(blurred.derivatives, pixels[rows]).transpose(0, 2, 1)
-        derivatives[rows, 4] = sample(blurred.mixed, pixels[rows])
+    for rows, step, pixels in _by_step(target, print_xy, blur):
+        blurred = _blurred(target, step)
+        value[rows] = sample(blurred.value, pixels)
+        derivatives[rows, :4] = sample(blurred.derivatives, pixels).transpose(0, 2, 1)
+        derivatives[rows, 4] = sample(blurred.mixed, pixels)
         remaining[rows] -= blurred.sigma**2 * np.eye(2)
     first, second = derivatives[:, :2], derivatives[:, [2, 4, 3]]
     spread = np.stack([remaining[:, 0, 0] / 2.0, remaining[:, 0, 1], remaining[:, 1, 1] / 2.0], axis=1)
     value += (spread.astype(np.float32)[:, None] @ second)[:, 0]
     return PrintSamples(value, first, second)
+
+
+def third_derivatives(target: Target, print_xy: Floats, blur: FloatArray) -> Image:
+    """Third derivatives (n, 4, m) of a blurred print at points (n, m, 2): xxx, xxy, xyy and yyy, per square.
+
+    `blur` (n, 2, 2) is as in `sample_blurred`; its shape is neglected.
+    """
+    derivatives = np.empty((*print_xy.shape[:2], 4), dtype=np.float32)
+    for rows, step, pixels in _by_step(target, print_xy, blur):
+        derivatives[rows] = sample(_third(target, step), pixels)
+    return derivatives.transpose(0, 2, 1)
+
+
+def _by_step(target: Target, print_xy: Floats, blur: FloatArray) -> Iterator[tuple[NDArray[np.int64], int, Floats]]:
+    """Group corners by the step of the isotropic blur of equal area: their indices, the step, their image's pixels."""
+    pixels, steps = image_px_of_print(target, print_xy), _step(np.linalg.det(blur) ** 0.25)
+    for step in np.unique(steps).tolist():
+        rows = np.flatnonzero(steps == step)
+        yield rows, step, pixels[rows]
 
 
 def _step(blur_cells: FloatArray) -> NDArray[np.int64]:
@@ -177,9 +197,18 @@ def _blurred(target: Target, step: int) -> BlurredPrint:
     blur_px = BLUR_STEP**step * scale
     padded = np.pad(1.0 - 2.0 * _ink(target), scale, constant_values=1.0).astype(np.float32)
     value = np.asarray(cv2.GaussianBlur(padded, (0, 0), blur_px), dtype=np.float32)
-    first, second = np.array([[-0.5, 0.0, 0.5]]) * scale, np.array([[1.0, -2.0, 1.0]]) * scale**2
-    *derivatives, mixed = (
-        np.asarray(cv2.filter2D(value, -1, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
-        for kernel in (first, first.T, second, second.T, first.T @ first)
-    )
+    first, second = FIRST * scale, SECOND * scale**2
+    *derivatives, mixed = (_filtered(value, kernel) for kernel in (first, first.T, second, second.T, first.T @ first))
     return BlurredPrint(value, np.stack(derivatives, axis=2), mixed, BLUR_STEP**step)
+
+
+@lru_cache(maxsize=16)
+def _third(target: Target, step: int) -> Image:
+    """Images (h, w, 4) of the third derivatives xxx, xxy, xyy and yyy, per square."""
+    kernels = THIRD, FIRST.T @ SECOND, SECOND.T @ FIRST, THIRD.T
+    scale = px_per_pitch(target) ** 3
+    return np.stack([_filtered(_blurred(target, step).value, kernel * scale) for kernel in kernels], axis=2)
+
+
+def _filtered(image: Image, kernel: FloatArray) -> Image:
+    return np.asarray(cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)

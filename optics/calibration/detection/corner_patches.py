@@ -12,6 +12,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import (
     BlurredPrint,
     Image,
+    PrintSamples,
     blurred_print,
     image_px_of_print,
     local_print,
@@ -19,6 +20,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import (
     sample,
     sample_blurred,
     shifted,
+    third_derivatives,
 )
 from mirrorcam.optics.geometry.targets import AprilGrid, Target
 
@@ -64,13 +66,13 @@ class ExpectedCorners:
         area = np.abs(np.linalg.det(self.cells))
         return np.asarray(np.linalg.inv(np.where(area[:, None, None] > 1e-12, self.cells, np.eye(2))))
 
-    def skew_px(self, blur_px: FloatArray) -> FloatArray:
+    def skew_px(self, variance_px2: FloatArray) -> FloatArray:
         """Bias (n, 2) of corners, px, caused by comparing with a print that is blurred before it is warped.
 
-        A lens blurs the warped picture, with sigma `blur_px` (n,). Where cells vary in size within the blur, an edge
-        blurred on the print is skewed in the picture: its profile erf(s + g s^2 / 2) fits erf(s) best with a shift of
-        g sigma^2 / 4, because the squared derivative of erf has the variance sigma^2 / 2. Both edges of a corner shift
-        along their normals, which gives the corner's bias.
+        A lens blurs the warped picture, with a variance of `variance_px2` (n,). Where cells vary in size within the
+        blur, an edge blurred on the print is skewed in the picture: its profile erf(s + g s^2 / 2) fits erf(s) best
+        with a shift of g sigma^2 / 4, because the squared derivative of erf has the variance sigma^2 / 2. Both edges of
+        a corner shift along their normals, which gives the corner's bias. Edges of markers nearby are not considered.
         """
         squares_per_px = self.squares_per_px
         per_normal = squares_per_px @ squares_per_px.transpose(0, 2, 1)
@@ -78,7 +80,7 @@ class ExpectedCorners:
         per_px = per_normal / length[:, None]  # squares (n, 2, 2) per px along the edges' normals, one column per edge
         x, y = per_px[:, 0], per_px[:, 1]
         second_derivative = squares_per_px @ (self.second_derivatives @ np.stack([x * x, x * y, y * y], axis=1))
-        squares = -0.5 * blur_px[:, None] ** 2 * np.diagonal(second_derivative, axis1=1, axis2=2)
+        squares = -0.5 * variance_px2[:, None] * np.diagonal(second_derivative, axis1=1, axis2=2)
         return np.asarray((self.cells @ squares[..., None])[..., 0])
 
 
@@ -180,16 +182,16 @@ class Patches:
     def noise_gain(self) -> FloatArray:
         """Standard deviation (n,) of a smooth mean of samples, relative to independent samples.
 
-        Interpolated samples less than two pixels apart share pixels: averaged over their positions relative to the
-        pixels, the covariance of two samples is the cubic B-spline of their distance. Along either axis, samples `h` px
-        apart thus multiply the variance of independent samples by sum_k B(k h) / B(0).
+        Interpolated samples share pixels. Averaged over positions relative to the pixels, the correlation of samples
+        `d` px apart along either axis is sinc(0.82 d) exp(-d^2 / 8) within 0.02: the autocorrelation of Lanczos's
+        kernel at half the pitch, followed by bilinear interpolation. Samples at the distances k h thus multiply the
+        variance of independent samples by the sum of their correlations.
         """
         half = np.minimum(self.half_cells * self.side_px, MAX_HALF_PX)
         samples = round(np.sqrt(len(self.u)))
         distances = np.maximum(2.0 * half / (samples - 1), 1e-6)[:, None] * np.arange(samples)
-        beyond_one = np.clip(2.0 - distances, 0.0, None) ** 3 / 6.0
-        spline = np.where(distances < 1.0, 2.0 / 3.0 - distances**2 + distances**3 / 2.0, beyond_one)
-        return np.asarray(2.0 * spline.sum(axis=1) / spline[:, 0] - 1.0)
+        correlation = np.sinc(0.82 * distances) * np.exp(-(distances**2) / 8.0)
+        return np.asarray(2.0 * correlation.sum(axis=1) - 1.0)
 
 
 @lru_cache(maxsize=2)
@@ -213,8 +215,12 @@ class LinearModel:
         squares_per_px = expected.squares_per_px
         metric = squares_per_px @ squares_per_px.transpose(0, 2, 1)
         sample_xy = shifted(patches.print_offsets, print_xy)
-        printed = sample_blurred(local, sample_xy, appearance.blur_px**2 * metric)
+        blur = appearance.blur_px**2 * metric
+        printed = sample_blurred(local, sample_xy, blur)
         value = printed.value
+        if not appearance.rough:
+            third = third_derivatives(local, sample_xy, blur)
+            value = value + _warped_first(printed, third, patches, squares_per_px @ expected.second_derivatives, blur)
         xx, xy, yy = np.moveaxis(_second_derivative_maps(squares_per_px).astype(np.float32) @ printed.second, 1, 0)
         ghosts = []
         if appearance.ghosts is not None:
@@ -235,6 +241,39 @@ class LinearModel:
         scale = np.maximum(np.sqrt(np.einsum("ncm,ncm->nc", terms, terms) / terms.shape[2]), 1e-9)
         terms /= scale[:, :, None]
         return cls(terms, scale)
+
+
+def _warped_first(printed: PrintSamples, third: Image, patches: Patches, bend: FloatArray, blur: FloatArray) -> Image:
+    """Difference (n, m) between a print that is warped, then blurred as by a lens, and one that is blurred first.
+
+    With the print p, its blur B by the covariance S, and a warp z + r(z) with the quadratic r = z^T R z, the blur of
+    p(z + r) is B(z + r) + 2 z^T R S grad dB + tr(R S) dB + tr(S R S hess dB) to first order in R, where d is the
+    derivative along r's component, summed over both components.
+
+    Parameters
+    ----------
+    printed, third
+        The blurred print's samples, with all derivatives (n, 4, m) of the third order.
+    patches
+        The samples' offsets on the print.
+    bend
+        Half the second derivatives (n, 2, 3) of the picture with respect to the print, in squares: xx, xy + yx, yy.
+    blur
+        Covariances (n, 2, 2), in squares.
+    """
+    xx, xy, yy = np.moveaxis(-bend, 2, 0)
+    quadratic = np.stack([xx, xy / 2.0, xy / 2.0, yy], axis=2).reshape(-1, 2, 2, 2)  # one matrix per component
+    spread = quadratic @ blur[:, None]
+    (xxx, xx_y, _, xyy), (yxx, yxy, _, yyy) = np.moveaxis((blur[:, None] @ spread).reshape(-1, 2, 4), 0, 2)
+    by_third = np.stack([xxx, 2.0 * xx_y + yxx, xyy + 2.0 * yxy, yyy], axis=1)
+    by_second = 2.0 * np.stack([spread[:, 0, :, 0], spread[:, 0, :, 1] + spread[:, 1, :, 0], spread[:, 1, :, 1]], 1)
+    second = by_second.astype(np.float32) @ patches.print_offsets.transpose(0, 2, 1)
+    first = np.trace(spread, axis1=2, axis2=3).astype(np.float32)[:, None] @ printed.first
+    return np.asarray(
+        first[:, 0]
+        + np.einsum("nsm,nsm->nm", second, printed.second)
+        + (by_third.astype(np.float32)[:, None] @ third)[:, 0]
+    )
 
 
 def _second_derivative_maps(squares_per_px: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ uses only the two crossing edges must stop short of a marker, and the marker bia
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import cv2
 import numpy as np
@@ -33,6 +34,36 @@ CONVERGED_PX, ROUGH_PX = 2e-3, 0.05
 OUTLIER_SIGMAS = 4.0  # residual beyond which a sample has no weight, in standard deviations of the noise
 MIN_SIGMA = 0.04  # of the noise, relative to the contrast: prints are not more uniform than this
 MAX_STEP_CELLS = 0.15  # per iteration
+MARGIN_PX = 8  # around the samples: for the interpolation, and for what corners move
+
+
+@dataclass(frozen=True)
+class _FinePicture:
+    """A picture (h, w) around patches, interpolated to half the pixel pitch from the picture's pixel `origin`.
+
+    Bilinear samples of the picture itself are blurred by their distance from the pixels' centres, which shifts corners
+    by up to 5e-4 px, periodically from pixel to pixel.
+    """
+
+    doubled: Image
+    origin: FloatArray
+
+    @classmethod
+    def around(cls, picture: Image, pixels: Image) -> _FinePicture:
+        """Interpolate the part of a picture that has the samples at pixels (n, m, 2)."""
+        valid = pixels[np.isfinite(pixels).all(axis=2)]
+        size = np.array(picture.shape[1::-1])
+        low, high = np.zeros(2, dtype=int), size
+        if len(valid):
+            low = np.clip(np.floor(valid.min(axis=0)).astype(int) - MARGIN_PX, 0, size - 1)
+            high = np.clip(np.ceil(valid.max(axis=0)).astype(int) + MARGIN_PX, low + 1, size)
+        part = np.ascontiguousarray(picture[low[1] : high[1], low[0] : high[0]])
+        doubled: Any = cv2.resize(part, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_LANCZOS4)
+        return cls(doubled, low.astype(np.float64))
+
+    def at(self, offsets_px: Image, pixels: FloatArray) -> Image:
+        """Sample grey values (n, m) at offsets (n, m, 2) from pixels (n, 2)."""
+        return sample(self.doubled, shifted(2.0 * offsets_px, 2.0 * (pixels - self.origin) + 0.5))
 
 
 @dataclass(frozen=True)
@@ -182,7 +213,8 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     """
     samples = FEW_SAMPLES if appearance.rough else SAMPLES
     patches = Patches.around(expected, samples, half_cells(appearance.target))
-    greys = sample(picture, shifted(patches.offsets_px, expected.pixels))
+    fine = _FinePicture.around(picture, shifted(patches.offsets_px, expected.pixels))
+    greys = fine.at(patches.offsets_px, expected.pixels)
     model = LinearModel.of(expected, patches, appearance, greys)
     count, centre_weights = len(expected.print_xy), patches.centre_weights
     pixels = np.array(expected.pixels, dtype=np.float64)
@@ -196,7 +228,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
         iterations = STRENGTH_ITERATIONS
     for iteration in range(iterations):
         if iteration:
-            greys = sample(picture, shifted(patches.offsets_px[active], pixels[active]))
+            greys = fine.at(patches.offsets_px[active], pixels[active])
         fit = _Fit.of(greys, model.terms[active], model.scale[active], weights[active])
         step = fit.shift_px
         length = np.linalg.norm(step, axis=1)
@@ -211,6 +243,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
         if not len(active):
             break
     sigma_px *= patches.noise_gain
-    pixels -= expected.skew_px(blur)
+    # The model accounts for the assumed blur.
+    pixels -= expected.skew_px(blur**2 - (0.0 if appearance.rough else appearance.blur_px**2))
     pixels[~(contrast > 0)] = np.nan
     return RefinedCorners(pixels, sigma_px, contrast, explained_variance, blur, strengths)

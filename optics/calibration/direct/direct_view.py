@@ -196,13 +196,14 @@ def calibrate_with_direct_view(
         result = with_direct_figures(calibration_of(fitted, layout), rotations, shutter)
         shown_pictures = [*used_pictures, *base]
         result = with_worst_views(result, lambda frame: shown_pictures[fitted.frames[frame]])
-    except UndeterminedError as error:
+    except (UndeterminedError, InvalidValue) as error:
+        # Parts of a different board that look like the stated one lead to impossible mirrors, or to views without it.
+        if other := other_board(pictures_by_corners, target, mirrored=None, found=False):
+            raise InputError(other) from None
+        if isinstance(error, InvalidValue):
+            raise InputError(f"the pictures lead to impossible mirrors: {error}") from None
         more = more_mirrors(boards, names, mirrors)
         raise InputError(f"the pictures do not determine camera and mirrors: {error}{more}") from None
-    except InvalidValue as error:
-        # Parts of a different board that look like the stated one lead to impossible mirrors.
-        other = other_board(pictures, target, mirrored=None, found=False)
-        raise InputError(other or f"the pictures lead to impossible mirrors: {error}") from None
     unused = [f"{name}: no board found, not used" for n, name in enumerate(names) if n not in start.pictures]
     return result.with_figures({}, [*notes, *unused])
 

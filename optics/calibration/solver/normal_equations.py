@@ -7,6 +7,7 @@ separately and scattered into the matrix. The Schur complement then eliminates t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,7 +95,7 @@ class Grouped:
         is_first = (np.diff(frame, prepend=-1) != 0) | (np.diff(view, prepend=DIRECT - 1) != 0)
         bounds = np.append(np.flatnonzero(is_first), len(order))
         direct = view[bounds[:-1]] == DIRECT
-        at_once = ROWS_AT_ONCE // (1 + len(model.board.modes) // 16)
+        at_once = ROWS_AT_ONCE // (1 + len(model.board.modes) // 16 + len(model.intrinsics) // 128)
         chunks, first = [], 0
         for group in range(1, len(bounds)):
             end = group == len(direct) or direct[group] != direct[first]
@@ -168,21 +169,21 @@ def normal_equations(
         columns = columns_of(estimate, chunk, model, corners)
         if root_weights is not None:
             columns *= root_weights[chunk.rows]
-        sums = np.empty((len(chunk.group_view), len(columns), len(columns)))
-        for total, start, stop in zip(sums, chunk.edges[:-1], chunk.edges[1:], strict=True):
-            x, y = columns[:, 0, start:stop], columns[:, 1, start:stop]
-            np.add(x @ x.T, y @ y.T, out=total)
-        indices, frame = index.of_groups(chunk.group_view), chunk.group_frame
-        last = per_frame + 1
-        np.add.at(v, frame, sums[:, :per_frame, :per_frame])
-        np.add.at(gradient_poses, frame, sums[:, :per_frame, per_frame])
-        np.add.at(
-            w,
-            (frame[:, None, None], np.arange(per_frame)[None, :, None], indices[:, None, :]),
-            sums[:, :per_frame, last:],
-        )
-        np.add.at(u, (indices[:, :, None], indices[:, None, :]), sums[:, last:, last:])
-        np.add.at(gradient_global, indices, sums[:, last:, per_frame])
+        indices, last = index.of_groups(chunk.group_view), per_frame + 1
+        edges = zip(chunk.edges[:-1], chunk.edges[1:], strict=True)
+        for frame, of_group, (start, stop) in zip(chunk.group_frame.tolist(), indices, edges, strict=True):
+            group = columns[:, :, start:stop]
+            # The controls of a spline that are far from a view have no effect on it.
+            used = np.flatnonzero(group[last:].any(axis=(1, 2)))
+            if len(used) < len(of_group):
+                group = np.concatenate([group[:last], group[last:][used]])
+            x, y = group[:, 0], group[:, 1]
+            total, at = x @ x.T + y @ y.T, of_group[used]
+            v[frame] += total[:per_frame, :per_frame]
+            gradient_poses[frame] += total[:per_frame, per_frame]
+            w[frame][:, at] += total[:per_frame, last:]
+            u[np.ix_(at, at)] += total[last:, last:]
+            gradient_global[at] += total[last:, per_frame]
     return NormalEquations(u, v, w, gradient_global, gradient_poses)
 
 
@@ -252,7 +253,7 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
     if model.frame_terms.has_motion:
         parts.append(linear.motion)
     parts.append((linear.pixels - chunk.pixels)[:, None])
-    parts.append(linear.intrinsics[:, [name in model.intrinsics for name in estimate.camera.intrinsic_names]])
+    parts.append(linear.intrinsics[:, _selected(estimate.camera.intrinsic_names, model.intrinsics)])
     if mirrors is not None:
         parts += [linear.centre] * model.mirrors + [linear.curvature] * model.curvature
     if model.thickness:
@@ -269,6 +270,11 @@ def columns_of(estimate: Estimate, chunk: Chunk, model: Model, corners: FloatArr
         start += part.shape[1]
     columns *= chunk.per_sigma
     return columns
+
+
+def _selected(names: Sequence[str], free: Sequence[str]) -> list[bool] | slice:
+    """Index of the free names; a slice, which copies nothing, if all are free."""
+    return slice(None) if tuple(names) == tuple(free) else [name in free for name in names]
 
 
 def _in_rig(

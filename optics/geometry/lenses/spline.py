@@ -15,7 +15,8 @@ from mirrorcam.optics.geometry.lenses.polynomial import BrownConrady
 
 FIELD_SIGMA = 3e-4
 """Prior standard deviation of the field, in distorted coordinates: 0.4 px for a webcam. Without data, it is 0."""
-CELLS = 8  # along the longer side of the field
+CELLS = 12
+"""Cells along the longer side of the field. Waves of six cells are met to 1e-3 of their height."""
 DIRECTIONS, RADII = 24, 24  # samples of the field's Jacobian
 _CONTROLS = Bounds(4, 64)
 _REACH = Bounds(1e-3, 100.0)

@@ -26,7 +26,8 @@ class DepthMap:
     depth_mm : ndarray of float32
         (v, u), from the pupil along view z; NaN where fewer than two other views see the point.
     sigma_mm : ndarray of float32
-        (v, u), standard deviation of the depth if it is right (see `confidence`); NaN without depth.
+        (v, u), standard deviation of the depth; where `confidence` is low, it includes wrong depths, and where nothing
+        determines the depth, it is as wide as the search. NaN without depth.
     confidence : ndarray of float32
         (v, u), probability that the depth is right to within half a pixel of disparity at the longest baseline; 0
         without depth.

@@ -249,7 +249,9 @@ class DepthEstimator:
         valid = reference.valid & (match.view_count >= min(2, len(self.others)))
         step_px = np.float32(full.step_px)
         range_px, views = full.plane_count * full.step_px, len(self.others)
-        sigma_px = standard_deviation_px(match, smoothness, result.lowest_cost.margin, views, result.halved, range_px)
+        lowest = result.lowest_cost
+        confidence = probability(planes * step_px, match, lowest.rivals, result.first_rivals, smoothness, result.halved)
+        sigma_px = standard_deviation_px(match, smoothness, lowest.margin, confidence, views, result.halved, range_px)
         deviation = sigma_px * np.float32(full.step / full.step_px)
         rivals, halved_search = result.lowest_cost.rivals, result.halved or self._halved
         confidence = probability(planes * step_px, match, rivals, result.first_rivals, smoothness, halved_search)

@@ -28,6 +28,8 @@ SURE_MARGIN, MIN_MARGIN = 12.0, 0.1
 MIN_SMOOTHNESS = 0.5
 HALVED_FACTOR = 1.7
 """Factor on the standard deviation for a search at half size."""
+COVERED = 0.683
+"""Probability that one standard deviation covers; wrong depths that are less likely than the rest do not widen it."""
 RIGHT_PX = 0.5
 """A depth is right if its error is below this, in px of disparity at the longest baseline."""
 DOUBTFUL_MARGIN = 9.0
@@ -51,9 +53,13 @@ def _mean(values: Float32) -> Any:
 
 
 def standard_deviation_px(
-    match: Match, smoothness: Float32, margin: Float32, views: int, halved: bool, range_px: float
+    match: Match, smoothness: Float32, margin: Float32, right: Float32, views: int, halved: bool, range_px: float
 ) -> Float32:
-    """Return standard deviations (v, u), px of disparity at the longest baseline; at most that of a uniform prior.
+    """Return standard deviations (v, u), px of disparity at the longest baseline.
+
+    A wrong depth may be anywhere in the search. Where the probability of being right is below COVERED, the standard
+    deviation includes a uniform distribution over as much of the range as covers the rest; where nothing determines the
+    depth, over all of it.
 
     Parameters
     ----------
@@ -63,6 +69,8 @@ def standard_deviation_px(
         Weight (v, u), 0 to 1, of the surface's smoothness.
     margin
         Cost difference (v, u) to the next best candidate, as a matching cost of eight views.
+    right
+        Probability (v, u) that the depth is right.
     views
         Number of views without the reference view.
     halved
@@ -76,14 +84,16 @@ def standard_deviation_px(
     nearby_margin: Any = cv2.erode(margin, np.ones((3, 3), np.uint8))
     doubt = (SURE_MARGIN / np.clip(nearby_margin, MIN_MARGIN, SURE_MARGIN)) ** MARGIN_EXPONENT
     roughness = np.clip(_mean(smoothness), MIN_SMOOTHNESS, 1.0) ** -ROUGHNESS_EXPONENT
-    sigma = (
+    narrow = (
         SIGMA_PX
         * np.power(noise / information * INFORMATION, NOISE_EXPONENT)
         * doubt
         * roughness
         * (HALVED_FACTOR if halved else 1.0)
     )
-    return np.minimum(sigma, range_px / np.sqrt(12.0)).astype(np.float32)
+    covered = np.maximum(COVERED - right, 0.0) / np.maximum(1.0 - right, 1.0 - COVERED) / COVERED
+    uniform = range_px / np.sqrt(12.0)
+    return np.minimum(np.hypot(narrow, covered * uniform), uniform).astype(np.float32)
 
 
 def probability(

@@ -28,15 +28,16 @@ def validate(
     Examples:
         mirrorcam validate output/set
     """
-    from mirrorcam.calibration.calibration_files import FILES
+    from mirrorcam.calibration.calibration_files import FILES, result_name
     from mirrorcam.calibration.validation import validate, write_validation
     from mirrorcam.core.disk.output_folder import output_folder
 
     with output_folder(out, "validate", force=force) as output:
-        output.refuse_others(*FILES)
+        result = result_name(plain=False)
+        output.refuse_others(result, *FILES)
         with long_work("validate", "blind calibration, comparison with the truth", "pictures") as advance:
             validation = validate(rendered, advance)
-        with output.staged(result="layout.json") as folder:
+        with output.staged(result=result) as folder:
             write_validation(validation, folder, command="mirrorcam validate")
     print_metrics({"measured": validation.metrics})
     say("validate", _verdict(validation.metrics.values()))

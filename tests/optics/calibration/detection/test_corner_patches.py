@@ -108,10 +108,10 @@ def test_the_skew_of_edges_is_the_best_fitting_shift() -> None:
     bends = np.zeros((1, 2, 3))
     bends[0, 0, 0] = bend
     upright = ExpectedCorners(np.ones((1, 2)), np.zeros((1, 2)), cell_px * np.eye(2)[None], bends)
-    np.testing.assert_allclose(upright.skew_px(np.array([sigma])), [[shift, 0.0]], rtol=0.1)
+    np.testing.assert_allclose(upright.skew_px(np.array([sigma**2])), [[shift, 0.0]], rtol=0.1)
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     turned = ExpectedCorners(upright.print_xy, upright.pixels, turn @ upright.cells, turn @ bends)
-    np.testing.assert_allclose(turned.skew_px(np.array([sigma])), [shift * turn[:, 0]], rtol=0.1, atol=1e-9)
+    np.testing.assert_allclose(turned.skew_px(np.array([sigma**2])), [shift * turn[:, 0]], rtol=0.1, atol=1e-9)
 
 
 def test_ghost_images_of_known_strength_join_the_print_and_others_get_a_column_each() -> None:

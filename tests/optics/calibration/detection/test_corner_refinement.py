@@ -101,7 +101,7 @@ def test_a_lens_that_blurs_a_board_seen_at_an_angle_does_not_move_corners() -> N
     corners = warp.expected(places, pixels).where(shown)
     off = refine(grey, corners, Appearance(board, blur_px)).pixels - pixels[shown]
     assert np.abs(off.mean(axis=0)).max() < 5e-4
-    skew = corners.skew_px(np.full(len(off), blur_px)).mean(axis=0)
+    skew = corners.skew_px(np.full(len(off), blur_px**2)).mean(axis=0)
     assert np.linalg.norm(off.mean(axis=0)) < 0.4 * np.linalg.norm(skew)
 
 

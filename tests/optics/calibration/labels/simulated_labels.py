@@ -23,6 +23,8 @@ CAMERA = Camera(
     cy_px=500.0,
     distortion=[-0.12, 0.08, 0.0005, -0.0006, 0.0],
 )
+SHEET = data_sheet_prior(CAMERA.width_px, CAMERA.height_px, 1400.0, 28.0)
+"""Prior of a data sheet that states the focal length to 2 %."""
 DISTANCE_MM = 600.0
 # Normals of mirrors around a box 200 mm wide below the camera: left, right, top, bottom in the picture.
 MIRRORS = ((-1.0, 0.0, 0.8), (1.0, 0.05, 0.9), (0.05, -1.0, 0.85), (-0.05, 1.0, 0.75))
@@ -117,8 +119,7 @@ def simulated(
     return Simulated(table, camera, np.array(centres), points, ~(is_wrong | is_swapped)[visible])
 
 
-def sheet_camera(seed: int, focal_sigma_px: float = 28.0) -> Camera:
-    """Draw a camera from the prior of a data sheet that states a focal length of 1400 px."""
-    prior = data_sheet_prior(CAMERA.width_px, CAMERA.height_px, 1400.0, focal_sigma_px)
+def sheet_camera(seed: int) -> Camera:
+    """Draw a camera from the prior of its data sheet."""
     random = np.random.default_rng(1000 + seed)
-    return prior.camera.with_intrinsics(random.multivariate_normal(prior.camera.intrinsics, prior.covariance))
+    return SHEET.camera.with_intrinsics(random.multivariate_normal(SHEET.camera.intrinsics, SHEET.covariance))

@@ -25,7 +25,7 @@ def test_without_a_field_it_is_the_plain_lens() -> None:
     empty = with_lens(PLAIN, "spline")
     np.testing.assert_allclose(empty.project(points()), PLAIN.project(points()), atol=1e-11)
     assert empty.lens_grid is not None
-    assert (empty.lens_grid.cols, empty.lens_grid.rows) == (11, 8)
+    assert (empty.lens_grid.cols, empty.lens_grid.rows) == (15, 10)
     assert with_lens(empty, "brown_conrady") == PLAIN
 
 

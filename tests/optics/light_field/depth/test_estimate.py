@@ -52,10 +52,15 @@ def test_confidence_is_high_where_depth_is_right_and_low_where_it_is_wrong(scene
     assert np.mean(found.confidence[wrong] < 0.5) > 0.7
 
 
-def test_a_blank_wall_is_not_trusted() -> None:
+def test_a_blank_wall_is_not_trusted_and_its_sigma_is_as_wide_as_the_search() -> None:
     light_field, _, _ = photograph(grid_views(), [Surface(500.0, contrast=0.0)])
-    blank = DepthEstimator(light_field).estimate(light_field)
+    estimator = DepthEstimator(light_field)
+    blank = estimator.estimate(light_field)
     assert np.median(blank.confidence) < 0.25
+    near, far = estimator.near_mm, estimator.far_mm
+    distance, nearest, farthest = (each - light_field.reference_view_depth_mm for each in (blank.depth_mm, near, far))
+    uniform = (1.0 / nearest - 1.0 / farthest) / np.sqrt(12.0)
+    assert np.nanmedian(blank.sigma_mm / np.square(distance)) > 0.7 * uniform
     assert np.isfinite(blank.sigma_mm[blank.valid]).all()
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from mirrorcam.optics.light_field.depth.refine import SHARED_ERROR_EXPONENT, Match
 from mirrorcam.optics.light_field.depth.uncertainty import (
+    COVERED,
     ELSEWHERE,
     HALVED_FACTOR,
     INFORMATION,
@@ -26,6 +27,7 @@ from mirrorcam.optics.light_field.depth.uncertainty import (
 )
 
 ONES = np.ones((30, 40), np.float32)
+RANGE_PX = 20.0
 ALIKE = Match(*(ONES for _ in range(6)))
 
 
@@ -34,11 +36,13 @@ def sigma(
     residual: float = 2.0,
     margin: float = 50.0,
     smoothness: float = 1.0,
+    right: float = 1.0,
     halved: bool = False,
     views: int = 8,
 ) -> float:
     match = Match(information * ONES, 8 * ONES, 8 * ONES, residual * ONES, ONES, ONES)
-    return float(standard_deviation_px(match, smoothness * ONES, margin * ONES, views, halved, 20.0)[15, 20])
+    found_px = standard_deviation_px(match, smoothness * ONES, margin * ONES, right * ONES, views, halved, RANGE_PX)
+    return float(found_px[15, 20])
 
 
 def test_sigma_grows_with_noise_and_doubt_and_shrinks_with_information() -> None:
@@ -49,8 +53,17 @@ def test_sigma_grows_with_noise_and_doubt_and_shrinks_with_information() -> None
     assert sigma(smoothness=0.8) == pytest.approx(0.8**-ROUGHNESS_EXPONENT * sigma())
     assert sigma(views=80) == pytest.approx(10 ** (SHARED_ERROR_EXPONENT * NOISE_EXPONENT) * sigma())
     assert sigma(halved=True) == pytest.approx(HALVED_FACTOR * sigma())
-    # Never more than that of a uniform distribution over the range.
-    assert sigma(information=0.0, margin=0.0, smoothness=0.0) <= 20.0 / np.sqrt(12.0) + 1e-4
+
+
+def test_sigma_is_as_wide_as_the_search_where_nothing_determines_the_depth() -> None:
+    uniform = RANGE_PX / np.sqrt(12.0)
+    narrow, *wider, widest = (sigma(right=right) for right in (COVERED, 0.5, 0.25, 0.0))
+    assert narrow == pytest.approx(SIGMA_PX)
+    assert widest == pytest.approx(uniform)
+    assert narrow < wider[0] < wider[1] < widest
+    # At even odds, the rest of COVERED is that part of the wrong half.
+    assert wider[0] == pytest.approx(np.hypot(narrow, (COVERED - 0.5) / 0.5 / COVERED * uniform), rel=1e-4)
+    assert sigma(information=0.0, margin=0.0, smoothness=0.0) <= uniform + 1e-4
 
 
 def test_probability_falls_with_rivals_at_edges_and_where_a_surface_is_rough() -> None:

@@ -28,9 +28,10 @@ class PublicSet:
 
 PARALLEL = float("inf")
 SETS = (
-    PublicSet("cotton", "HCI 4-D benchmark, every fourth view", NOTHING, (3, 3, 512, 512)),
-    PublicSet("dino", "HCI 4-D benchmark, every fourth view", NOTHING, (3, 3, 512, 512)),
-    PublicSet("greek", "HCI 4-D benchmark, every fourth view", NOTHING, (3, 3, 512, 512)),
+    *(
+        PublicSet(name, "HCI 4-D benchmark, every fourth view", NOTHING, (3, 3, 512, 512))
+        for name in ("cotton", "dino", "greek")
+    ),
     PublicSet(
         "antinous",
         "HCI 4-D benchmark without parameters.cfg, github.com/chshin10/epinet",
@@ -43,17 +44,14 @@ SETS = (
         Assumed(step_mm=1.0, focal_px=500.0, reference_depth_mm=500.0),
         (9, 9, 552, 383),
     ),
-    PublicSet(
-        "cones",
-        "Middlebury 2003, im2.png and im6.png",
-        Assumed(cols=2, step_mm=160.0, focal_px=900.0, reference_depth_mm=PARALLEL),
-        (1, 2, 450, 375),
-    ),
-    PublicSet(
-        "teddy",
-        "Middlebury 2003, im2.png and im6.png",
-        Assumed(cols=2, step_mm=160.0, focal_px=900.0, reference_depth_mm=PARALLEL),
-        (1, 2, 450, 375),
+    *(
+        PublicSet(
+            name,
+            "Middlebury 2003, im2.png and im6.png",
+            Assumed(cols=2, step_mm=160.0, focal_px=900.0, reference_depth_mm=PARALLEL),
+            (1, 2, 450, 375),
+        )
+        for name in ("cones", "teddy")
     ),
     PublicSet(
         "midd1",
