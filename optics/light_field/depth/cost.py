@@ -1,6 +1,6 @@
 """Matching cost of planes across all views, with occlusion handled view by view.
 
-Brightness and its gradients are compared. Before occlusion is known, views at similar distance from the reference
+Colours and brightness gradients are compared. Before occlusion is known, views at similar distance from the reference
 view compete: a near object hides a point from the views in some directions only, so the better half of the directions
 decides. Once a first depth is known, the views in which a nearer surface hides the point are left out. Loops run over
 runs of adjacent pixels that search the same plane.
@@ -32,9 +32,9 @@ UInt16 = NDArray[np.uint16]
 
 Float32 = NDArray[np.float32]
 MapFunction = Callable[..., Any]
-CHANNELS = 3
-GRADIENT = 2.0
-"""Weight of the difference of each brightness gradient, relative to the difference of brightness."""
+CHANNELS = 5
+COLOUR, GRADIENT = 1.0, 2.0
+"""Weights of the mean difference of three colours, and of the difference of each brightness gradient."""
 CONTRAST_PX = 7
 CONTRAST_GREY = 4.0
 CONTRAST_FLOOR = 0.3
@@ -49,18 +49,20 @@ MAX_RUN_PX = 512
 
 
 def channels(colours: Float32) -> Float32:
-    """Return the compared channels (3, v + 1, u + 1) of a picture (v, u, 3), 0 to 255: brightness and its gradients.
+    """Return the compared channels (5, v + 1, u + 1) of a picture (v, u, 3) from 0 to 255: colours and two gradients.
 
     The last row and column are repeated, so that each sample has a successor.
     """
     grey: Any = cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY)
     gradients = [cv2.Sobel(grey, cv2.CV_32F, *order, ksize=1, scale=0.5) for order in ((1, 0), (0, 1))]
-    return np.stack([cv2.copyMakeBorder(channel, 0, 1, 0, 1, cv2.BORDER_REPLICATE) for channel in (grey, *gradients)])
+    return np.stack(
+        [cv2.copyMakeBorder(channel, 0, 1, 0, 1, cv2.BORDER_REPLICATE) for channel in (*cv2.split(colours), *gradients)]
+    )
 
 
 def mean_gradient(reference: Float32, side_px: int) -> Float32:
     """Return means (v, u) over a square of the sum of both absolute brightness gradients of `channels`."""
-    gradient_u, gradient_v = reference[1:, :-1, :-1]
+    gradient_u, gradient_v = reference[3:, :-1, :-1]
     return np.asarray(cv2.blur(np.abs(gradient_u) + np.abs(gradient_v), (side_px, side_px)))
 
 
@@ -90,7 +92,7 @@ def matching_costs(
     reference
         `channels` of the reference view.
     others
-        `channels` of the other views, (K, 3, v + 1, u + 1).
+        `channels` of the other views, (K, 5, v + 1, u + 1).
     valid
         (K, v, u), 1 where a view has samples in the pixel and its right and lower neighbours, else 0.
     sweep
@@ -107,6 +109,7 @@ def matching_costs(
     views = ComparedViews(
         reference,
         others,
+        np.array([COLOUR / 3.0] * 3 + [GRADIENT] * 2, np.float32),
         np.float32(CONTRAST_GREY) / (np.float32(CONTRAST_FLOOR * CONTRAST_GREY) + gradient),
         valid,
         np.empty((0, shape[0], shape[1] + 1), np.float32) if nearest is None else _repeat_last_column(nearest),
@@ -136,7 +139,9 @@ class ComparedViews(NamedTuple):
     Attributes
     ----------
     reference, others
-        `channels` of the reference view (3, v + 1, u + 1) and of the K others (K, 3, v + 1, u + 1).
+        `channels` of the reference view (5, v + 1, u + 1) and of the K others (K, 5, v + 1, u + 1).
+    weights
+        (5,), one per channel.
     inverse_contrast
         Factor (v, u) on the differences at each pixel of the reference view.
     valid
@@ -149,46 +154,75 @@ class ComparedViews(NamedTuple):
 
     reference: Float32
     others: Float32
+    weights: Float32
     inverse_contrast: Float32
     valid: NDArray[np.uint8]
     nearest: Float32
     occlusion_gap: np.float32
 
 
-# Each loop runs over few arrays, and over slices, whose indices cannot be negative, and loads all values that it selects
-# from: this lets the compiler vectorise.
+class Rows(NamedTuple):
+    """Rows (m,) of a block: numbers in the reference view, and where a view shows them.
+
+    The samples lie at `fraction` between row `above` and the next; row `nearest` is the nearest one.
+    """
+
+    own: Any
+    above: Any
+    nearest: Any
+    fraction: Any
+
+
+class Run(NamedTuple):
+    """Adjacent columns of a block whose samples in a view are adjacent as well.
+
+    They are `width` columns from `first` on, or from `column` of the block on. The samples are `shift` columns farther
+    right, and by a fraction of a pixel that starts at `start` and grows by `growth` per pixel.
+    """
+
+    first: Any
+    width: Any
+    column: Any
+    shift: Any
+    growth: Any
+    start: Any
+
+
+# Each loop runs over few arrays, and over slices, whose indices cannot be negative: this lets the compiler vectorise.
 
 
 @compiled
-def _interpolate_rows(above: Float32, below: Float32, fraction: float, out: Float32) -> None:
-    for x in range(len(out)):
-        out[x] = above[x] + fraction * (below[x] - above[x])
-
-
-@compiled
-def _compare_lines(
-    grey: Float32,
-    gradient_u: Float32,
-    gradient_v: Float32,
-    reference_grey: Float32,
-    reference_u: Float32,
-    reference_v: Float32,
-    growth: float,
-    start: float,
+def _differences(
+    reference: Float32,
+    other: Float32,
+    weights: Float32,
     inverse_contrast: Float32,
+    rows: Rows,
+    run: Run,
+    line: Float32,
     cost: Float32,
 ) -> None:
-    """Fill the costs (u,) of a run of pixels from the channels (u + 1,) of a view's row and (u,) of the reference's.
-
-    The samples' fraction of a pixel to the right starts at `start` and grows by `growth` per pixel.
-    """
-    limit, weight = np.float32(TRUNCATION), np.float32(GRADIENT)
-    for x in range(len(cost)):
-        fraction = growth * np.float32(x) + start
-        along_u = abs(gradient_u[x] + fraction * (gradient_u[x + 1] - gradient_u[x]) - reference_u[x])
-        along_v = abs(gradient_v[x] + fraction * (gradient_v[x + 1] - gradient_v[x]) - reference_v[x])
-        brightness = abs(grey[x] + fraction * (grey[x + 1] - grey[x]) - reference_grey[x])
-        cost[x] = min((brightness + weight * (along_u + along_v)) * inverse_contrast[x], limit)
+    """Fill costs (v, u): the weighted absolute differences of a run of a block and its samples in a view."""
+    limit, x, width = np.float32(TRUNCATION), run.first, run.width
+    shift, growth, start = run.shift, run.growth, run.start
+    interpolated = line[: width + 1]
+    for number in range(len(cost)):
+        y, y0, row_fraction = rows.own[number], rows.above[number], rows.fraction[number]
+        row_cost = cost[number, run.column : run.column + width]
+        row_cost[:] = 0.0
+        for channel in range(len(weights)):
+            above = other[channel, y0, x + shift : x + shift + width + 1]
+            below = other[channel, y0 + 1, x + shift : x + shift + width + 1]
+            reference_row, weight = reference[channel, y, x : x + width], weights[channel]
+            for i in range(len(interpolated)):
+                interpolated[i] = above[i] + row_fraction * (below[i] - above[i])
+            for i in range(len(row_cost)):
+                fraction = growth * np.float32(i) + start
+                value = interpolated[i] + fraction * (interpolated[i + 1] - interpolated[i])
+                row_cost[i] += weight * abs(value - reference_row[i])
+        contrast = inverse_contrast[y, x : x + width]
+        for i in range(len(row_cost)):
+            row_cost[i] = min(row_cost[i] * contrast[i], limit)
 
 
 @compiled
@@ -200,20 +234,36 @@ def _add(cost: Float32, mask: Float32, total: Float32, count: Float32) -> None:
 
 
 @compiled
-def _fill_visible(
-    visible: Float32, sampled: Float32, surface: Float32, max_plane: float, growth: float, start: float
-) -> None:
-    """Fill `visible` (u,): `sampled` (u,) where no plane of `surface` (u + 1,) is nearer than `max_plane`, else 0."""
-    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-    for x in range(len(visible)):
-        left, right = surface[x], surface[x + 1]
-        nearest = left if growth * np.float32(x) + start < half else right
-        visible[x] = sampled[x] * (one if nearest <= max_plane else zero)
+def _fill_sampled(valid: UInt8, rows: Rows, run: Run, sampled: Float32) -> None:
+    """Fill `sampled` (v, u) in a run: 1 where the view is `valid`, else 0."""
+    first = run.first + run.shift
+    for number in range(len(sampled)):
+        row = valid[rows.above[number], first : first + run.width]
+        row_sampled = sampled[number, run.column : run.column + run.width]
+        for x in range(len(row)):
+            row_sampled[x] = np.float32(row[x])
 
 
 @compiled
-def _compare_row(
-    y: int,
+def _fill_visible(
+    surface: Float32, rows: Rows, run: Run, max_plane: float, sampled: Float32, visible: Float32
+) -> None:
+    """Fill `visible` (v, u) in a run: `sampled` where no plane of the view's `surface` is nearer than `max_plane`."""
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+    first, growth, start = run.first + run.shift, run.growth, run.start
+    for number in range(len(visible)):
+        row = surface[rows.nearest[number], first : first + run.width + 1]
+        row_sampled = sampled[number, run.column : run.column + run.width]
+        row_visible = visible[number, run.column : run.column + run.width]
+        for x in range(len(row_visible)):
+            left, right = row[x], row[x + 1]
+            nearest = left if growth * np.float32(x) + start < half else right
+            row_visible[x] = row_sampled[x] * (one if nearest <= max_plane else zero)
+
+
+@compiled
+def _compare_block(
+    rows: Rows,
     plane: int,
     view: int,
     first: int,
@@ -225,23 +275,16 @@ def _compare_row(
     sampled: Float32,
     visible: Float32,
 ) -> None:
-    """Fill a view's costs (u,) for a plane at pixels `first` to `last` of row `y`, where its two masks are not 0."""
-    height, width = views.inverse_contrast.shape
-    sampled[:], visible[:] = 0.0, 0.0
+    """Fill a view's costs (v, u) for a plane at pixels `first` to `last` of rows, and its two masks, which are 0."""
+    width = views.inverse_contrast.shape[1]
     scale, offset_u = mapping.scale[plane, view], mapping.offset_u[plane, view]
-    row = scale * np.float32(y) + mapping.offset_v[plane, view]
-    if row < 0 or row > height - 1:
-        return
     # Restrict to columns scale x + offset_u from 0 to width - 1.
     tolerance = np.float32(1e-4)
     x = max(first, int(np.ceil(-offset_u / scale - tolerance)))
     end_x = min(last, int(np.floor((np.float32(width - 1) - offset_u) / scale + tolerance)) + 1)
-    y0 = int(np.floor(row))
-    nearest_row = int(row + np.float32(0.5))
-    row_fraction, growth = np.float32(row - np.float32(y0)), scale - np.float32(1.0)
-    other = views.others[view]
+    growth = scale - np.float32(1.0)
     while x < end_x:
-        # A run of adjacent pixels whose samples in the view are adjacent as well.
+        # A run of adjacent columns whose samples in the view are adjacent as well.
         shift = int(np.floor(growth * np.float32(x) + offset_u + tolerance))
         end = end_x
         if growth > 0:
@@ -250,49 +293,63 @@ def _compare_row(
             end = min(end, int(np.floor((np.float32(shift) - offset_u) / growth)) + 1)
         end = max(end, x + 1)
         start = growth * np.float32(x) + offset_u - np.float32(shift)
-        a, b = x + shift, end + shift + 1
-        for channel in range(CHANNELS):
-            _interpolate_rows(
-                other[channel, y0, a:b], other[channel, y0 + 1, a:b], row_fraction, line[channel, : b - a]
-            )
-        _compare_lines(
-            line[0, : b - a],
-            line[1, : b - a],
-            line[2, : b - a],
-            views.reference[0, y, x:end],
-            views.reference[1, y, x:end],
-            views.reference[2, y, x:end],
-            growth,
-            start,
-            views.inverse_contrast[y, x:end],
-            cost[x - first : end - first],
+        run = Run(x, end - x, x - first, shift, growth, start)
+        _differences(
+            views.reference, views.others[view], views.weights, views.inverse_contrast, rows, run, line, cost
         )
-        valid, run_sampled = views.valid[view, y0, x + shift : end + shift], sampled[x - first : end - first]
-        for i in range(len(run_sampled)):
-            run_sampled[i] = np.float32(valid[i])
+        _fill_sampled(views.valid[view], rows, run, sampled)
         if len(views.nearest) > 0:
-            surface = views.nearest[view, nearest_row, x + shift : end + shift + 1]
             max_plane = np.float32(plane) + views.occlusion_gap
-            _fill_visible(visible[x - first : end - first], run_sampled, surface, max_plane, growth, start)
+            _fill_visible(views.nearest[view], rows, run, max_plane, sampled, visible)
         x = end
 
 
 @compiled
 def _block(
-    top: int, bottom: int, plane: int, first: int, last: int, views: ComparedViews, mapping: PlaneMapping, work: Work
+    top: int,
+    bottom: int,
+    plane: int,
+    first: int,
+    last: int,
+    views: ComparedViews,
+    mapping: PlaneMapping,
+    rows: Rows,
+    work: Work,
 ) -> None:
     """Compute the costs `decided` of a plane at pixels `first` to `last` of rows `top` to `bottom`, row by row."""
     count, occlusion_known = last - first, len(views.nearest) > 0
-    pixels = (bottom - top) * count
+    pixels, max_row = (bottom - top) * count, np.float32(len(views.inverse_contrast) - 1)
     for kind in range(2 if occlusion_known else 1):
         for sector in range(mapping.rings[-1]):
             work.sums[kind, sector, :pixels] = 0.0
             work.weights[kind, sector, :pixels] = 0.0
     cost, sampled, visible = work.cost[0, :pixels], work.cost[1, :pixels], work.cost[2, :pixels]
     for view in range(len(views.others)):
+        sampled[:], visible[:] = 0.0, 0.0
+        # Rows whose samples are in the view are adjacent.
+        begin = seen = 0
         for y in range(top, bottom):
-            a, b = (y - top) * count, (y - top + 1) * count
-            _compare_row(y, plane, view, first, last, views, mapping, work.line, cost[a:b], sampled[a:b], visible[a:b])
+            row = mapping.scale[plane, view] * np.float32(y) + mapping.offset_v[plane, view]
+            if 0 <= row <= max_row:
+                begin = y - top - seen
+                rows.own[seen], rows.above[seen], rows.nearest[seen] = y, int(row), int(row + np.float32(0.5))
+                rows.fraction[seen] = row - np.float32(int(row))
+                seen += 1
+        if seen > 0:
+            a, b = begin * count, (begin + seen) * count
+            _compare_block(
+                rows,
+                plane,
+                view,
+                first,
+                last,
+                views,
+                mapping,
+                work.line,
+                cost[a:b].reshape((seen, count)),
+                sampled[a:b].reshape((seen, count)),
+                visible[a:b].reshape((seen, count)),
+            )
         sector = mapping.sector[view]
         _add(cost, sampled, work.sums[0, sector, :pixels], work.weights[0, sector, :pixels])
         if occlusion_known:
@@ -313,9 +370,11 @@ def fill_costs(
         np.empty((DIRECTIONS, max_pixels), np.float32),
         np.empty((8, max_pixels), np.float32),
         np.zeros((3, max_pixels), np.float32),
-        np.empty((CHANNELS, MAX_RUN_PX + 1), np.float32),
+        np.empty(MAX_RUN_PX + 1, np.float32),
         np.empty(max_pixels, np.float32),
     )
+    numbers = np.empty((3, TILE_PX), np.int64)
+    rows = Rows(numbers[0], numbers[1], numbers[2], np.empty(TILE_PX, np.float32))
     for top in range(first, last, TILE_PX):
         bottom = min(top + TILE_PX, last)
         low, count = ranges.low[top], ranges.plane_count[top]
@@ -329,7 +388,7 @@ def fill_costs(
                 while end < min(begin + MAX_RUN_PX, width) and low[end] <= plane < low[end] + count[end]:
                     end += TILE_PX
                 end = min(end, width)
-                _block(top, bottom, plane, begin, end, views, mapping, work)
+                _block(top, bottom, plane, begin, end, views, mapping, rows, work)
                 i = 0
                 for y in range(top, bottom):
                     start = ranges.start[y]

@@ -3,15 +3,14 @@
 The coarsest pyramid level is searched over all planes; finer ones, near the depth of the previous level (`search`). A
 plane sweep gives each pixel a cost at each depth (`cost`): first with competing views, then with the occlusion that
 follows from the first depth (`sweep`). Paths along slanted surfaces select a plane (`semiglobal`). Depth edges are
-moved to picture edges, and Gauss-Newton steps with a smoothness prior refine the depth (`refine`). In quality `fast`,
-all this is done at half the size, and the picture guides the enlargement of the result (`half_size`).
+moved to picture edges, and Gauss-Newton steps with a smoothness prior refine the depth (`refine`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from typing import Any, Literal
 
 import cv2
@@ -21,15 +20,8 @@ from numpy.typing import NDArray
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
-from mirrorcam.optics.light_field.depth.half_size import enlarged_by_picture, halved_light_field
-from mirrorcam.optics.light_field.depth.parallax import (
-    MAX_PLANES,
-    Parallax,
-    halved,
-    other_views,
-    parallax,
-    reference_index,
-)
+from mirrorcam.optics.light_field.depth.enlargement import enlarged_by_picture
+from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, Parallax, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     ViewPicture,
@@ -38,7 +30,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
     rough_gain,
 )
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, align_to_picture_edges
-from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, doubled, search
+from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, search
 from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
 from mirrorcam.optics.light_field.depth.sweep import range_around
 from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
@@ -64,8 +56,8 @@ class _Effort:
 
     Attributes
     ----------
-    halved
-        Whether depth is measured at half size.
+    first_halvings, last_halvings
+        Number of times that pictures are halved for the first search, and for the last.
     slanted_rounds
         Further rounds of the first search, along the slanted surfaces of the round before.
     with_occlusion
@@ -76,25 +68,36 @@ class _Effort:
         Iterations of conjugate gradients in each step.
     """
 
-    halved: bool
+    first_halvings: int
+    last_halvings: int
     slanted_rounds: int
     with_occlusion: bool
     steps: int
     iterations: int
 
 
-EFFORTS = {"best": _Effort(False, 2, True, 2, 60), "fast": _Effort(True, 1, False, 1, 30)}
+EFFORTS = {"best": _Effort(1, 0, 2, True, 2, 60), "fast": _Effort(2, 1, 1, False, 1, 30)}
 
 
 @dataclass(frozen=True, eq=False)
 class _SearchResult:
-    """Search results at the size at which depth is measured.
+    """Search results at full size.
 
-    `first_rivals` holds the rivals (v, u) of the first search, over all planes; `halved` states whether the last search
-    was at half that size.
+    Attributes
+    ----------
+    planes
+        Planes (v, u), with depth edges at picture edges.
+    margin, rivals
+        Margin and rivals (v, u) of the last search, see `LowestCost`.
+    first_rivals
+        Rivals (v, u) of the first search, over all planes.
+    halved
+        Whether the last search was at half size.
     """
 
-    lowest_cost: LowestCost
+    planes: Float32
+    margin: Float32
+    rivals: Float32
     first_rivals: Float32
     halved: bool
 
@@ -110,7 +113,7 @@ class DepthEstimator:
         Nearest and farthest depth to search, from the pupil along view z; by default 0.6 and 2 times the reference
         depth. `far_mm` may be infinite.
     quality
-        "best", or "fast" for videos, which measures depth at half the size.
+        "best", or "fast" for videos, which searches at a quarter and at half the size.
     workers
         Number of threads; by default OpenCV's.
 
@@ -141,27 +144,24 @@ class DepthEstimator:
         _check(self.views, near, far)
         self.near_mm, self.far_mm = float(near), float(far)
         self.reference, self.others = reference_index(self.views), other_views(self.views)
-        self.workers = workers or cv2.getNumThreads()
-        self._run = ThreadPoolExecutor(self.workers).map
+        self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
         self._effort = EFFORTS[quality]
-        self._halved = self._effort.halved and min(self.views.width_px, self.views.height_px) >= 2 * MIN_SEARCHED_PX
-        self._measured = halved(self.views) if self._halved else self.views
         self._levels = self._levels_to_search()
-        self._full = PyramidLevel.of(self._measured, self.near_mm, self.far_mm, 0)
-        self._parallaxes = [parallax(self._measured, index) for index in self.others]
+        self._full = PyramidLevel.of(self.views, self.near_mm, self.far_mm, 0)
+        self._parallaxes = [parallax(self.views, index) for index in self.others]
         self._refiner = Refiner(self._full.sweep, self._parallaxes, self._run)
 
     def _levels_to_search(self) -> list[PyramidLevel]:
         """Return the pyramid levels to search, coarsest first."""
 
         def level(halvings: int, max_planes: int = MAX_PLANES) -> PyramidLevel:
-            return PyramidLevel.of(self._measured, self.near_mm, self.far_mm, halvings, max_planes)
+            return PyramidLevel.of(self.views, self.near_mm, self.far_mm, halvings, max_planes)
 
-        max_halvings = max(int(np.log2(min(self._measured.width_px, self._measured.height_px) / MIN_SEARCHED_PX)), 0)
-        first = level(min(1, max_halvings), MAX_FINE_PLANES)
+        max_halvings = max(int(np.log2(min(self.views.width_px, self.views.height_px) / MIN_SEARCHED_PX)), 0)
+        first = level(min(self._effort.first_halvings, max_halvings), MAX_FINE_PLANES)
         while first.cost_count > MAX_COSTS and first.halvings < max_halvings:
             first = level(first.halvings + 1, MAX_FINE_PLANES)
-        return [first, *(level(halvings) for halvings in range(first.halvings - 1, -1, -1))]
+        return [first, *(level(halvings) for halvings in range(first.halvings - 1, self._effort.last_halvings - 1, -1))]
 
     @property
     def plane_count(self) -> int:
@@ -174,32 +174,24 @@ class DepthEstimator:
         same = all(np.array_equal(getattr(light_field, name), getattr(self.views, name)) for name in names)
         return same and np.array_equal(light_field.weights, self.weights)
 
-    def estimate(self, light_field: LightField, filtered: Callable[[LightField], LightField] | None = None) -> DepthMap:
+    def estimate(self, light_field: LightField) -> DepthMap:
         """Return the depth of the reference view of a light field with this estimator's geometry.
 
-        `filtered` is applied to the light field at the size at which depth is measured. Raises InputError if views or
-        weights of the light field differ.
+        Raises InputError if views or weights of the light field differ.
         """
         if not self.fits(light_field):
             raise InputError("light field differs in views or weights from the one that the estimator was built for")
-        measured = halved_light_field(light_field, self._measured, self._run) if self._halved else light_field
-        if filtered is not None:
-            measured = filtered(measured)
-        pictures = list(self._run(lambda index: ViewPicture.of(measured, index), [self.reference, *self.others]))
+        pictures = list(self._run(lambda index: ViewPicture.of(light_field, index), [self.reference, *self.others]))
         reference, others = pictures[0], pictures[1:]
         reference_grey = reference.grey
         gains = self._run(lambda other: rough_gain(other.grey, reference_grey), others)
         others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         result, others = self._search(reference, others)
-        planes = align_to_picture_edges(
-            result.lowest_cost.planes, reference.colours, JUMP_PX / self._full.sweep.step_px, self._run
-        )
         pictures = [reference, *others]
         gradients = list(self._run(lambda view: GradientPicture.of(view.brightness, view.interior), pictures))
         steps, iterations = self._effort.steps, self._effort.iterations
-        planes, match, smoothness = self._refiner.refined(planes, gradients[0], gradients[1:], steps, iterations)
-        picture = ViewPicture.of(light_field, self.reference) if self._halved else None
-        return self._depth_map(planes, match, smoothness, result, reference, picture)
+        planes, match, smoothness = self._refiner.refined(result.planes, gradients[0], gradients[1:], steps, iterations)
+        return self._depth_map(planes, match, smoothness, result, reference.valid)
 
     def _search(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_SearchResult, list[ViewPicture]]:
         """Return the search result, and the other views equalised to the reference view."""
@@ -215,10 +207,27 @@ class DepthEstimator:
             for _ in range(1 + self._effort.with_occlusion):
                 ranges = range_around(result.planes, finer.sweep.plane_count)
                 if ranges.size > MAX_NEAR_COSTS:
-                    return _SearchResult(self._full.enlarged(coarse, level), first_rivals, level.halvings > 0), others
+                    return self._result(coarse, level, first_rivals, reference), others
                 result = search(finer, reference, others, self._run, earlier=result, ranges=ranges)
             coarse, level = result, finer
-        return _SearchResult(self._full.enlarged(coarse, level), first_rivals, level.halvings > 0), others
+        return self._result(coarse, level, first_rivals, reference), others
+
+    def _result(
+        self, found: LowestCost, level: PyramidLevel, first_rivals: Float32, reference: ViewPicture
+    ) -> _SearchResult:
+        """Return what a level found at full size. Depth edges move to picture edges before the map is enlarged."""
+        pictures = [reference]
+        for _ in range(level.halvings):
+            pictures.append(pictures[-1].halved())
+        full = self._full.sweep
+        jump = JUMP_PX / full.step_px
+        level_jump = jump * full.step / level.sweep.step
+        planes = align_to_picture_edges(found.planes, pictures[-1].colours, level_jump, self._run)
+        planes = full.planes(level.sweep.inverse_distance(planes))
+        for large, small in reversed(list(pairwise(pictures))):
+            planes = enlarged_by_picture(planes, small.colours, large.colours, jump, self._run)
+        enlarged = self._full.enlarged(found, level)
+        return _SearchResult(planes, enlarged.margin, enlarged.rivals, first_rivals, level.halvings > 0)
 
     def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
         """Return gains (v, u) that equalise the other views to the reference view, given its planes (v, u)."""
@@ -238,31 +247,18 @@ class DepthEstimator:
         match: Match,
         smoothness: Float32,
         result: _SearchResult,
-        reference: ViewPicture,
-        picture: ViewPicture | None,
+        valid: NDArray[np.bool_],
     ) -> DepthMap:
-        """Build the depth map from refined planes (v, u) and the statistics of their match.
-
-        `picture` is the reference view at full size if depth was measured at half size.
-        """
+        """Build the depth map from refined planes (v, u) and the statistics of their match."""
         full = self._full.sweep
-        valid = reference.valid & (match.view_count >= min(2, len(self.others)))
-        step_px = np.float32(full.step_px)
-        range_px, views = full.plane_count * full.step_px, len(self.others)
-        lowest = result.lowest_cost
-        confidence = probability(planes * step_px, match, lowest.rivals, result.first_rivals, smoothness, result.halved)
-        sigma_px = standard_deviation_px(match, smoothness, lowest.margin, confidence, views, result.halved, range_px)
-        deviation = sigma_px * np.float32(full.step / full.step_px)
-        rivals, halved_search = result.lowest_cost.rivals, result.halved or self._halved
-        confidence = probability(planes * step_px, match, rivals, result.first_rivals, smoothness, halved_search)
-        if picture is not None:
-            planes = enlarged_by_picture(planes, reference.colours, picture.colours, JUMP_PX / step_px, self._run)
-            valid, deviation, confidence = (
-                doubled(values, planes.shape) for values in (valid.astype(np.float32), deviation, confidence)
-            )
-            valid = picture.valid & (valid > np.float32(0.5))
         inverse_distance = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.plane_count)))
         inverse_distance = np.maximum(inverse_distance, np.float32(0.0))
+        valid = valid & (match.view_count >= min(2, len(self.others)))
+        step_px = np.float32(full.step_px)
+        range_px, views = full.plane_count * full.step_px, len(self.others)
+        confidence = probability(planes * step_px, match, result.rivals, result.first_rivals, smoothness, result.halved)
+        sigma_px = standard_deviation_px(match, smoothness, result.margin, confidence, views, result.halved, range_px)
+        deviation = sigma_px * np.float32(full.step / full.step_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse_distance
             pupil_depth = np.float32(self.views.reference_view_depth_mm)
@@ -328,8 +324,8 @@ class VideoDepth:
 
     def __init__(self, estimator: DepthEstimator) -> None:
         self._estimator = estimator
-        self._filter = TemporalFilter(estimator.workers)
+        self._filter = TemporalFilter()
 
     def estimate(self, light_field: LightField) -> DepthMap:
         """Return the depth of the next frame; raises InputError like `DepthEstimator.estimate`."""
-        return self._estimator.estimate(light_field, self._filter.filtered)
+        return self._estimator.estimate(self._filter.filtered(light_field))

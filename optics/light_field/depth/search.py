@@ -73,13 +73,12 @@ class PyramidLevel:
         maps = {name: getattr(result, name) for name in ("planes", "margin", "rivals")}
         for halvings in range(coarser.halvings - 1, self.halvings - 1, -1):
             shape = self.shape if halvings == self.halvings else None
-            maps = {name: doubled(values, shape) for name, values in maps.items()}
-        first, step = np.float32(self.sweep.inverse_distances[0]), np.float32(1.0 / self.sweep.step)
-        maps["planes"] = np.asarray((coarser.sweep.inverse_distance(maps["planes"]) - first) * step)
+            maps = {name: _doubled(values, shape) for name, values in maps.items()}
+        maps["planes"] = self.sweep.planes(coarser.sweep.inverse_distance(maps["planes"]))
         return LowestCost(**maps)
 
 
-def doubled(small: Float32, shape: tuple[int, int] | None) -> Float32:
+def _doubled(small: Float32, shape: tuple[int, int] | None) -> Float32:
     """Return a map (v, u) at twice the size; an odd last row or column repeats the previous one."""
     full = cv2.resize(small, (2 * small.shape[1], 2 * small.shape[0]), interpolation=cv2.INTER_LINEAR)
     if shape is None:

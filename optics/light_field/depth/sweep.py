@@ -29,7 +29,7 @@ TILE_PX = 8
 """Side of a tile; all its pixels search the same range."""
 NEIGHBOUR_PX = 8
 """Distance from a tile within which known depths are searched as well, so that depth edges can move."""
-MARGIN_PLANES = 6
+MARGIN_PLANES = 3
 """Planes searched beyond the known ones, nearer and farther."""
 MIN_PLANES = 3
 
@@ -88,6 +88,10 @@ class Sweep:
     def inverse_distance(self, planes: Float32) -> Float32:
         """Inverse distances, 1/mm, of fractional plane indices."""
         return np.asarray(planes * np.float32(self.step) + np.float32(self.inverse_distances[0]))
+
+    def planes(self, inverse_distance: Float32) -> Float32:
+        """Fractional plane indices of inverse distances, 1/mm."""
+        return np.asarray((inverse_distance - np.float32(self.inverse_distances[0])) * np.float32(1.0 / self.step))
 
 
 def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:

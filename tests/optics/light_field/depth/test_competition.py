@@ -64,7 +64,7 @@ def test_the_better_half_of_each_ring_counts(known: bool, rings: list[int]) -> N
         np.empty((16, PIXELS), np.float32),
         np.empty((8, PIXELS), np.float32),
         np.empty((3, PIXELS), np.float32),
-        np.empty((1, PIXELS + 1), np.float32),
+        np.empty(PIXELS + 1, np.float32),
         np.empty(PIXELS, np.float32),
     )
     decide(np.array(rings), known, work, PIXELS)

@@ -67,8 +67,8 @@ def reference_cost(reference: Any, others: Any, planes: Sweep, y: int, x: int, p
         row = planes.mapping.scale[plane, view] * y + planes.mapping.offset_v[plane, view]
         offset_u, offset_v = (np.full((1, 1), coordinate, np.float32) for coordinate in (column, row))
         sampled: Any = cv2.remap(np.moveaxis(other, 0, -1), offset_u, offset_v, cv2.INTER_LINEAR)[0, 0]
-        differences = np.abs(sampled - reference[:, y, x])
-        difference = differences[0] + 2.0 * differences[1:].sum()
+        difference = np.abs(sampled[:3] - reference[:3, y, x]).mean()
+        difference += 2.0 * np.abs(sampled[3:] - reference[3:, y, x]).sum()
         costs.append(min(difference * inverse_contrast, TRUNCATION))
     ordered = np.sort(costs)
 

@@ -1,41 +1,19 @@
-"""Depth at half size: light fields are halved, and the reference view's picture guides the enlargement of the result."""
+"""Enlargement of a map to twice its size, guided by the picture, so that depth edges stay sharp."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import bands
 from mirrorcam.optics.light_field.depth.refine import COLOUR_GREY
-from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
 MapFunction = Callable[..., Any]
-
-
-def halved_light_field(light_field: LightField, views: Views, run: MapFunction = map) -> LightField:
-    """Merge blocks of two by two pixels of all views, with weight 0 if a sample is missing; samples become float32.
-
-    `views` are the light field's views, halved.
-    """
-    size = views.width_px, views.height_px
-    samples: Any = light_field.samples[:, :, : 2 * size[1], : 2 * size[0]]
-    weights = light_field.weights[:, :, : 2 * size[1], : 2 * size[0]]
-    scale = np.float32(1.0 / 255.0 if samples.dtype == np.uint8 else 1.0)
-    half = np.empty((*samples.shape[:2], size[1], size[0], samples.shape[-1]), np.float32)
-
-    def fill(index: tuple[int, int]) -> None:
-        merged = cv2.resize(samples[index].astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        np.multiply(merged.reshape(half[index].shape), scale, out=half[index])
-
-    list(run(fill, np.ndindex(half.shape[:2])))
-    lowest = np.minimum(weights[:, :, ::2], weights[:, :, 1::2])
-    return LightField.of(views, half, np.minimum(lowest[..., ::2], lowest[..., 1::2]))
 
 
 @compiled
