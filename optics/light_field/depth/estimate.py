@@ -58,6 +58,8 @@ class _Effort:
     ----------
     first_halvings, last_halvings
         Number of times that pictures are halved for the first search, and for the last.
+    directions
+        Number of directions of the paths of each search.
     slanted_rounds
         Further rounds of the first search, along the slanted surfaces of the round before.
     with_occlusion
@@ -70,13 +72,14 @@ class _Effort:
 
     first_halvings: int
     last_halvings: int
+    directions: int
     slanted_rounds: int
     with_occlusion: bool
     steps: int
     iterations: int
 
 
-EFFORTS = {"best": _Effort(1, 0, 2, True, 2, 60), "fast": _Effort(2, 1, 1, False, 1, 30)}
+EFFORTS = {"best": _Effort(1, 0, 8, 2, True, 2, 60), "fast": _Effort(2, 1, 4, 1, False, 1, 30)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,12 +198,14 @@ class DepthEstimator:
 
     def _search(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_SearchResult, list[ViewPicture]]:
         """Return the search result, and the other views equalised to the reference view."""
-        level, *finer_levels = self._levels
-        coarse = search(level, reference, others, self._run, rounds=self._effort.slanted_rounds)
+        (level, *finer_levels), directions = self._levels, self._effort.directions
+        coarse = search(
+            level, reference, others, self._run, directions=directions, rounds=self._effort.slanted_rounds
+        )
         gains = self._gains(reference, others, self._full.enlarged(coarse, level).planes)
         others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         if self._effort.with_occlusion:
-            coarse = search(level, reference, others, self._run, earlier=coarse)
+            coarse = search(level, reference, others, self._run, directions=directions, earlier=coarse)
         first_rivals = self._full.enlarged(coarse, level).rivals
         for finer in finer_levels:
             result = finer.enlarged(coarse, level)
@@ -208,7 +213,9 @@ class DepthEstimator:
                 ranges = range_around(result.planes, finer.sweep.plane_count)
                 if ranges.size > MAX_NEAR_COSTS:
                     return self._result(coarse, level, first_rivals, reference), others
-                result = search(finer, reference, others, self._run, earlier=result, ranges=ranges)
+                result = search(
+                    finer, reference, others, self._run, directions=directions, earlier=result, ranges=ranges
+                )
             coarse, level = result, finer
         return self._result(coarse, level, first_rivals, reference), others
 

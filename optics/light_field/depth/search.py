@@ -105,6 +105,7 @@ def search(
     others: Sequence[ViewPicture],
     run: MapFunction = map,
     *,
+    directions: int = len(PATH_DIRECTIONS),
     rounds: int = 0,
     earlier: LowestCost | None = None,
     ranges: Ranges | None = None,
@@ -119,6 +120,8 @@ def search(
         The views, at full size and equalised.
     run
         `map`, or the `map` of a thread pool.
+    directions
+        Number of PATH_DIRECTIONS that paths follow.
     rounds
         Number of further passes along the slanted surfaces of the pass before.
     earlier
@@ -141,9 +144,9 @@ def search(
     )
 
     def search_along(slants: tuple[Float32, Float32]) -> LowestCost:
-        total = aggregate(volume, small_reference.colours, slants, penalties, run)
-        result = lowest_cost(total, DOUBTFUL_MARGIN * len(PATH_DIRECTIONS) * unit, run)
-        return replace(result, margin=result.margin * np.float32(1.0 / (len(PATH_DIRECTIONS) * unit)))
+        total = aggregate(volume, small_reference.colours, slants, penalties, run, directions)
+        result = lowest_cost(total, DOUBTFUL_MARGIN * directions * unit, run)
+        return replace(result, margin=result.margin * np.float32(1.0 / (directions * unit)))
 
     flat = np.zeros(level.shape, np.float32)
     result = search_along((flat, flat) if earlier is None else surface_slants(earlier.planes, earlier.margin))

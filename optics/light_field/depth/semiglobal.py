@@ -198,6 +198,7 @@ def aggregate(
     slants: tuple[Float32, Float32],
     penalties: tuple[int, int],
     run: MapFunction = map,
+    directions: int = len(PATH_DIRECTIONS),
 ) -> Volume:
     """Return the path costs of a volume of matching costs, summed over the directions.
 
@@ -213,11 +214,13 @@ def aggregate(
         Penalty of a step to an adjacent plane, and of a larger step (P1 and P2).
     run
         `map`, or the `map` of a thread pool.
+    directions
+        Number of PATH_DIRECTIONS that paths follow.
     """
     height, width = volume.ranges.low.shape
     total = np.zeros_like(volume.costs)
     next_plane, jump = penalties
-    for number, (dy, dx) in enumerate(PATH_DIRECTIONS):
+    for number, (dy, dx) in enumerate(PATH_DIRECTIONS[:directions]):
         forward = number % 2 == 0
         if forward:
             jumps = _jumps(picture, dy, dx, next_plane, jump, run)

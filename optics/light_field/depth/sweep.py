@@ -27,7 +27,7 @@ NO_SURFACE = np.float32(-1e9)
 """Plane of a pixel without a surface: it hides nothing."""
 TILE_PX = 8
 """Side of a tile; all its pixels search the same range."""
-NEIGHBOUR_PX = 8
+NEIGHBOUR_PX = 4
 """Distance from a tile within which known depths are searched as well, so that depth edges can move."""
 MARGIN_PLANES = 3
 """Planes searched beyond the known ones, nearer and farther."""
