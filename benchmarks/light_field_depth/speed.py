@@ -1,4 +1,4 @@
-"""Times of depth, one pair of OpenCV's stereo and a bare `cv2.remap` of the views, for more pixels, views and planes."""
+"""Times of depth, one pair of OpenCV's stereo and bare remaps of the views, for more pixels, views and planes."""
 
 from __future__ import annotations
 

@@ -41,8 +41,8 @@ class Work(NamedTuple):
     decided: Any
 
 
-# Each loop runs over few arrays, and over slices, whose indices cannot be negative, and loads all values that it selects
-# from: this lets the compiler vectorise.
+# Each loop runs over few arrays, and over slices, whose indices cannot be negative, and loads all values that it
+# selects from: this lets the compiler vectorise.
 
 
 @compiled

@@ -245,9 +245,7 @@ def _fill_sampled(valid: UInt8, rows: Rows, run: Run, sampled: Float32) -> None:
 
 
 @compiled
-def _fill_visible(
-    surface: Float32, rows: Rows, run: Run, max_plane: float, sampled: Float32, visible: Float32
-) -> None:
+def _fill_visible(surface: Float32, rows: Rows, run: Run, max_plane: float, sampled: Float32, visible: Float32) -> None:
     """Fill `visible` (v, u) in a run: `sampled` where no plane of the view's `surface` is nearer than `max_plane`."""
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
     first, growth, start = run.first + run.shift, run.growth, run.start
@@ -294,9 +292,7 @@ def _compare_block(
         end = max(end, x + 1)
         start = growth * np.float32(x) + offset_u - np.float32(shift)
         run = Run(x, end - x, x - first, shift, growth, start)
-        _differences(
-            views.reference, views.others[view], views.weights, views.inverse_contrast, rows, run, line, cost
-        )
+        _differences(views.reference, views.others[view], views.weights, views.inverse_contrast, rows, run, line, cost)
         _fill_sampled(views.valid[view], rows, run, sampled)
         if len(views.nearest) > 0:
             max_plane = np.float32(plane) + views.occlusion_gap

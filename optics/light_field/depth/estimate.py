@@ -199,9 +199,7 @@ class DepthEstimator:
     def _search(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_SearchResult, list[ViewPicture]]:
         """Return the search result, and the other views equalised to the reference view."""
         (level, *finer_levels), directions = self._levels, self._effort.directions
-        coarse = search(
-            level, reference, others, self._run, directions=directions, rounds=self._effort.slanted_rounds
-        )
+        coarse = search(level, reference, others, self._run, directions=directions, rounds=self._effort.slanted_rounds)
         gains = self._gains(reference, others, self._full.enlarged(coarse, level).planes)
         others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         if self._effort.with_occlusion:

@@ -67,7 +67,7 @@ def _jump_penalties(
     first: int, last: int, picture: Float32, dy: int, dx: int, penalty_of_step: UInt16, out: UInt16
 ) -> None:
     """Fill the penalties `out` (v, u) of jumps between a pixel and its neighbour at (-dy, -dx), by their colours."""
-    height, width = out.shape
+    width = out.shape[1]
     for y in range(first, last):
         for x in range(max(dx, 0), min(width + dx, width)):
             if y < dy:
