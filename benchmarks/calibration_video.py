@@ -75,11 +75,10 @@ def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
     errors, _ = predicted_mirrored(fitted.solution.estimate, rows, fitted.model, fold)
     floor = prediction_floor(fitted, rows, fold)
     value = {name: metric.value for name, metric in calibration.metrics.items()}
-    counts = f"{value['corners']:.0f} corners, {value['outliers']:.0f} outliers"
     reprojection = f"{value['rms_x_px']:.3f} / {value['rms_y_px']:.3f} px"
     angle = f"{value['mirrors_0_1_angle_deg']:.2f} ± {value['mirrors_0_1_angle_sigma_deg']:.2f}°"
     table = Rows("", "x / y")
-    table.add(f"reprojection, {counts}", reprojection)
+    table.add("reprojection", reprojection)
     table.add(
         "last third of the frames, by a fit to the others: pose and bow from all views",
         rms(held.residuals[held.inliers]),

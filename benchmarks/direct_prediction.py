@@ -9,8 +9,7 @@ import numpy as np
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as, fit_with
-from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS
+from mirrorcam.optics.calibration.diagnostics.nested_models import CAMERA_ADDITIONS, Fitted, fit_as, fit_with
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
@@ -65,12 +64,15 @@ def predicted_mirrored(
 
 
 def refitted(calibration: Calibration, observations: Observations, board: Board, additions: Sequence[str]) -> Fitted:
-    """Fit a calibration's camera and planes to its corners, or to others of the same frames, with additions."""
+    """Fit a calibration's camera and planes to its corners, or to others of the same frames, with additions.
+
+    Additions to the camera are those that the calibrated one has.
+    """
     start = Estimate.of(calibration.layout.camera, calibration.layout.mirrors, calibration.rig_from_board)
     plain = replace(start, thickness_mm=np.zeros(len(calibration.layout.mirrors)))
-    model = Model(INTRINSICS, thickness=False, curvature=False, board=board)
+    model = Model(start.camera.intrinsic_names, thickness=False, curvature=False, board=board)
     fitted = fit_as("joint", plain, observations, model)
-    for addition in additions:
+    for addition in (name for name in additions if name not in CAMERA_ADDITIONS):
         fitted = fit_with("plates" if addition == "sheet" else addition, fitted, observations)
     return fitted
 

@@ -70,7 +70,7 @@ calibration_bound | NEES, 1000 trials with Gaussian noise | {NEES per degree of 
 calibration_start | fits that converge of 500, mirrors off by 2° and 2 mm | {converged_2deg:.0f}
 calibration_photos | real photographs: reprojection, RMS x / y | {board bows in each photograph/0} px
 calibration_photos | the same, mirrored corners held out | {board bows in each photograph/1} px
-calibration_video | real video: reprojection, RMS x / y | {reprojection, 2761 corners, 13 outliers/0}
+calibration_video | real video: reprojection, RMS x / y | {reprojection/0}
 
 ## Sets of another renderer
 

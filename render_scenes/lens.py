@@ -100,7 +100,8 @@ def grey_magnification(sensor: SensorModel) -> float:
     """Magnification of edges in grey pictures, relative to green light.
 
     Least squares locate an edge by a model with the mean blur. Each colour then counts by its weight, and by the
-    correlation of its edge's slope with that of the model, both of them Gaussian.
+    correlation of its edge's slope with that of the model, both of them Gaussian. Other methods find other
+    magnifications: for the sensor `webcam`, this one gives 66e-6 and `cv2.cornerSubPix` 39e-6 to 48e-6.
     """
     excess = sensor.lateral_chromatic_percent / 100.0 * np.array([1.0, 0.0, -1.0])
     variance = sensor.lens_blur_px**2 + PIXEL_VARIANCE_PX2 + np.zeros(3)

@@ -20,13 +20,14 @@ from numpy.typing import NDArray
 from benchmarks.depth_scenes.foliage import foliage
 from benchmarks.depth_scenes.gloss import gloss
 from benchmarks.depth_scenes.rendered_scene import RenderedScene, Scene, depth_views
+from benchmarks.depth_scenes.rods import rods
 from benchmarks.depth_scenes.slant import slant
 from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.optics.light_field.io.formats.hci import PARAMETERS, write_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
-SCENES: dict[str, Callable[[int], Scene]] = {"slant": slant, "foliage": foliage, "gloss": gloss}
+SCENES: dict[str, Callable[[int], Scene]] = {"slant": slant, "foliage": foliage, "gloss": gloss, "rods": rods}
 SPP = 256  # noise of half a grey level in most scenes
 SEED = 1
 SAME_SURFACE_PX = 0.05

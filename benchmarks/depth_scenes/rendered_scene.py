@@ -29,6 +29,8 @@ Kind = Literal["matte", "glossy", "satin", "metal", "mirror"]
 VIEWS = 9
 """Number of rows and of columns of the complete grid, as in the 4D Light Field Benchmark."""
 STEP_MM, FOCUS_MM = 10.0, 4000.0
+START_MM = 100.0
+"""Depth at which the rays of a view start: nearer than all that it should show."""
 FOCAL_IN_WIDTHS = 100.0 / 35.0  # focal length and sensor of the benchmark's cameras
 SOFTNESS_PX = 0.4  # sigma of the Gaussian that a pixel averages over
 PLASTIC_INDEX = 1.5
@@ -140,30 +142,39 @@ class RenderedScene:
 
     def picture(self, views: Views, t: int, s: int, *, spp: int) -> NDArray[np.uint8]:
         """Render a view (v, u, 3) in 8-bit sRGB; its position in the complete grid determines the random numbers."""
-        use_variant(self.variant)
+        use_variant(self.variant)  # before `pinhole` makes values of the variant
         row, column = (round(offset) for offset in views.positions_mm[t, s, 1::-1] / STEP_MM)
+        ray_through = _gaussian_pixels(pinhole(views, t, s, START_MM))
+        seed = 100 * (row + VIEWS) + column + VIEWS
+        return srgb(self.light(views, ray_through, is_pinhole=True, spp=spp, seed=seed))
+
+    def light(
+        self, views: Views, ray_through: RayThrough, *, is_pinhole: bool, spp: int, seed: int
+    ) -> NDArray[np.float32]:
+        """Render linear light (v, u, 3), 1 for white, of a camera with the views' number of pixels."""
+        use_variant(self.variant)
         light = render_lit(
             self._scene,
-            _gaussian_pixels(pinhole(views, t, s, 1.0)),
-            is_pinhole=True,
+            ray_through,
+            is_pinhole=is_pinhole,
             size=(views.width_px, views.height_px),
             subpixels=1,
             spp=spp,
-            seed=100 * (row + VIEWS) + column + VIEWS,
+            seed=seed,
             via_mirrors=False,
             max_indirect=MAX_INDIRECT / self.scene.exposure,
         )
-        return srgb(light * np.float32(self.scene.exposure))
+        return light * np.float32(self.scene.exposure)
 
     def depth_mm(self, views: Views, t: int, s: int) -> NDArray[np.float32]:
         """Return the depth (v, u) of the first surface at each pixel centre of a view; infinite without one."""
         use_variant(self.variant)
         import mitsuba as mi
 
-        start, direction = pinhole_rays(views, t, s, 1.0)
+        start, direction = pinhole_rays(views, t, s, START_MM)
         rays = mi.Ray3f(*(mi.Point3f(np.float32(vectors.reshape(-1, 3).T)) for vectors in (start, direction)))
         length = np.array(self._scene.ray_intersect_preliminary(rays).t, dtype=np.float64)
-        return (1.0 + length.reshape(start.shape[:2]) * direction[..., 2]).astype(np.float32)
+        return (START_MM + length.reshape(start.shape[:2]) * direction[..., 2]).astype(np.float32)
 
     def edges(self, views: Views) -> NDArray[np.bool_]:
         """Return the pixels (v, u) of the central view that show surfaces with disparities EDGE_PX or more apart."""

@@ -11,7 +11,8 @@ from scipy.stats import chi2
 
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_print_xy
+from mirrorcam.optics.calibration.detection.board_growing import expected_corners
+from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance
 from mirrorcam.optics.calibration.detection.corner_refinement import colour_shifts
 from mirrorcam.optics.calibration.solver.observations import Observations
@@ -56,10 +57,9 @@ def estimated_lateral_colour(
         for view in np.unique(rows.view):
             of_view = rows.where(rows.view == view)
             print_xy = corner_print_xy(target)[of_view.corner]
-            warp = BoardWarp.fit(print_xy, of_view.pixels, degree=QUINTIC) if len(of_view) >= MIN_CORNERS else None
-            if warp is None:
+            expected = expected_corners(print_xy, of_view.pixels) if len(of_view) >= MIN_CORNERS else None
+            if expected is None:
                 continue
-            expected = warp.expected(print_xy, of_view.pixels)
             shifts = colour_shifts(picture.astype(np.float32), expected, Appearance(target, BLUR_PX, motion=False))
             pixels.append(of_view.pixels)
             red.append(shifts[0] - shifts[1])

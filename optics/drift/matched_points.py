@@ -20,7 +20,7 @@ from mirrorcam.optics.geometry.sub_images import unvignetted_outline
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.features.align import align
 from mirrorcam.optics.light_field.features.keypoints import grey_views
-from mirrorcam.optics.light_field.features.patches import ImagePyramid, templates
+from mirrorcam.optics.light_field.features.patches import WIDE, ImagePyramid, templates
 from mirrorcam.optics.light_field.features.slope import ViewGeometry
 from mirrorcam.optics.light_field.light_field import Views
 
@@ -150,7 +150,7 @@ class PointMatcher:
         starts[:, ~valid] = np.nan
         starts[~_within(starts, self.inner[others])] = np.nan
         pyramid = ImagePyramid(grey.reshape(views.rows, views.cols, *grey.shape[1:]))
-        patches = templates(pyramid, self.reference, start, np.full(len(start), PATCH_SCALE))
+        patches = templates(pyramid, self.reference, start, np.full(len(start), PATCH_SCALE), WIDE)
         distance = 1.0 / np.clip(np.where(valid, inverse_distance, 1e-3), 1e-6, None)
         aligned = align(pyramid, patches, others, starts, geometry.lateral_mm[others], distance)
         pixels = np.full(tracked.shape, np.nan)

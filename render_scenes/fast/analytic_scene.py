@@ -174,7 +174,7 @@ class DrJitArithmetic:
         return np.asarray(array.numpy())
 
 
-SAMPLES = 64  # footprints of a view, at least, that determine its mipmap level
+SAMPLES = 1024  # footprints of a view, at least, that determine its mipmap level
 
 
 @dataclass(frozen=True)
@@ -350,11 +350,14 @@ class FastScene:
         )
 
     def _level(self, to_print: PrintMap, footprints: _LoadedFootprints) -> int:
-        """Return the finest level whose texels are at least as wide as the sampled footprints."""
+        """Return the finest level whose texels are at least as wide as the sampled footprints on the print."""
         rays = np.column_stack([footprints.sample, np.ones(len(footprints.sample))])
         rays = rays[rays @ to_print.depth > 0.0]
         depth = (rays @ to_print.depth)[:, None]
         texels = rays @ to_print.print.T / depth
+        finest = self._mipmap.levels[0]
+        on_print = ((texels > 0.0) & (texels < np.array([finest.columns, finest.rows]))).all(axis=1)
+        texels, depth = texels[on_print], depth[on_print]
         sides = to_print.print[:, :2] @ footprints.steps - texels[:, :, None] * (to_print.depth[:2] @ footprints.steps)
         widest = (np.linalg.norm(sides, axis=-1) / depth).max(initial=1.0)
         return int(min(np.ceil(np.log2(widest)), len(self._mipmap.levels) - 1))

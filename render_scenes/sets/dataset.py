@@ -129,6 +129,11 @@ class _Finishes(Value):
     mirrors: tuple[MirrorFinish, ...]
 
 
+def true_lens(folder: Path) -> TrueLens | None:
+    """Return what the layout of a set cannot describe of its lens; None for an ideal lens."""
+    return read_model(TrueLens, folder / LENS) if (folder / LENS).is_file() else None
+
+
 def true_layout(folder: Path) -> Layout:
     """Return the true layout of a set, with the bend of each mirror and the lens as grey pictures show them.
 
@@ -136,8 +141,8 @@ def true_layout(folder: Path) -> Layout:
     do not match.
     """
     layout = Layout.load(folder / TRUE_LAYOUT)
-    if (folder / LENS).is_file():
-        lens = read_model(TrueLens, folder / LENS)
+    lens = true_lens(folder)
+    if lens is not None:
         layout = layout.replaced(camera=lens.camera(layout.camera))
     if not (folder / FINISH).is_file():
         return layout

@@ -79,7 +79,7 @@ def test_options_reach_the_finder(stored: Path, tmp_path: Path) -> None:
     assert 0 < count("--detector", "ORB", "--near-mm", "250", "--far-mm", "420") < usual
     assert str(np.load(tmp_path / "board_features.npz")["detector"]) == "ORB"
     count()
-    assert str(np.load(tmp_path / "board_features.npz")["detector"]) == "SIFT"
+    assert str(np.load(tmp_path / "board_features.npz")["detector"]) == "SIFT4D"
 
 
 def test_scenes_are_searched_at_the_depths_that_they_state(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar, cast
 
 import cv2
 import numpy as np
@@ -13,13 +14,14 @@ from scipy.spatial import cKDTree
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import LOCAL, MAX_BLUR, Image
-from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_print_xy, typical_cell_px
+from mirrorcam.optics.calibration.detection.board_warp import SEPTIC, BoardWarp, corner_print_xy, typical_cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry.targets import Target
 
 BoolArray = NDArray[np.bool_]
+GreyValues = TypeVar("GreyValues", NDArray[np.uint8], Image)
 
 MAX_EXTRAPOLATION = 1.6  # of the warp, in squares beyond the known points
 MAX_MOVE = 0.25  # cells between the expected and the refined position of a corner
@@ -109,7 +111,7 @@ def _visible_corners(
     corner_pixels, rough = _grow(picture, print_xy, pixels, corners, target, mirrored=mirrored)
     grown_ids = np.flatnonzero(np.isfinite(corner_pixels[:, 0]))
     ids = grown_ids[on_smooth_surface(corners[grown_ids], corner_pixels[grown_ids], target.longest_step)]
-    warp = BoardWarp.fit(corners[ids], corner_pixels[ids], degree=QUINTIC)
+    warp = BoardWarp.fit(corners[ids], corner_pixels[ids])
     if warp is None:
         return Corners.empty()
     expected = warp.expected(corners[ids], corner_pixels[ids])
@@ -118,10 +120,15 @@ def _visible_corners(
     if blur_px < min(SHARP_PX, rough.blur_px / MAX_BLUR_CHANGE):
         # The rough refinement samples the picture too sparsely: its corners are off by up to a pixel, and not smooth.
         ids, expected = grown_ids, warp.expected(corners[grown_ids], corner_pixels[grown_ids])
-        picture = np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENING_PX), dtype=np.float32)
+        picture = softened(picture)
         rough = replace(rough, blur_px=float(np.hypot(blur_px, SOFTENING_PX)))
     fine = replace(rough, rough=False, motion=_is_blurred_by_motion(picture, typical, rough))
     ids, refined = _confirmed(picture, ids, expected, fine, mirrored=mirrored)
+    # Corners of the rough refinement are off by hundredths of a pixel or more: fine ones give a finer warp.
+    better = expected_corners(corners[ids], refined.pixels)
+    if better is None:
+        return Corners.empty()
+    ids, refined = _confirmed(picture, ids, better, fine, mirrored=mirrored)
     valid = _similar_contrast(corners[ids], refined.contrast) & _typical_quality(refined)
     board = Corners(ids.astype(np.int64), refined.pixels, refined.sigma_px).where(valid)
     return board.where(on_smooth_surface(corners[board.ids], board.pixels, target.longest_step))
@@ -185,11 +192,15 @@ def first_blur_px(print_xy: FloatArray, pixels: FloatArray) -> float:
     return min(FIRST_BLUR_PX, MAX_BLUR * typical_cell_px(print_xy, pixels))
 
 
-def expected_corners(corners: Corners, target: Target) -> ExpectedCorners | None:
-    """Return a board's corners with the derivatives of their common warp; None if no warp fits."""
-    print_xy = corner_print_xy(target)[corners.ids]
-    warp = BoardWarp.fit(print_xy, corners.pixels, degree=QUINTIC)
-    return None if warp is None else warp.expected(print_xy, corners.pixels)
+def expected_corners(print_xy: FloatArray, pixels: FloatArray) -> ExpectedCorners | None:
+    """Return a board's corners (n, 2), in squares and in pixels, with their warp's derivatives; None without a warp."""
+    warp = BoardWarp.fit(print_xy, pixels, degree=SEPTIC)
+    return None if warp is None else warp.expected(print_xy, pixels)
+
+
+def softened(picture: GreyValues) -> GreyValues:
+    """Blur a picture (h, w) whose edges are too sharp for interpolation, as where a camera sharpens."""
+    return cast(GreyValues, cv2.GaussianBlur(picture, (0, 0), SOFTENING_PX))
 
 
 def _confirmed(

@@ -11,10 +11,13 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.corner_patches import ExpectedCorners
 from mirrorcam.optics.geometry.targets import Target
 
-MIN_POINTS = 4
-CUBIC, QUINTIC = 3, 5  # degrees of the correction
-MIN_POINTS_BY_DEGREE = ((QUINTIC, 63), (CUBIC, 24))
-EXPONENTS = [np.tril_indices(degree + 1) for degree in range(QUINTIC + 1)]  # per term: total degree, and degree in y
+MIN_POINTS, MIN_CORRECTED = 4, 24  # for a warp, and for a warp with a polynomial
+CUBIC, SEPTIC = 3, 7  # degrees of the polynomial
+EXPONENTS = [np.tril_indices(degree + 1) for degree in range(SEPTIC + 1)]  # per term: total degree, and degree in y
+# Few points determine no term of a high degree, so terms have expected sizes at the border of the points: cubic terms
+# at least this size, px, terms of each higher degree this fraction of the degree below, and lower terms any size.
+MIN_CUBIC_PX, DECREASE, ANY_PX = 1.0, 0.5, 100.0
+NOISE_PX = 0.02  # of the points, for weighing them against the expected sizes
 OUTLIER_CELLS = 0.12  # distance of a corner from the map through the others
 
 
@@ -22,14 +25,15 @@ OUTLIER_CELLS = 0.12  # distance of a corner from the map through the others
 class BoardWarp:
     """The map from points on a board, in squares from its top left, to pixels: a homography plus a smooth polynomial.
 
-    The polynomial models lens distortion, a bent board or mirror, and a rolling shutter; it is omitted for few points.
+    The polynomial models lens distortion, a bent board or mirror, and a rolling shutter. Its argument is the pixel to
+    which the homography maps a point: there, a lens distorts by few terms of a low degree, and also an oblique board.
 
     Attributes
     ----------
     homography
         Maps squares to pixels, (3, 3).
     centre, half_extent
-        Centre (2,) and half extent, in squares, that normalise the polynomial's argument.
+        Centre (2,) and half extent, in px, that normalise the polynomial's argument.
     polynomial
         Coefficients (n, 2), px, by increasing degree.
     """
@@ -43,7 +47,7 @@ class BoardWarp:
     def fit(cls, print_xy: FloatArray, pixels: FloatArray, *, degree: int = CUBIC) -> BoardWarp | None:
         """Fit the warp of points (n, 2), in squares, to pixels (n, 2) with outliers; None for too few points.
 
-        A cubic may be extrapolated by a square or two. A quintic is for interpolation: over an entire board, the second
+        A cubic may be extrapolated by a square or two. A septic is for interpolation: over an entire board, the second
         derivatives of a cubic are wrong by a tenth, which shifts corners by 0.001 px.
         """
         if len(print_xy) < MIN_POINTS:
@@ -52,42 +56,44 @@ class BoardWarp:
         homography = _homography(print_xy, pixels, outlier_px)
         if homography is None:
             return None
-        centre = print_xy.mean(axis=0)
-        half_extent = max(float(np.abs(print_xy - centre).max()), 1.0)
-        warp = cls(np.asarray(homography), centre, half_extent, np.zeros((1, 2)))
-        for max_degree, points in MIN_POINTS_BY_DEGREE:
-            if max_degree <= degree and len(print_xy) >= points:
-                return warp._corrected(print_xy, pixels, outlier_px, max_degree)
-        return warp
+        mapped = _projected(homography, print_xy)
+        centre = mapped.mean(axis=0)
+        warp = cls(homography, centre, max(float(np.abs(mapped - centre).max()), 1.0), np.zeros((1, 2)))
+        return warp._corrected(mapped, pixels, outlier_px, degree) if len(mapped) >= MIN_CORRECTED else warp
 
-    def _corrected(self, print_xy: FloatArray, pixels: FloatArray, outlier_px: float, degree: int) -> BoardWarp:
-        """Return the warp with a polynomial fitted by Cauchy weights, because some outliers remain."""
-        residual = pixels - self.map(print_xy)
-        terms = self._terms(print_xy, degree)
+    def _corrected(self, mapped: FloatArray, pixels: FloatArray, outlier_px: float, degree: int) -> BoardWarp:
+        """Return the warp with a polynomial from pixels (n, 2) of the homography to the right ones (n, 2).
+
+        It is fitted with Cauchy weights, because some outliers remain.
+        """
+        residual = pixels - mapped
+        terms = self._terms(mapped, degree)
         weights = 1.0 / (1.0 + (np.linalg.norm(residual, axis=1) / outlier_px) ** 2)
-        ridge = 1e-3 * np.eye(terms.shape[1])
-        polynomial = np.zeros((terms.shape[1], 2))
+        total, _ = EXPONENTS[degree]
+        polynomial, cubic_px = np.zeros((terms.shape[1], 2)), MIN_CUBIC_PX
         for _ in range(3):
+            size_px = np.where(total < CUBIC, ANY_PX, cubic_px * DECREASE ** (total - CUBIC))
+            ridge = np.diag((NOISE_PX / size_px) ** 2)
             weighted = terms * weights[:, None]
             polynomial = np.linalg.solve(terms.T @ weighted + ridge, weighted.T @ residual)
+            cubic_px = max(float(np.sqrt(np.mean(polynomial[total == CUBIC] ** 2))), MIN_CUBIC_PX)
             deviation = np.linalg.norm(residual - terms @ polynomial, axis=1)
             scale = max(3.0 * 1.4826 * float(np.partition(deviation, len(deviation) // 2)[len(deviation) // 2]), 0.02)
             weights = 1.0 / (1.0 + (deviation / scale) ** 2)
         return replace(self, polynomial=polynomial)
 
-    def _terms(self, print_xy: FloatArray, degree: int) -> FloatArray:
-        """Monomials (n, m) of normalised points up to a degree: 1, x, y, x^2, x y, y^2, ..."""
-        powers = np.ones((degree + 1, len(print_xy), 2))
-        powers[1:] = (print_xy - self.centre) / self.half_extent
+    def _terms(self, mapped: FloatArray, degree: int) -> FloatArray:
+        """Monomials (n, m) of normalised pixels (n, 2) up to a degree: 1, x, y, x^2, x y, y^2, ..."""
+        powers = np.ones((degree + 1, len(mapped), 2))
+        powers[1:] = (mapped - self.centre) / self.half_extent
         np.cumprod(powers, axis=0, out=powers)
         total, y = EXPONENTS[degree]
         return np.asarray((powers[total - y, :, 0] * powers[y, :, 1]).T)
 
     def map(self, print_xy: FloatArray) -> FloatArray:
         """Return pixels (n, 2) of points (n, 2) on the board; NaN behind the camera."""
-        lifted = np.column_stack([print_xy, np.ones(len(print_xy))]) @ self.homography.T
-        depth = np.where(lifted[:, 2:] > 1e-9, lifted[:, 2:], np.nan)
-        return lifted[:, :2] / depth + self._terms(print_xy, self._degree) @ self.polynomial
+        mapped = _projected(self.homography, print_xy)
+        return mapped + self._terms(mapped, self._degree) @ self.polynomial
 
     @property
     def _degree(self) -> int:
@@ -108,6 +114,12 @@ class BoardWarp:
         """Return corners at points (n, 2) on the board and expected pixels (n, 2), with the warp's derivatives."""
         cells, second_derivatives = self.derivatives(print_xy)
         return ExpectedCorners(print_xy, pixels, cells, second_derivatives)
+
+
+def _projected(homography: FloatArray, print_xy: FloatArray) -> FloatArray:
+    """Map points (n, 2) by a homography to pixels (n, 2); NaN behind the camera."""
+    lifted = np.column_stack([print_xy, np.ones(len(print_xy))]) @ homography.T
+    return np.asarray(lifted[:, :2] / np.where(lifted[:, 2:] > 1e-9, lifted[:, 2:], np.nan))
 
 
 def _homography(print_xy: FloatArray, pixels: FloatArray, outlier_px: float) -> FloatArray | None:

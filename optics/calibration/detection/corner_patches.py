@@ -30,8 +30,10 @@ MAX_HALF_PX = 14.0  # maximum half side: in large cells, the outer part adds lit
 SAMPLES, FEW_SAMPLES = 17, 9  # along each side of the patch: for the fine and the rough refinement
 MODULATION = 0.8  # (white - black) / (white + black), assumed if a picture shows no print
 MIN_MODULATION, MAX_MODULATION = 0.3, 0.95  # the latter for ink that reflects 1/40 as much as paper
-WEIGHT_VARIANCE = 0.6  # of the Gaussian weight about a corner, in squared half sides of the patch
-# Terms of a patch's model: level, gradient, contrast, edge creep, blur, shift, motion blur, ghost images.
+# Variances of the Gaussian weight about a corner, in squared half sides of the patch: the rough refinement needs a wide
+# range, but a camera's noise reduction and sharpening let what lies around a corner pull it.
+WEIGHT_VARIANCE, ROUGH_WEIGHT_VARIANCE = 0.3, 0.6
+# Terms of a patch's model: level, gradient, contrast, tone, blur, shift, motion blur, ghost images.
 CONTRAST, BLUR, SHIFT, GHOSTS = 3, 5, slice(6, 8), slice(10, None)
 
 
@@ -198,7 +200,8 @@ class Patches:
 def _square(samples: int) -> tuple[Image, Image, Image]:
     """Samples on a square from -1 to 1, and their weights."""
     u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(-1.0, 1.0, samples, dtype=np.float32)] * 2))
-    return u, v, np.exp(-(u * u + v * v) / (2.0 * WEIGHT_VARIANCE))
+    variance = ROUGH_WEIGHT_VARIANCE if samples == FEW_SAMPLES else WEIGHT_VARIANCE
+    return u, v, np.exp(-(u * u + v * v) / (2.0 * variance))
 
 
 @dataclass(frozen=True)
@@ -234,7 +237,8 @@ class LinearModel:
         # A brightness gradient scales the print: it changes white more than black. Subtracting it equally from both
         # would let the lens's vignetting pull all corners inwards.
         level = 1.0 + _modulation(value, greys, patches.centre_weights) * value
-        basis = [np.ones_like(value), level * patches.u, level * patches.v, value, np.hypot(right, down), xx + yy]
+        # Ink spread, and tone curves of cameras, widen black or white where the print's blurred value is between them.
+        basis = [np.ones_like(value), level * patches.u, level * patches.v, value, value * value, xx + yy]
         # Motion blur acts along the motion and would shift corners of opposite polarity apart by a tenth of a pixel.
         motion = [xx - yy, xy] if appearance.motion else []
         terms = np.stack([*basis, right, down, *motion, *ghosts], axis=1)

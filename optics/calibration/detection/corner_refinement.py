@@ -194,7 +194,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
     """Refine corners to the best fit of the print as it appears in a picture.
 
     Gauss-Newton steps estimate the shift of each corner jointly with the effects of light, ink and lens: a constant or
-    linearly varying brightness, contrast, edges shifted towards black or white (by ink spread or a camera's gamma), and
+    linearly varying brightness, contrast, edges shifted towards black or white (by ink spread or a tone curve), and
     more or less blur. Unexplained samples, as under glare or beyond a mirror's edge, lose their weight.
 
     Parameters

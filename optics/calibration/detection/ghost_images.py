@@ -40,7 +40,13 @@ from numpy.typing import NDArray
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image
-from mirrorcam.optics.calibration.detection.board_growing import expected_corners, first_blur_px, on_smooth_surface
+from mirrorcam.optics.calibration.detection.board_growing import (
+    MIN_BLUR_PX,
+    expected_corners,
+    first_blur_px,
+    on_smooth_surface,
+    softened,
+)
 from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, cell_px
 from mirrorcam.optics.calibration.detection.corner_patches import (
@@ -108,7 +114,7 @@ class GhostedView:
         fit = refine(light, self.expected, appearance)
         pixels = np.where(np.isfinite(fit.pixels), fit.pixels, self.expected.pixels)
         expected = replace(self.expected, pixels=pixels)
-        return replace(self, expected=expected, blur_px=float(np.median(fit.blur_px))), fit
+        return replace(self, expected=expected, blur_px=max(float(np.median(fit.blur_px)), MIN_BLUR_PX)), fit
 
     def corners(self, light: Image, target: Target) -> Corners:
         """Return the corners in a picture in linear light, without those off the smooth surface through the others."""
@@ -138,7 +144,7 @@ def ghosted_view(
     if len(corners) < MIN_CORNERS:
         return None
     ghosts = ghost_images_of(corners, rig_from_board, camera, mirror, target)
-    expected = expected_corners(corners, target)
+    expected = expected_corners(corner_print_xy(target)[corners.ids], corners.pixels)
     if ghosts is None or expected is None:
         return None
     return GhostedView(corners.ids, expected, ghosts, first_blur_px(expected.print_xy, expected.pixels))
@@ -243,10 +249,17 @@ def refine_with_ghosts(
         if number in rig_from_board and pictures[number] is not None
     }
     largest = sorted((number for number, views in ghosted.items() if views), key=lambda n: _size_px(ghosted[n]))
-    rendering = _rendering([(_grey(pictures[n]), list(ghosted[n].values())) for n in largest[-MAX_FRAMES:]], target)
+
+    def rendering_of(*, soften: bool) -> _Rendering:
+        frames = [(_grey(pictures[n], soften=soften), list(ghosted[n].values())) for n in largest[-MAX_FRAMES:]]
+        return _rendering(frames, target)
+
+    soften, rendering = False, rendering_of(soften=False)
+    if rendering.blur_px is not None and rendering.blur_px <= MIN_BLUR_PX:  # as where a camera sharpens
+        soften, rendering = True, rendering_of(soften=True)
 
     def refined(number: int) -> Observations:
-        light = linear_light(_grey(pictures[number]), rendering.gamma)
+        light = linear_light(_grey(pictures[number], soften=soften), rendering.gamma)
         views = ((mirror, _refined(light, view, rendering, target)) for mirror, view in ghosted[number].items())
         return Observations.join(
             [Observations.of_view(0, mirror, found.ids, found.pixels, found.sigma_px) for mirror, found in views]
@@ -288,10 +301,11 @@ def _size_px(views: Mapping[int, GhostedView]) -> float:
     return float(np.median([np.median(cell_px(view.expected.pixels)) for view in views.values()]))
 
 
-def _grey(picture: Grey | Path | None) -> Grey:
+def _grey(picture: Grey | Path | None, *, soften: bool) -> Grey:
     if picture is None:
         raise ValueError("no picture available")
-    return read_image(picture, grey=True) if isinstance(picture, Path) else picture
+    grey = read_image(picture, grey=True) if isinstance(picture, Path) else picture
+    return softened(grey) if soften else grey
 
 
 def _rendering(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _Rendering:

@@ -172,6 +172,7 @@ def diagnose(
     median_px = np.median(observations.pixels[observations.view == reference], axis=0)
     views = sorted({reference, *range(len(layout.mirrors))})
     halves, notes = splits(solution, observations, selection.model, layout, reference=reference, range_mm=range_mm)
+    harmless = [split for split in halves if layout.mirrors and split.alarm is not None and not split.is_harmful]
     inflation = max(selection.inflation, *(split.inflation for split in halves), 1.0)
     uncertainty = uncertainty_of(layout)
     inflated = uncertainty.replaced(covariance=(inflation / selection.inflation) ** 2 * uncertainty.covariance)
@@ -201,7 +202,7 @@ def diagnose(
             *_alarms(halves, None if layout.mirrors else maps[0]),
         ),
         other_surface=selection.other_surface,
-        notes=(*selection.notes, *notes),
+        notes=(*selection.notes, *notes, *(f"{split.alarm}: all uncertainties allow for it" for split in harmless)),
         mismatches=mismatches,
         causes=tuple(replace(cause, bias_sigmas=cause.bias_sigmas / inflation) for cause in selection.causes),
         left_out=selection.left_out,
@@ -212,7 +213,7 @@ def diagnose(
 def _alarms(halves: Sequence[Split], bare: ProjectionMap | None) -> Iterator[str]:
     """Yield alarms on halves that differ; for a bare camera, whose bounds allow for that, only if these are wide."""
     if bare is None:
-        yield from (split.alarm for split in halves if split.alarm is not None)
+        yield from (split.alarm for split in halves if split.alarm is not None and split.is_harmful)
         return
     sigma_px = float(np.median(bare.against_reference_px))
     if sigma_px > MAX_PROJECTION_PX:

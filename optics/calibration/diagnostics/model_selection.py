@@ -166,8 +166,9 @@ def select_model(
     prior
         Prior on the virtual centres, in every model.
     surface_known
-        Whether the mirrors' surface is known to be that of `start`. Otherwise, plates are added if the corners support
-        them; of known first-surface mirrors, they raise an alarm.
+        Whether the surface of the mirrors in `start` and the distance in focus of its camera are known. Otherwise,
+        plates are added if the corners support them; of known first-surface mirrors, they raise an alarm. Growth out of
+        focus is not tried without that distance.
     on_step
         Called with each step in words.
 
@@ -253,7 +254,8 @@ def _extended(
     if observations.direct_and_mirrored:
         additions += DIRECT_ADDITIONS
     first_plates = "glass" if surface_known else "plates"
-    if not surface_known:  # nor is the refractive index of plates
+    if not surface_known:  # nor are the refractive index of plates and the distance in focus
+        additions = [name for name in additions if name != "colour"]
         current = replace(current, model=replace(current.model, index_sigma=INDEX_SIGMA))
     for name in model.additions:
         on_step(f"fitting {IN_WORDS[name]}")

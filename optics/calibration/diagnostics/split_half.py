@@ -32,6 +32,8 @@ from mirrorcam.optics.geometry.layout import Layout
 
 ALARM_RATIO = 2.0
 ALARM_CHANCE = 1e-3
+HARMLESS_PX = 0.02
+"""Largest difference in a sub-image that raises no alarm, as the bounds allow for it."""
 MIN_HALF = 3
 """Minimum number of mirrored frames in a half."""
 
@@ -109,6 +111,11 @@ class Split:
         if not description:
             return None
         return f"split {self.division}, {description}: {ratio:.1f} times what the halves' uncertainties predict"
+
+    @property
+    def is_harmful(self) -> bool:
+        """Whether the alarm concerns differences of a size that matters."""
+        return self.alarm is not None and bool((self.difference_px > HARMLESS_PX).any())
 
     @property
     def inflation(self) -> float:

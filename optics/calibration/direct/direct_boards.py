@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress
-from mirrorcam.optics.calibration.detection.board_growing import grow_board
+from mirrorcam.optics.calibration.detection.board_growing import grow_board, softened
 from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, corner_print_xy
 from mirrorcam.optics.calibration.detection.charuco import find_marked_boards as find_with_markers
 from mirrorcam.optics.calibration.detection.checkerboard import (
@@ -28,7 +27,6 @@ from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, 
 
 MAX_FLIPPED = 0.003  # rms error of the first estimate from flipped pictures, relative to the picture's diagonal
 MIN_DISTANCE_MM, MAX_DISTANCE_MM = 60.0, 20000.0  # at which cameras with mirrors show boards in focus
-SOFTENED_PX = 1.0  # sigma of the blur applied to sharpened pictures
 MIN_COMPLETE = 0.95  # of the corners in the pictures, fraction that must be found in softened ones
 MAX_SMOOTHER = 0.97  # their roughness in softened pictures relative to that in the pictures, if these are sharpened
 MAX_NUMBERINGS = 8  # of a partly visible board that is used to locate the mirrors
@@ -207,11 +205,6 @@ def confirmed_corners(pictures: Sequence[Grey], start: Start, target: Target) ->
     )
     is_sharpened = len(soft) >= MIN_COMPLETE * len(plain) and _roughness(soft, plain, target) < MAX_SMOOTHER
     return (soft, True) if is_sharpened else (plain, False)
-
-
-def softened(picture: Grey) -> Grey:
-    """Blur a picture that its camera has sharpened."""
-    return np.asarray(cv2.GaussianBlur(picture, (0, 0), SOFTENED_PX), dtype=np.uint8)
 
 
 def _confirmed(pictures: Sequence[Grey], start: Start, target: Checkerboard) -> Observations:

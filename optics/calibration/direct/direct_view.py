@@ -21,6 +21,7 @@ from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.corner_calibration import FittedCorners, calibration_of, fit_corners
+from mirrorcam.optics.calibration.detection.board_growing import softened
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_direct_view
 from mirrorcam.optics.calibration.detection.frame_choice import most_informative
@@ -43,7 +44,6 @@ from mirrorcam.optics.calibration.direct.direct_boards import (
     fits_flipped,
     more_mirrors,
     negative,
-    softened,
 )
 from mirrorcam.optics.calibration.direct.direct_result import with_direct_figures
 from mirrorcam.optics.calibration.direct.motion import (

@@ -55,6 +55,7 @@ def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | N
 
     Random sample consensus over features tracked by Lucas-Kanade, then least squares.
     """
+    camera = _far(camera)
     rotations = [np.zeros(3)]
     for picture in pictures[1:]:
         first_px, other_px = _scene_tracks(pictures[0], picture)
@@ -67,9 +68,15 @@ def camera_rotations(pictures: Sequence[Grey], camera: Camera) -> FloatArray | N
 
 def stabilised(observations: Observations, camera: Camera, rotations: FloatArray) -> Observations:
     """Correct corners for the camera's `rotations` (f, 3), rad, since the first frame."""
+    camera = _far(camera)
     first_from_frame = Rotation.from_rotvec(rotations[observations.frame]).inv().as_matrix()
     rays = np.einsum("nij,nj->ni", first_from_frame, camera.unproject(observations.pixels))
     return replace(observations, pixels=camera.project(rays))
+
+
+def _far(camera: Camera) -> Camera:
+    """Return a camera as far points see it, whose pixels do not depend on their distance."""
+    return camera.replaced(pupil_walk_mm=None, defocus_growth_mm2=None)
 
 
 def _scene_tracks(first: Grey, other: Grey) -> tuple[FloatArray, FloatArray]:
@@ -109,9 +116,13 @@ def _ransac_rotation(camera: Camera, first_px: FloatArray, other_px: FloatArray)
     """Rotation vector (3,) that fits the motion of the static features (n, 2); None if too few agree."""
     random = np.random.default_rng(0)
     rays = camera.unproject(first_px)
+    in_view = np.isfinite(rays).all(axis=1)  # a lens may not reach the corners of the picture
+    rays, other_px = rays[in_view], other_px[in_view]
+    if len(rays) < MIN_STATIC_FEATURES:
+        return None
     best_rotation, max_inliers = np.zeros(3), 0
     for _ in range(RANSAC_SAMPLES):
-        pair = random.choice(len(first_px), 2, replace=False)
+        pair = random.choice(len(rays), 2, replace=False)
         rotation = _refine_rotation(camera, rays[pair], other_px[pair], np.zeros(3), steps=2)
         count = int((np.linalg.norm(_projected(camera, rays, rotation) - other_px, axis=1) < MAX_STATIC_PX).sum())
         if count > max_inliers:
@@ -135,6 +146,8 @@ def _refine_rotation(
     for _ in range(steps):
         rotated = rays @ Rotation.from_rotvec(rotation).as_matrix().T
         pixels, d_ray, _ = camera.project_with_jacobians(rotated)
+        if not (np.isfinite(pixels).all() and np.isfinite(d_ray).all()):
+            break
         d_rotation = np.cross(rotated[:, None, :], d_ray)  # J (w x p) = w . (p x J)
         step = np.linalg.lstsq(d_rotation.reshape(-1, 3), (target_px - pixels).ravel(), rcond=None)[0]
         rotation = (Rotation.from_rotvec(step) * Rotation.from_rotvec(rotation)).as_rotvec()

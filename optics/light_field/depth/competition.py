@@ -131,4 +131,4 @@ def decide(rings: Int64, occlusion_known: bool, work: Work, count: int) -> None:
     for x in range(count):
         occluded_fraction = one - total_weight[x] / all_views_weight[x]
         surcharge = np.float32(OCCLUSION_SURCHARGE) * max(occluded_fraction - np.float32(USUAL_OCCLUSION), zero)
-        out[x] = out[x] / total_weight[x] + surcharge if total_weight[x] > zero else np.float32(0.5 * TRUNCATION)
+        out[x] = out[x] / total_weight[x] + surcharge if total_weight[x] > zero else np.float32(TRUNCATION)

@@ -79,7 +79,7 @@ class _Effort:
     iterations: int
 
 
-EFFORTS = {"best": _Effort(1, 0, 8, 2, True, 2, 60), "fast": _Effort(2, 1, 4, 1, False, 1, 30)}
+EFFORTS = {"best": _Effort(1, 0, 8, 2, True, 2, 200), "fast": _Effort(2, 1, 4, 1, False, 1, 30)}
 
 
 @dataclass(frozen=True, eq=False)

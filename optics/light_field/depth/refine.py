@@ -41,7 +41,7 @@ SMOOTHNESS = 300.0
 """Inverse variance of second differences of a surface, in 1/px^2 of disparity at the longest baseline."""
 EDGE_PX = 0.15
 """Second difference, in px of disparity at the longest baseline, above which a depth edge is likely."""
-ANCHOR = 1.0
+ANCHOR = 0.1
 """Inverse variance, 1/px^2, that ties a value to its previous one."""
 MIN_WEIGHT_SUM = np.float32(1e-6)
 SHARED_ERROR_EXPONENT = 0.8

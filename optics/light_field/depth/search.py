@@ -34,7 +34,7 @@ MAX_FINE_PLANES = 192
 """Maximum number of planes of a search over all planes at fine spacing; more are spaced coarsely."""
 NEXT_PLANE_PENALTY, JUMP_PENALTY = 2.5, 18.0
 """P1 and P2 of semi-global matching for up to eight views, as matching costs; more views justify smaller ones."""
-PENALTY_POWER = 0.55
+PENALTY_POWER = 0.3
 
 
 @dataclass(frozen=True, eq=False)

@@ -168,10 +168,8 @@ def _batches(templates: Templates) -> list[Templates]:
     """Split templates into batches that fit a core's cache and keep several cores busy."""
     bounds = itertools.pairwise([*range(0, len(templates.index), KEYPOINTS_PER_BATCH), len(templates.index)])
     arrays = {field.name: getattr(templates, field.name) for field in fields(templates)}
-    return [
-        Templates(**{name: value if name == "level" else value[start:end] for name, value in arrays.items()})
-        for start, end in bounds
-    ]
+    shared: dict[str, Any] = {name: arrays.pop(name) for name in ("level", "window")}
+    return [Templates(**shared, **{name: value[start:end] for name, value in arrays.items()}) for start, end in bounds]
 
 
 def _align_level(
@@ -204,7 +202,7 @@ def _align_level(
         samples = pyramid.samples(
             template.level, u.reshape(-1, SAMPLES), v.reshape(-1, SAMPLES), exact=round_number >= SHIFT_ROUNDS
         )
-        difference, _ = normalized(samples)
+        difference, _ = normalized(samples, template.window)
         difference = difference.reshape(shape)
         correlation = np.einsum("vnp,np->vn", difference, template.patches)
         difference -= template.patches

@@ -30,6 +30,8 @@ class Features:
         Name of the detector.
     pixels
         Pixels (n, 2), (u, v), of the fit over all views, in the reference view.
+    keypoint_px
+        Pixels (n, 2) of the keypoint that the descriptor describes; `pixels` are near it, where gradients tell depth.
     scale_px
         Scale (n,) at which the keypoint was detected; 1 is the finest.
     disparity_px
@@ -53,7 +55,7 @@ class Features:
         Slopes (n, 2) along s and t, estimated separately, in the unit of `disparity_px` (both per mean step of the same
         axis, so they are equal for a point); NaN if the views are collinear or too few.
     two_slope_sigma
-        Difference (n,) of the two principal slopes in standard deviations; NaN if unknown.
+        Difference (n,) of the two principal slopes in standard deviations, from patches of two sizes; NaN if unknown.
     refracted
         Mask (n,) of features whose difference exceeds the finder's limit: they are seen in a curved mirror or through a
         refracting surface, so their depth does not belong to a surface at their pixel.
@@ -65,6 +67,7 @@ class Features:
 
     detector: str
     pixels: FloatArray
+    keypoint_px: FloatArray
     scale_px: FloatArray
     disparity_px: FloatArray
     disparity_sigma_px: FloatArray

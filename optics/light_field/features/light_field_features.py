@@ -1,15 +1,19 @@
 """Features of a light field: 2-D keypoints of the reference view on which all views agree, with slope and position.
 
-A match of a keypoint in another view gives a slope, which predicts the
-feature's position in all views. Detections beyond a maximum distance from it are rejected; at least N_MIN views must
-find the feature, and its slope is fitted to these views. Keypoints are detected and described in the reference view and
-at the ends of its row and column; starting from the slope on which these agree, the patch is aligned in every view.
+Keypoints come with a slope: from the focal stack, or from matches in the views at the ends of the reference view's row
+and column. It predicts the feature's position in all views, where the patch is aligned. Detections beyond a maximum
+distance from it are rejected; at least N_MIN views must find the feature, and its slope is fitted to these views.
+
+A patch measures the depth at its gradients, not at its centre: it first moves to their centroid, and its Gaussian
+window is narrow. Where a wider patch has another slope, the surface is not smooth, as at a step in depth, and the
+difference enters the standard deviation.
 """
 
 from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,7 +21,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.features.align import AlignedPatches, align
+from mirrorcam.optics.light_field.features.align import align
 from mirrorcam.optics.light_field.features.feature_set import Features
 from mirrorcam.optics.light_field.features.keypoints import (
     DetectorName,
@@ -29,7 +33,14 @@ from mirrorcam.optics.light_field.features.keypoints import (
     stack_keypoints,
 )
 from mirrorcam.optics.light_field.features.match import find_candidates, vote
-from mirrorcam.optics.light_field.features.patches import ImagePyramid, templates
+from mirrorcam.optics.light_field.features.patches import (
+    NARROW,
+    WIDE,
+    Floats,
+    ImagePyramid,
+    gradient_centroids,
+    templates,
+)
 from mirrorcam.optics.light_field.features.slope import (
     SlopeFit,
     TwoSlopes,
@@ -50,6 +61,8 @@ MATCH_PX = 1.0
 MIN_CORRELATION = 0.85
 # Weight of the prior variance, in degrees of freedom (see `moderated_variance`).
 PRIOR_DEGREES_OF_FREEDOM = 4.0
+# Standard deviation of a slope, per difference between the slopes of a narrow and a wide patch; from rendered scenes.
+WINDOW_ERROR = 1.5
 
 
 class FeatureFinder:
@@ -60,7 +73,7 @@ class FeatureFinder:
     views
         Geometry of the light fields.
     name
-        SIFT, ORB or AKAZE, in single views; SIFT4D, in the focal stack, for low light.
+        SIFT4D, in the focal stack; SIFT, ORB or AKAZE, in single views, are faster.
     keypoints
         Approximate number of strongest keypoints per view.
     max_distance_px
@@ -82,7 +95,7 @@ class FeatureFinder:
     def __init__(
         self,
         views: Views,
-        name: FeatureDetector = "SIFT",
+        name: FeatureDetector = "SIFT4D",
         *,
         keypoints: int = 600,
         max_distance_px: float = 0.5,
@@ -124,6 +137,7 @@ class FeatureFinder:
             1.0 / (nearest - reference_view_depth_mm),
         )
         self.geometry = ViewGeometry.of(views)
+        self._baseline_mm = float(np.hypot(*self.geometry.lateral_mm.T).max())
         self.keypoints = keypoints
         self._described_views = [self.geometry.reference, *_end_views(views, self.geometry.reference)]
         self._detectors = [] if name == "SIFT4D" else [detector(name, keypoints) for _ in self._described_views]
@@ -146,8 +160,17 @@ class FeatureFinder:
             rows = np.arange(len(inverse_distance))
         else:
             keypoints, rows, inverse_distance = self._match(images, inner, self.name)
-        observed_px, aligned = self._align(images, inner, keypoints, rows, inverse_distance)
-        return self._fit(keypoints, rows, observed_px, inverse_distance, aligned)
+        pyramid = ImagePyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
+        scale = keypoints.scale_px[rows]
+        pixels = gradient_centroids(
+            pyramid, self.geometry.reference, keypoints.pixels[rows], scale, self.geometry.lateral_mm
+        )
+        narrow = self._align(pyramid, inner, pixels, scale, inverse_distance, NARROW)
+        kept = self._select(keypoints, rows, narrow)
+        rows, narrow = rows[kept], narrow.take(kept)
+        fit = narrow.fit(self.geometry)
+        wide = self._align(pyramid, inner, pixels[kept], scale[kept], fit.inverse_distance, WIDE)
+        return self._features(keypoints, rows, narrow, fit, wide)
 
     def _match(
         self, images: NDArray[np.uint8], inner: NDArray[np.uint8], name: DetectorName
@@ -174,18 +197,18 @@ class FeatureFinder:
 
     def _align(
         self,
-        images: NDArray[np.uint8],
+        pyramid: ImagePyramid,
         inner: NDArray[np.uint8],
-        keypoints: Keypoints,
-        rows: NDArray[np.int64],
+        pixels: FloatArray,
+        scale_px: FloatArray,
         inverse_distance: FloatArray,
-    ) -> tuple[FloatArray, AlignedPatches]:
-        """Return pixels (views, n, 2) of keypoints `rows` (n,), NaN where a view does not show them, and patches."""
+        window: Floats,
+    ) -> _Observed:
+        """Align patches of the reference view at pixels (n, 2) in all views that show them."""
         geometry = self.geometry
-        pyramid = ImagePyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
-        pixels, directions = keypoints.pixels[rows], geometry.directions(keypoints.pixels[rows])
-        reference_patches = templates(pyramid, geometry.reference, pixels, keypoints.scale_px[rows])
-        others = np.delete(np.arange(len(images)), geometry.reference)
+        directions = geometry.directions(pixels)
+        reference_patches = templates(pyramid, geometry.reference, pixels, scale_px, window)
+        others = np.delete(np.arange(len(inner)), geometry.reference)
         start = np.stack([geometry.predict(int(view), directions, inverse_distance) for view in others])
         start[~in_masks(inner[others], start)] = np.nan
         distance = 1.0 / np.maximum(inverse_distance, 1e-6)
@@ -193,30 +216,28 @@ class FeatureFinder:
             pyramid, reference_patches, others, start, geometry.lateral_mm[others], distance, self._pool.map
         )
         matching = (aligned.correlation >= MIN_CORRELATION) & in_masks(inner[others], aligned.pixels)
-        observed_px = np.full((len(images), len(rows), 2), np.nan)
+        observed_px = np.full((len(inner), len(pixels), 2), np.nan)
         observed_px[others] = np.where(matching[..., None], aligned.pixels, np.nan)
         indices = np.concatenate([np.zeros(0, np.int64), *(patches.index for patches in reference_patches)])
         observed_px[geometry.reference, indices] = pixels[indices]
-        return observed_px, aligned
-
-    def _fit(
-        self,
-        keypoints: Keypoints,
-        rows: NDArray[np.int64],
-        observed_px: FloatArray,
-        inverse_distance: FloatArray,
-        aligned: AlignedPatches,
-    ) -> Features:
-        """Build features from the keypoints that enough views see where one slope predicts them."""
         mean = np.trace(aligned.precision, axis1=1, axis2=2) / 2.0
-        precision, variance = aligned.precision / mean[:, None, None], aligned.variance / mean
-        agrees = agreeing_views(self.geometry, observed_px, inverse_distance, precision, self.max_distance_px)
-        fit = fit_slope(self.geometry, observed_px, agrees, inverse_distance, precision)
-        reference = self.geometry.reference
-        rounded, far = max(self.inverse_distance_range), min(self.inverse_distance_range)
-        keep = agrees[reference] & (agrees.sum(axis=0) - 1 >= self.min_views)
-        keep &= (fit.inverse_distance > far) & (fit.inverse_distance <= rounded)
-        max_baseline_px_mm = np.hypot(*self.geometry.lateral_mm.T).max() * self.views.focal_px
+        precision = aligned.precision / mean[:, None, None]
+        return _Observed(
+            pixels=observed_px,
+            agrees=agreeing_views(geometry, observed_px, inverse_distance, precision, self.max_distance_px),
+            inverse_distance=inverse_distance,
+            precision=precision,
+            variance_px2=aligned.variance / mean,
+            covariance=aligned.shape_covariance / self.views.focal_px**2,
+        )
+
+    def _select(self, keypoints: Keypoints, rows: NDArray[np.int64], observed: _Observed) -> NDArray[np.int64]:
+        """Return the indices of the keypoints that enough views see where one slope predicts them, in their order."""
+        agrees, fit = observed.agrees, observed.fit(self.geometry)
+        nearby, far = max(self.inverse_distance_range), min(self.inverse_distance_range)
+        keep = agrees[self.geometry.reference] & (agrees.sum(axis=0) - 1 >= self.min_views)
+        keep &= (fit.inverse_distance > far) & (fit.inverse_distance <= nearby)
+        max_baseline_px_mm = self._baseline_mm * self.views.focal_px
         keep[keep] = _one_per_pixel(
             keypoints.pixels[rows[keep]],
             agrees[:, keep].sum(axis=0),
@@ -224,62 +245,59 @@ class FeatureFinder:
             2.0 * self.max_distance_px,
         )
         # Restore the order of keypoints, whichever slope was chosen.
-        keep = np.flatnonzero(keep)[np.argsort(rows[keep], kind="stable")]
-        arguments = (self.geometry, observed_px[:, keep], agrees[:, keep], inverse_distance[keep], precision[keep])
-        fit, two_slopes = fit_slope(*arguments), fit_two_slopes(*arguments)
-        covariance = aligned.shape_covariance[keep] / self.views.focal_px**2
-        return self._features(
-            keypoints, rows[keep], observed_px[:, keep], agrees[:, keep], fit, two_slopes, variance[keep], covariance
-        )
+        return np.flatnonzero(keep)[np.argsort(rows[keep], kind="stable")]
 
     def _features(
-        self,
-        keypoints: Keypoints,
-        rows: NDArray[np.int64],
-        observed_px: FloatArray,
-        agrees: NDArray[np.bool_],
-        fit: SlopeFit,
-        two_slopes: TwoSlopes,
-        variance_px2: FloatArray,
-        covariance: FloatArray,
+        self, keypoints: Keypoints, rows: NDArray[np.int64], narrow: _Observed, fit: SlopeFit, wide: _Observed
     ) -> Features:
+        """Build features of keypoints from their narrow patches, the `fit` of a slope to these, and wide patches."""
         views, grid = self.views, (self.views.rows, self.views.cols)
         axis: Axis = "s" if views.cols > 1 else "t"
         px_mm = views.focal_px * views.step_mm(axis)
         scale = keypoints.scale_px[rows]
-        scale_squared = scale**2
+        wide_fit = wide.fit(self.geometry)
+        two_slopes, narrow_two_slopes = wide.fit_two(self.geometry), narrow.fit_two(self.geometry)
         noise, two_slope_noise = (
             np.maximum(
-                moderated_variance(slopes.squares_px2 / scale_squared, slopes.dof, PRIOR_DEGREES_OF_FREEDOM)
-                * scale_squared,
-                variance_px2,
+                moderated_variance(slopes.squares_px2 / scale**2, slopes.dof, PRIOR_DEGREES_OF_FREEDOM) * scale**2,
+                observed.variance_px2,
             )
-            for slopes in (fit, two_slopes)
+            for slopes, observed in ((fit, narrow), (two_slopes, wide))
         )
-        sigma_w = np.sqrt(noise / fit.information + covariance[:, 0, 0])
+        # A surface that no polynomial describes, such as a step in depth, has another slope in a patch of another size.
+        window_error = WINDOW_ERROR * (wide_fit.inverse_distance - fit.inverse_distance)
+        window_error = np.nan_to_num(window_error, nan=1.0 / (views.focal_px * self._baseline_mm))
+        window_difference = two_slopes.anisotropy - narrow_two_slopes.anisotropy
+        window_variance = (window_difference**2).sum(axis=1)
+        sigma_w = np.sqrt(noise / fit.information + narrow.covariance[:, 0, 0] + window_error**2)
         distance = 1.0 / fit.inverse_distance
         points = np.concatenate([fit.directions, np.ones((len(rows), 1))], axis=1) * distance[:, None]
-        seen_grid = np.where(agrees[..., None], observed_px, np.nan).transpose(1, 0, 2)
+        seen_grid = np.where(narrow.agrees[..., None], narrow.pixels, np.nan).transpose(1, 0, 2)
         difference_covariance = (
-            two_slope_noise[:, None, None] * two_slopes.anisotropy_covariance + covariance[:, 1:, 1:]
+            two_slope_noise[:, None, None] * two_slopes.anisotropy_covariance
+            + wide.covariance[:, 1:, 1:]
+            + window_variance[:, None, None] * np.eye(2)
         )
         two_slope_sigma = np.sqrt(
             np.einsum(
                 "ni,nij,nj->n", two_slopes.anisotropy, np.linalg.inv(difference_covariance), two_slopes.anisotropy
             )
         )
-        axis_slopes = np.stack([two_slopes.matrices[:, 0, 0], two_slopes.matrices[:, 1, 1]], axis=1)
+        axis_slopes = np.stack([narrow_two_slopes.matrices[:, 0, 0], narrow_two_slopes.matrices[:, 1, 1]], axis=1)
         return Features(
             detector=self.name,
             pixels=views.focal_px * fit.directions + views.centre_px,
+            keypoint_px=keypoints.pixels[rows],
             scale_px=scale,
             disparity_px=px_mm * (fit.inverse_distance - 1.0 / views.reference_distance_mm),
             disparity_sigma_px=px_mm * sigma_w,
             points_in_rig_mm=points @ views.view_from_rig + views.reference_view_in_rig_mm,
             depth_mm=distance + views.reference_view_depth_mm,
             depth_sigma_mm=sigma_w * distance**2,
-            residual_px=np.sqrt(np.square(fit.distances_px).sum(axis=0, where=agrees) / agrees.sum(axis=0)),
-            seen=agrees.T.reshape(-1, *grid),
+            residual_px=np.sqrt(
+                np.square(fit.distances_px).sum(axis=0, where=narrow.agrees) / narrow.agrees.sum(axis=0)
+            ),
+            seen=narrow.agrees.T.reshape(-1, *grid),
             seen_px=seen_grid.reshape(-1, *grid, 2),
             apart_disparity_px=px_mm * (axis_slopes - 1.0 / views.reference_distance_mm),
             two_slope_sigma=two_slope_sigma,
@@ -287,6 +305,50 @@ class FeatureFinder:
             descriptors=keypoints.descriptors[rows],
             layout_identity=views.layout_identity,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _Observed:
+    """Patches of n keypoints in all views.
+
+    Attributes
+    ----------
+    pixels
+        Pixels (views, n, 2); NaN where a view does not show the patch.
+    agrees
+        Mask (views, n) of the views that see the patch where one slope predicts it.
+    inverse_distance
+        Expected inverse distances (n,), 1/mm.
+    precision
+        Relative precision (n, 2, 2) along u and v, with mean 1.
+    variance_px2
+        Variance (n,) of a pixel, as far as the samples tell.
+    covariance
+        Covariance (n, 3, 3) of w, d, e from the uncertainty of the surface's shape, 1/mm^2.
+    """
+
+    pixels: FloatArray
+    agrees: NDArray[np.bool_]
+    inverse_distance: FloatArray
+    precision: FloatArray
+    variance_px2: FloatArray
+    covariance: FloatArray
+
+    def take(self, index: NDArray[np.int64]) -> _Observed:
+        return _Observed(
+            pixels=self.pixels[:, index],
+            agrees=self.agrees[:, index],
+            inverse_distance=self.inverse_distance[index],
+            precision=self.precision[index],
+            variance_px2=self.variance_px2[index],
+            covariance=self.covariance[index],
+        )
+
+    def fit(self, geometry: ViewGeometry) -> SlopeFit:
+        return fit_slope(geometry, self.pixels, self.agrees, self.inverse_distance, self.precision)
+
+    def fit_two(self, geometry: ViewGeometry) -> TwoSlopes:
+        return fit_two_slopes(geometry, self.pixels, self.agrees, self.inverse_distance, self.precision)
 
 
 def _end_views(views: Views, reference: int) -> list[int]:

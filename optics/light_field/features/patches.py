@@ -41,6 +41,15 @@ SHAPES = np.concatenate(
     ]
 )
 """Shifts (9, SAMPLES) of a patch's samples along the view's position, due to slants, curvatures and their changes."""
+WIDE: Floats = np.ones(SAMPLES, np.float32)
+"""Square roots (SAMPLES,) of the weights of a patch's samples, with a mean weight of 1."""
+NARROW_SIGMA_PX = 1.5
+NARROW: Floats = np.exp((OFFSETS**2).sum(axis=0) / np.float32(-4.0 * NARROW_SIGMA_PX**2))
+NARROW *= np.sqrt(SAMPLES / (NARROW**2).sum())
+"""The same for a Gaussian window: it covers little beyond the keypoint itself."""
+# Rounds in which a patch moves to what it measures, and the limit of the move, px of the level.
+CENTROID_ROUNDS = 3
+MAX_MOVE_PX = 2.0
 
 _SPLINE /= _SPLINE.sum()
 
@@ -138,6 +147,8 @@ class Templates:
         Level of the pyramid.
     index
         Indices (m,) of the keypoints.
+    window
+        Square roots (SAMPLES,) of the samples' weights, which all other arrays include.
     patches
         Samples (m, SAMPLES), of zero mean and unit length.
     gradients
@@ -155,6 +166,7 @@ class Templates:
 
     level: int
     index: NDArray[np.int64]
+    window: Floats
     patches: Floats
     gradients: Floats
     steps: Floats
@@ -163,21 +175,58 @@ class Templates:
     centre_shifts: Floats
 
 
-def templates(pyramid: ImagePyramid, view: int, pixels: FloatArray, scale_px: FloatArray) -> list[Templates]:
-    """Build templates for keypoints (n, 2) of a view, without those whose patch cannot be localised."""
+def gradient_centroids(
+    pyramid: ImagePyramid, view: int, pixels: FloatArray, scale_px: FloatArray, lateral_mm: FloatArray
+) -> FloatArray:
+    """Return the pixels (n, 2) near keypoints (n, 2) whose depth their patches measure: the centroids of information.
+
+    Only gradients along the views' positions (views, 2) inform of depth. Next to a depth edge, all of them may lie on
+    the edge; at their centroid, a depth is independent of the surface's slant.
+    """
+    moved = pixels.copy()
+    level_of = pyramid.level_of(scale_px)
+    reach_mm = np.sqrt((lateral_mm**2).mean(axis=0)).astype(np.float32)
+    offset = np.arange(-RADIUS_PX - 1, RADIUS_PX + 2, dtype=np.float32)
+    u, v = (coordinates.ravel() for coordinates in np.meshgrid(offset, offset))
+    for level in np.unique(level_of):
+        index = np.flatnonzero(level_of == level)
+        centre = (pixels[index] / 2**level).astype(np.float32) + pyramid.origins[level][view]
+        shift = np.zeros_like(centre)
+        for _ in range(CENTROID_ROUNDS):
+            samples = pyramid.samples(level, centre[:, :1] + shift[:, :1] + u, centre[:, 1:] + shift[:, 1:] + v)
+            square = samples.reshape(len(index), SIDE + 2, SIDE + 2)
+            across, down = square[:, 1:-1, 2:] - square[:, 1:-1, :-2], square[:, 2:, 1:-1] - square[:, :-2, 1:-1]
+            information = ((reach_mm[0] * across) ** 2 + (reach_mm[1] * down) ** 2).reshape(len(index), SAMPLES)
+            information *= NARROW**2
+            total = np.maximum(information.sum(axis=1, keepdims=True), np.float32(1e-6))
+            shift = np.clip(shift + information @ OFFSETS.T / total, -MAX_MOVE_PX, MAX_MOVE_PX)
+        moved[index] += shift * 2.0**level
+    return moved
+
+
+def templates(
+    pyramid: ImagePyramid, view: int, pixels: FloatArray, scale_px: FloatArray, window: Floats
+) -> list[Templates]:
+    """Build templates for keypoints (n, 2) of a view, without those whose patch cannot be localised.
+
+    `window` is NARROW or WIDE.
+    """
     level_of = pyramid.level_of(scale_px)
     return [
-        _templates(pyramid, view, level, np.flatnonzero(level_of == level), pixels) for level in np.unique(level_of)
+        _templates(pyramid, view, level, np.flatnonzero(level_of == level), pixels, window)
+        for level in np.unique(level_of)
     ]
 
 
-def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.int64], pixels: FloatArray) -> Templates:
+def _templates(
+    pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.int64], pixels: FloatArray, window: Floats
+) -> Templates:
     offset = np.arange(-RADIUS_PX - 2, RADIUS_PX + 3, dtype=np.float32)
     u, v = (coordinates.ravel() for coordinates in np.meshgrid(offset, offset))
     centre = (pixels[index] / 2**level).astype(np.float32) + pyramid.origins[level][view]
     extended = pyramid.samples(level, centre[:, :1] + u, centre[:, 1:] + v)
     extended = extended.reshape(len(index), SIDE + 4, SIDE + 4)
-    patches, length = normalized(extended[:, 2:-2, 2:-2].reshape(len(index), SAMPLES))
+    patches, length = normalized(extended[:, 2:-2, 2:-2].reshape(len(index), SAMPLES), window)
     rows, columns = extended[:, 2:-2], extended[:, :, 2:-2]
     gradients = np.stack(
         [
@@ -186,9 +235,9 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
         ],
         axis=1,
     )
-    gradients = gradients.reshape(len(index), 2, SAMPLES) / (12.0 * length[:, None, None])
+    gradients = window * gradients.reshape(len(index), 2, SAMPLES) / (12.0 * length[:, None, None])
 
-    photometric = _photometric_basis(extended[:, 1:-1, 1:-1], patches)
+    photometric = _photometric_basis(extended[:, 1:-1, 1:-1], patches, window)
 
     def remove_photometric(rows: Floats) -> Floats:
         """Remove the part that changes of brightness, contrast and sharpness explain."""
@@ -211,21 +260,28 @@ def _templates(pyramid: ImagePyramid, view: int, level: int, index: NDArray[np.i
     products = (flat @ flat.transpose(0, 2, 1)).reshape(-1, len(SHAPES), 2, len(SHAPES), 2)
     products = np.ascontiguousarray(products.transpose(0, 2, 4, 1, 3))
     shapes = flat.reshape(shapes.shape)
-    return Templates(int(level), index[usable], patches[usable], gradients, steps, shapes, products, centre_shifts)
+    return Templates(
+        *(int(level), index[usable], window, patches[usable], gradients, steps, shapes, products, centre_shifts)
+    )
 
 
-def _photometric_basis(extended: Floats, patches: Floats) -> Floats:
+def _photometric_basis(extended: Floats, patches: Floats, window: Floats) -> Floats:
     """Return orthonormal changes (n, 3, SAMPLES) of patches in brightness, contrast and sharpness."""
     neighbours = extended[:, :-2, 1:-1] + extended[:, 2:, 1:-1] + extended[:, 1:-1, :-2] + extended[:, 1:-1, 2:]
     sharpness = (neighbours - np.float32(4.0) * extended[:, 1:-1, 1:-1]).reshape(patches.shape)
-    sharpness = sharpness - sharpness.mean(axis=1, keepdims=True)
+    sharpness = _centred(sharpness, window)
     sharpness -= np.einsum("np,np->n", sharpness, patches)[:, None] * patches
     sharpness /= np.maximum(np.linalg.norm(sharpness, axis=1, keepdims=True), np.float32(1e-6))
-    return np.stack([np.full_like(patches, 1.0 / SIDE), patches, sharpness], axis=1)
+    return np.stack([np.broadcast_to(window / np.float32(SIDE), patches.shape), patches, sharpness], axis=1)
 
 
-def normalized(patches: Floats) -> tuple[Floats, Floats]:
-    """Normalise patches (n, p) to zero mean and unit length; also return their lengths."""
-    centred = patches - patches.mean(axis=1, keepdims=True)
+def normalized(patches: Floats, window: Floats) -> tuple[Floats, Floats]:
+    """Normalise patches (n, SAMPLES), weighted by a window, to zero mean and unit length; also return their lengths."""
+    centred = _centred(patches, window)
     length = np.maximum(np.sqrt(np.einsum("np,np->n", centred, centred)), np.float32(1e-6))
     return centred / length[:, None], length
+
+
+def _centred(patches: Floats, window: Floats) -> Floats:
+    mean = patches @ window**2 / np.float32(SAMPLES)
+    return np.asarray(window * (patches - mean[:, None]))

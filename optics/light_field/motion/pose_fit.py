@@ -26,7 +26,7 @@ from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.optics.light_field.features.align import PatchWarp, align
 from mirrorcam.optics.light_field.features.keypoints import grey_views, inner_masks
 from mirrorcam.optics.light_field.features.light_field_features import in_masks
-from mirrorcam.optics.light_field.features.patches import ImagePyramid, Templates
+from mirrorcam.optics.light_field.features.patches import WIDE, ImagePyramid, Templates
 from mirrorcam.optics.light_field.features.patches import templates as build_templates
 from mirrorcam.optics.light_field.features.slope import ViewGeometry, agreeing_views, fit_slope, moderated_variance
 from mirrorcam.optics.light_field.light_field import LightField
@@ -119,7 +119,7 @@ def build_landmarks(
 ) -> Landmarks:
     """Create landmarks at directions (n, 2) and inverse distances (n,), if most views of the light field see them."""
     pixels = geometry.focal_px[geometry.reference] * directions + geometry.centre_px[geometry.reference]
-    templates = build_templates(frame.pyramid, geometry.reference, pixels, scale_px)
+    templates = build_templates(frame.pyramid, geometry.reference, pixels, scale_px, WIDE)
     observed = observe(
         geometry, frame, templates, directions, inverse_distance, PatchWarp.identity(len(directions)), run
     )
@@ -130,7 +130,7 @@ def build_landmarks(
         sigma_per_mm=observed.sigma_per_mm[indices],
         shape_sigma_per_mm=observed.shape_sigma_per_mm[indices],
         shapes=observed.shapes[indices],
-        templates=build_templates(frame.pyramid, geometry.reference, pixels[indices], scale_px[indices]),
+        templates=build_templates(frame.pyramid, geometry.reference, pixels[indices], scale_px[indices], WIDE),
     )
 
 

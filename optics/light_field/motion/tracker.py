@@ -179,7 +179,7 @@ class LightFieldTracker:
         landmarks = build_landmarks(
             geometry,
             frame,
-            geometry.directions(features.pixels[unrefracted]),
+            geometry.directions(features.keypoint_px[unrefracted]),
             1.0 / (features.depth_mm[unrefracted] - views.reference_view_depth_mm),
             features.scale_px[unrefracted],
             self._pool.map,

@@ -23,7 +23,7 @@ from mirrorcam.core.names import LONGEST
 from mirrorcam.optics.camera_files.camera_rig import CameraRig, PictureFlip
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.geometry.layout import working_distance_mm
-from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout
+from mirrorcam.render_scenes.sets.dataset import TRUE_LAYOUT, true_layout, true_lens
 
 FILES = ("score.json", "score.md", "junit.xml")
 """Names of the files of a report."""
@@ -73,11 +73,12 @@ def score_set(
     rig = read_rig(calibration, reading.format, reading.unit)
     if covariance is not None:
         rig = with_covariance(rig, covariance)
-    truth, nominal = true_layout(folder), Layout.load(folder / "layout.json")
+    truth, nominal, lens = true_layout(folder), Layout.load(folder / "layout.json"), true_lens(folder)
     distance_mm = distance_mm or working_distance_mm(nominal)
     if distance_mm is None:
         raise InputError(f"{folder}: its layout states no working distance, expected --distance-mm MM")
-    result = _score(calibration, rig, truth, nominal, distance_mm, views, reading.flip)
+    lateral_colour = lens is not None and lens.grey_magnification != 1.0
+    result = _score(calibration, rig, truth, nominal, distance_mm, views, reading.flip, lateral_colour=lateral_colour)
     scored = scored_set(
         result,
         name=name,
@@ -97,9 +98,13 @@ def _score(
     distance_mm: float,
     views: ViewsFile | None,
     flip: PictureFlip | None,
+    *,
+    lateral_colour: bool,
 ) -> CalibrationScore:
     def score_with(pictures: PictureFlip | None) -> CalibrationScore:
-        return score_calibration(rig, truth, nominal, distance_mm, views=views, pictures=pictures)
+        return score_calibration(
+            rig, truth, nominal, distance_mm, views=views, pictures=pictures, lateral_colour=lateral_colour
+        )
 
     try:
         result = score_with(flip)

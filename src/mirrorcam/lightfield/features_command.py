@@ -47,7 +47,7 @@ def features(
 
     Examples:
         mirrorcam features decoded/frame_0000.npz
-        mirrorcam features decoded/recording.zarr --detector SIFT4D --near-mm 250 --far-mm 800
+        mirrorcam features decoded/recording.zarr --detector ORB --near-mm 250 --far-mm 800
     """
     from mirrorcam.core.console.reporter import TERMINAL
     from mirrorcam.lightfield.light_field_inputs import LightFieldInputs

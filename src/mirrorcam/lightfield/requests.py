@@ -22,8 +22,8 @@ LoopFormat = Literal["gif", "mp4"]
 Detector = Annotated[
     Literal["SIFT", "ORB", "AKAZE", "SIFT4D"],
     Field(
-        description="keypoint detector; SIFT4D searches position, scale and slope jointly, for low light; AKAZE "
-        "needs the contributed modules of OpenCV"
+        description="keypoint detector; SIFT4D searches position, scale and slope jointly; the others search single "
+        "views, which is faster; AKAZE needs the contributed modules of OpenCV"
     ),
 ]
 
@@ -99,7 +99,7 @@ class DepthRange(Value):
 class FeatureSearch(DepthRange):
     """Detector of features, and the depth range of the search."""
 
-    detector: Detector = "SIFT"
+    detector: Detector = "SIFT4D"
     near_mm: float | None = DEPTH_MM.field(
         None,
         "nearest depth of the search, from the pupil",

@@ -18,7 +18,8 @@ from mirrorcam.optics.geometry.transforms import rigid
 from tests.optics.calibration.sound_calibration import nominal_layout, sound_calibration, true_layout
 from tests.optics.camera_files.rigs import Device, device, lens_of, moved, pose_of, true_rig
 
-LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1")
+FOCAL = ("fx_px", "fy_px")
+LENS = (*FOCAL, "cx_px", "cy_px", "k1")
 SIGMAS = (0.2, 0.2, 0.3, 0.3, 1e-3)
 DRAWS = 6
 
@@ -111,3 +112,27 @@ def test_without_a_covariance_or_with_none_to_predict_it_is_not_given() -> None:
     assert device().score(rig).not_given["nees"] == "the calibration has no covariance"
     nothing = Uncertainty(parameters=("all fx_px",), covariance=np.zeros((1, 1)))
     assert device().score(replace(rig, uncertainty=nothing)).not_given["nees"] == "its covariance predicts no error"
+
+
+def test_lateral_colour_leaves_the_magnification_of_grey_pictures_open() -> None:
+    names, matrix = covariance()
+    rig = replace(drawn(1), uncertainty=Uncertainty(parameters=names, covariance=matrix))
+
+    def magnified(factor: float) -> CameraRig:
+        cameras = []
+        for camera in rig.cameras:
+            lens = lens_of(camera)
+            scale = np.ones(len(lens.intrinsics))
+            scale[: len(FOCAL)] = factor
+            cameras.append(replace(camera, lens=lens.with_intrinsics(lens.intrinsics * scale)))
+        return replace(rig, cameras=tuple(cameras))
+
+    once, more = (device().score(magnified(factor), lateral_colour=True).nees for factor in (1.0, 1.002))
+    fixed, fixed_more = (device().score(magnified(factor)).nees for factor in (1.0, 1.002))
+    assert once is not None
+    assert more is not None
+    assert fixed is not None
+    assert fixed_more is not None
+    assert once.freedom == fixed.freedom - 1
+    assert more.mean == pytest.approx(once.mean, rel=0.05), "the centre of the lens is off by 0.3 px"
+    assert fixed_more.mean > 2.0 * fixed.mean

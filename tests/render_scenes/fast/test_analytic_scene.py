@@ -5,14 +5,18 @@ The renderer by formula: against a float64 projection, against the reference, ag
 
 from __future__ import annotations
 
+import itertools
+
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
+from mirrorcam.render_scenes.boards import board_from_texels, printed_radiance
 from mirrorcam.render_scenes.fast.analytic_scene import Arithmetic, DrJitArithmetic, FastScene, NumpyArithmetic
 from mirrorcam.render_scenes.lens import true_camera, with_pupil_of
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
@@ -160,6 +164,34 @@ def test_light_through_parts_of_the_pupil_agrees_with_the_reference(
     assert np.sqrt(np.mean(error**2)) < limit
     assert abs(error.mean()) < 0.0005
     assert pictures[0].min() < (0.8 if ink == 1.0 else 0.2)
+
+
+def test_a_tilted_board_is_as_sharp_as_its_print(small_layout: Layout, small_board: Charuco) -> None:
+    """The horizon of the board's plane is in the picture, where a subpixel covers many squares beyond the board."""
+    camera = small_layout.camera.replaced(distortion=np.zeros(5))
+    turn = Rotation.from_euler("x", 65.0, degrees=True).as_matrix()
+    centre = np.array([small_board.cols, small_board.rows, 0.0]) * small_board.square_mm / 2.0
+    pose = rigid(turn, np.array([0.0, 0.0, 150.0]) - turn @ centre)
+    scene = FastScene(camera, (), small_board, SETTINGS)
+    scene.place_board(pose)
+    rows, columns = slice(0, CUT * camera.height_px, 7), slice(0, CUT * camera.width_px, 7)
+    rendered = scene.render()[rows, columns]
+    printed, texels = printed_radiance(small_board, SETTINGS), np.linalg.inv(board_from_texels(small_board))
+    traced = np.zeros_like(rendered)
+    cuts = (np.arange(4) + 0.5) / 4.0
+    for down, right in itertools.product(cuts, cuts):
+        x, y = np.meshgrid(
+            (np.arange(CUT * camera.width_px)[columns] + right) / CUT - 0.5,
+            (np.arange(CUT * camera.height_px)[rows] + down) / CUT - 0.5,
+        )
+        rays = np.stack([(x - camera.cx_px) / camera.fx_px, (y - camera.cy_px) / camera.fy_px, np.ones_like(x)], axis=2)
+        depth = (pose[:3, 3] @ turn[:, 2]) / (rays @ turn[:, 2])
+        on_board = (rays * depth[:, :, None] - pose[:3, 3]) @ turn
+        column, row = np.moveaxis(np.floor(on_board[:, :, :2] @ texels[:2, :2].T + texels[:2, 2]).astype(int), 2, 0)
+        on_print = (depth > 0) & (row >= 0) & (column >= 0) & (row < printed.shape[0]) & (column < printed.shape[1])
+        traced[on_print] += printed[row[on_print], column[on_print]] / 16.0
+    assert (traced > 0.0).mean() > 0.2
+    assert np.sqrt(np.mean((rendered - traced)[traced > 0.0] ** 2)) < 0.02
 
 
 def test_numpy_renders_the_same(small_layout: Layout, small_board: Charuco) -> None:

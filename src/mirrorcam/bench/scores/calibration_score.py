@@ -132,6 +132,7 @@ def score_calibration(
     *,
     views: ViewsFile | None = None,
     pictures: PictureFlip | None = None,
+    lateral_colour: bool = False,
 ) -> CalibrationScore:
     """Compare a calibration with the true device.
 
@@ -147,6 +148,8 @@ def score_calibration(
         Working distance from the virtual centre of each view.
     views, pictures
         Mirror of each camera, and flip of the pictures, if names and sizes do not determine them.
+    lateral_colour
+        Whether the true lens has lateral colour, so that grey pictures have no definite magnification.
 
     Raises
     ------
@@ -171,7 +174,7 @@ def score_calibration(
         not_given |= reasons
     if joint is None:
         not_given |= dict.fromkeys((*GEOMETRY, *TRIANGULATION), ONE_VIEW if rig.posed else NO_POSES)
-    consistency = nees(aligned, rig)
+    consistency = nees(aligned, rig, np.array([truth.camera.cx_px, truth.camera.cy_px]) if lateral_colour else None)
     if consistency is None:
         not_given["nees"] = NO_COVARIANCE if rig.uncertainty is None else "its covariance predicts no error"
     else:

@@ -1,8 +1,9 @@
 """Normalised estimation error squared (NEES): whether the errors of a calibration match its covariance.
 
 After Bar-Shalom. The error is measured in pixels over the working volume. The motion of the rig is removed from the
-error and from the predicted error, so the gauge of a calibration does not matter. If the covariance is right, the
-NEES is chi-squared distributed, with the rank of the covariance as degrees of freedom.
+error and from the predicted error, so the gauge of a calibration does not matter. So is a magnification where the true
+lens has lateral colour: where a grey picture shows an edge then depends on how edges are located. If the covariance is
+right, the NEES is chi-squared distributed, with the rank of the covariance as degrees of freedom.
 """
 
 from __future__ import annotations
@@ -156,8 +157,11 @@ class Nees:
         return float(low), float(high)
 
 
-def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
-    """Return the NEES of a calibration; None without a covariance, or if it predicts no error."""
+def nees(gauges: Sequence[Gauge], rig: CameraRig, free_magnification_about: FloatArray | None = None) -> Nees | None:
+    """Return the NEES of a calibration; None without a covariance, or if it predicts no error.
+
+    `free_magnification_about` is the pixel (2,) about which the true camera has an unknown magnification, if any.
+    """
     if rig.uncertainty is None:
         return None
     root = covariance_root(rig.uncertainty)
@@ -168,9 +172,11 @@ def nees(gauges: Sequence[Gauge], rig: CameraRig) -> Nees | None:
         error = gauge.pixels - gauge.points.pixels
         valid = np.isfinite(error).all(axis=1) & np.isfinite(derivatives).all(axis=(1, 2))
         columns = gauge.motion_columns[valid]
-        own = remove_motion(derivatives[valid] @ root, columns, gauge.weights[valid])
-        predicted.append(own.reshape(-1, root.shape[1]))
-        errors.append(error[valid].ravel())
+        if free_magnification_about is not None:
+            columns = np.dstack([columns, gauge.points.pixels[valid] - free_magnification_about])
+        both = remove_motion(np.dstack([derivatives[valid] @ root, error[valid]]), columns, gauge.weights[valid])
+        predicted.append(both[:, :, :-1].reshape(-1, root.shape[1]))
+        errors.append(both[:, :, -1].ravel())
     return _nees_of(np.concatenate(predicted), np.concatenate(errors))
 
 

@@ -76,8 +76,10 @@ def test_a_board_that_the_camera_sharpened_is_found() -> None:
 
 
 @pytest.mark.parametrize("square_mm", [30.0, 40.0])
-@pytest.mark.parametrize("amount", [0.0, 3.0, 8.0])
-def test_large_squares_are_found_exactly_however_sharp_their_edges_are(amount: float, square_mm: float) -> None:
+@pytest.mark.parametrize("amount, limit_px", [(0.0, 0.005), (3.0, 0.01), (8.0, 0.04)])
+def test_large_squares_are_found_exactly_however_sharp_their_edges_are(
+    amount: float, limit_px: float, square_mm: float
+) -> None:
     """Cells of 40 to 60 px: the samples of the first refinement are farther apart than the edges are wide."""
     target = Checkerboard(cols=7, rows=6, square_mm=square_mm)
     pose = posed(target, np.array([5.0, -8.0, 420.0]), np.array([25.0, -30.0, 8.0]), direct=True)
@@ -86,7 +88,7 @@ def test_large_squares_are_found_exactly_however_sharp_their_edges_are(amount: f
     (grid,) = find_checkerboards(np.clip(np.rint(overshot), 0, 255).astype(np.uint8), target)
     (corners,) = grid.numberings(target, mirrored=False)
     assert len(corners) == 30
-    assert rms(corners.pixels - seen(target.corners_in_board_mm, pose, None)[corners.ids]) < 0.03
+    assert rms(corners.pixels - seen(target.corners_in_board_mm, pose, None)[corners.ids]) < limit_px
 
 
 @pytest.mark.parametrize("name", ["sharp_checkerboard_missed", "fisheye_checkerboard"])

@@ -10,7 +10,7 @@ import pytest
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, Image, blurred_print, sample
-from mirrorcam.optics.calibration.detection.board_warp import QUINTIC, BoardWarp, corner_print_xy
+from mirrorcam.optics.calibration.detection.board_warp import SEPTIC, BoardWarp, corner_print_xy
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners, GhostImages
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
@@ -95,7 +95,7 @@ def test_a_lens_that_blurs_a_board_seen_at_an_angle_does_not_move_corners() -> N
     places = corner_print_xy(board)
     lifted = np.column_stack([places, np.ones(len(places))]) @ px_from_squares.T
     pixels = lifted[:, :2] / lifted[:, 2:]
-    warp = BoardWarp.fit(places, pixels, degree=QUINTIC)
+    warp = BoardWarp.fit(places, pixels, degree=SEPTIC)
     assert warp is not None
     shown = ((pixels > 25.0) & (pixels < np.array(size[::-1]) - 26.0)).all(axis=1)
     corners = warp.expected(places, pixels).where(shown)

@@ -66,7 +66,17 @@ def test_a_claim_of_too_little_noise_raises_the_alarm(scene: Scene) -> None:
     groups = 10 * seen.frame + seen.view + 1
     shift = np.random.default_rng(0).normal(0.0, 0.1, (groups.max() + 1, 2))
     found, _ = split_of(scene, replace(seen, pixels=seen.pixels + shift[groups]))
+    assert any(split.is_harmful for split in found)
+
+
+def test_a_difference_too_small_to_matter_is_harmless(scene: Scene) -> None:
+    """Errors of 3e-4 px that corners share, in pictures nearly without noise."""
+    seen = scene.noisy(2, noise_px=2e-4)
+    groups = 10 * seen.frame + seen.view + 1
+    shift = np.random.default_rng(0).normal(0.0, 3e-4, (groups.max() + 1, 2))
+    found, _ = split_of(scene, replace(seen, pixels=seen.pixels + shift[groups]))
     assert any(split.alarm for split in found)
+    assert not any(split.is_harmful for split in found)
 
 
 def test_the_distribution_of_a_sum_of_squares_matches_draws() -> None:

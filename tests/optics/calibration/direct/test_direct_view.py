@@ -218,20 +218,24 @@ def test_real_photographs_of_two_mirrors(photographed: tuple[list[Grey], Calibra
     assert len(found.observations) >= 1000
     assert found.inliers.mean() > 0.95
     rms_px = np.sqrt(np.mean(found.residuals_px**2, axis=0))
-    assert (rms_px <= 0.20).all(), "all corners, those past the outlier rule included"
+    assert (rms_px <= 0.10).all(), "all corners, those past the outlier rule included"
     assert found.metrics["camera_turned_px"].value > 1.0
     assert found.metrics["sheet_mm"].value > 5.0 * found.metrics["sheet_sigma_mm"].value
     assert found.diagnostics is not None
-    assert set(found.diagnostics.model_name.split("+")) == {"joint", "board", "sheet", "turn", "bow"}
+    # A smaller addition may explain part of what shears each photograph by some hundredths of a pixel.
+    additions = set(found.diagnostics.model_name.split("+"))
+    assert additions >= {"joint", "board", "sheet", "turn", "bow"}
+    assert len(additions) <= 6
     assert found.diagnostics.reference == DIRECT
-    # With the differences between photographs in the model, halves of them agree.
-    assert not found.diagnostics.alarms
-    assert found.diagnostics.inflation < 1.5
     for axis in "xy":
-        assert found.metrics[f"rms_{axis}_px"].value <= 0.125
+        assert found.metrics[f"rms_{axis}_px"].value <= 0.08
     halves, near = found.diagnostics.splits
-    assert halves.overall_ratio <= 1.5
-    assert near.overall_ratio <= 2.0
+    # Halves differ because of this shear, which no model here has: the report says so, and bounds allow for it. The
+    # smaller the noise of corners, the more it counts.
+    assert halves.overall_ratio <= 3.3
+    assert near.overall_ratio <= 3.0
+    assert found.diagnostics.alarms
+    assert found.diagnostics.inflation >= halves.overall_ratio
     assert found.metrics["mirrors_0_1_angle_deg"].value == pytest.approx(90.0, abs=0.1)
     assert 0.0 < found.metrics["mirrors_0_1_angle_sigma_deg"].value < 0.05
 

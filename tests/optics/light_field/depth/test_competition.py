@@ -45,7 +45,7 @@ def reference_cost(sums: Any, weights: Any, rings: Any, known: bool) -> float:
     surcharge = (
         OCCLUSION_SURCHARGE * max(1.0 - total_weight / views - USUAL_OCCLUSION, 0.0) if total_weight > 0 else 0.0
     )
-    return total / total_weight + surcharge if total_weight > 0 else 0.5 * TRUNCATION
+    return total / total_weight + surcharge if total_weight > 0 else TRUNCATION
 
 
 @pytest.mark.parametrize("known", [False, True])

@@ -117,7 +117,7 @@ def test_pixels_without_samples_in_a_view_are_matched_in_the_others() -> None:
     volume = costs_of(reference, others, sight, planes)
     assert np.median(volume[10:-10, 15:55, 7]) < 0.3 * UNITS
     sight[:] = 0
-    assert (costs_of(reference, others, sight, planes) == int(0.5 * TRUNCATION * UNITS)).all()
+    assert (costs_of(reference, others, sight, planes) == int(TRUNCATION * UNITS)).all()
 
 
 def test_an_occluded_view_does_not_count() -> None:

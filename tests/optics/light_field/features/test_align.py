@@ -12,7 +12,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features import align as alignment
 from mirrorcam.optics.light_field.features.align import AlignedPatches, align
 from mirrorcam.optics.light_field.features.keypoints import grey_views
-from mirrorcam.optics.light_field.features.patches import ImagePyramid, templates
+from mirrorcam.optics.light_field.features.patches import WIDE, ImagePyramid, templates
 from mirrorcam.optics.light_field.features.slope import ViewGeometry
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.features.scenes import of_planes, uneven_views
@@ -36,7 +36,7 @@ def true_pixels(light_field: LightField, depth_mm: FloatArray, pixels: FloatArra
 
 def aligned(light_field: LightField, start_px: FloatArray, images: Bytes | None = None) -> AlignedPatches:
     pyramid = ImagePyramid(grey(light_field) if images is None else images)
-    given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
+    given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)), WIDE)
     across = light_field.positions_mm.reshape(-1, 3)[:, :2]
     return align(pyramid, given, np.arange(9), start_px, across, np.full(len(PIXELS), 450.0))
 
@@ -117,7 +117,7 @@ def test_excluded_pixels_have_no_matches(facing: tuple[LightField, FloatArray]) 
 def test_coarse_keypoints_are_aligned_at_their_scale(facing: tuple[LightField, FloatArray]) -> None:
     light_field, expected = facing
     pyramid = ImagePyramid(grey(light_field))
-    given = templates(pyramid, 4, PIXELS, np.full(len(PIXELS), 4.0))
+    given = templates(pyramid, 4, PIXELS, np.full(len(PIXELS), 4.0), WIDE)
     assert [each.level for each in given] == [1]
     across = light_field.positions_mm.reshape(-1, 3)[:, :2]
     found = align(pyramid, given, np.arange(9), expected + 2.0, across, np.full(len(PIXELS), 450.0))
@@ -133,7 +133,7 @@ def test_views_and_parts_do_not_depend_on_each_other(
     monkeypatch.setattr(alignment, "KEYPOINTS_PER_BATCH", 7)
     assert np.allclose(aligned(light_field, expected + 0.5).pixels, complete.pixels, rtol=0, atol=1e-3)
     pyramid, views = ImagePyramid(grey(light_field)), np.array([8, 2])
-    given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)))
+    given = templates(pyramid, 4, PIXELS, np.ones(len(PIXELS)), WIDE)
     across = light_field.positions_mm.reshape(-1, 3)[views, :2]
     with ThreadPoolExecutor(2) as pool:
         two = align(pyramid, given, views, expected[views] + 0.5, across, np.full(len(PIXELS), 450.0), pool.map)
@@ -153,7 +153,7 @@ def test_slants_match_the_plane(slants: tuple[float, float]) -> None:
     directions = geometry.directions(pixels)
     inverse_distance = (1.0 - directions @ np.array(slants)) / distance
     start = np.stack([geometry.predict(view, directions, inverse_distance) for view in range(9)])
-    given = templates(pyramid, 4, pixels, np.full(len(pixels), 2.0))
+    given = templates(pyramid, 4, pixels, np.full(len(pixels), 2.0), WIDE)
     found = align(pyramid, given, np.arange(9), start, geometry.lateral_mm, 1.0 / inverse_distance)
     chosen = given[0].index
     error = found.shapes[chosen, :2] * distance + slants

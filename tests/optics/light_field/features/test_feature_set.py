@@ -17,6 +17,7 @@ def made(count: int, **changes: Any) -> Features:
     """Return features of a grid of 3 x 3 views, with zeros in all arrays."""
     shapes: dict[str, tuple[int, ...]] = {
         "pixels": (2,),
+        "keypoint_px": (2,),
         "scale_px": (),
         "disparity_px": (),
         "disparity_sigma_px": (),
@@ -58,7 +59,13 @@ def some_features(count: int) -> Features:
     given: dict[str, Any] = {
         name: random.uniform(1.0, 900.0, shape)
         for name, shape in (
-            *(("pixels", (count, 2)), ("scale_px", count), ("disparity_px", count), ("disparity_sigma_px", count)),
+            *(
+                ("pixels", (count, 2)),
+                ("keypoint_px", (count, 2)),
+                ("scale_px", count),
+                ("disparity_px", count),
+                ("disparity_sigma_px", count),
+            ),
             *(("points_in_rig_mm", (count, 3)), ("depth_mm", count), ("depth_sigma_mm", count)),
             *(("residual_px", count), ("seen_px", (count, 3, 3, 2)), ("apart_disparity_px", (count, 2))),
             ("two_slope_sigma", count),

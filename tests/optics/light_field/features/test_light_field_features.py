@@ -50,7 +50,7 @@ def test_features_lie_on_surfaces(scene: tuple[LightField, FloatArray], name: De
     error = np.abs(features.depth_mm / true_at(features, depth_mm) - 1.0)
     assert np.mean(error < 0.01) >= 0.98
     assert np.median(error) < 0.001
-    assert np.mean(features.refracted) < 0.04
+    assert np.mean(features.refracted) < 0.005
     sides = [np.mean(np.abs(features.depth_mm - depth) < 60) for depth in (350.0, 480.0)]
     assert min(sides) > 0.1  # both planes have features
 
@@ -125,7 +125,7 @@ def test_views_assumed_on_an_even_grid_find_few_features(scene: tuple[LightField
     even[..., 0], even[..., 1] = [-35.0, 0.0, 35.0], [[-25.0], [0.0], [25.0]]
     moved = LightField.of(uneven_views(positions_mm=even), light_field.samples, light_field.weights)
     features = FeatureFinder(moved, "SIFT").find(moved)
-    assert len(features) < 0.3 * len(found)
+    assert len(features) < 0.35 * len(found)
 
 
 def test_more_views_or_a_shorter_distance_give_fewer_and_more_certain_features(

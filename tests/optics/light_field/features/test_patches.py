@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.optics.light_field.features.patches import RADIUS_PX, SAMPLES, ImagePyramid, templates
+from mirrorcam.optics.light_field.features.patches import RADIUS_PX, SAMPLES, WIDE, ImagePyramid, templates
 
 
 def test_a_scale_is_on_the_nearest_level_of_half_its_size() -> None:
@@ -57,7 +57,7 @@ def test_patches_without_contrast_or_with_an_edge_alone_are_left_out() -> None:
     picture[..., 90:, :] = 160
     picture[..., 30:40, 30:40] = 200
     pixels = np.array([[200.0, 40.0], [150.0, 90.0], [30.0, 30.0]])
-    made = templates(ImagePyramid(picture), 0, pixels, np.ones(3))
+    made = templates(ImagePyramid(picture), 0, pixels, np.ones(3), WIDE)
     assert [each.index.tolist() for each in made] == [[2]]
 
 
@@ -65,10 +65,10 @@ def test_gradients_are_the_changes_by_moves_beyond_light() -> None:
     random = np.random.default_rng(1)
     image = np.rint(128 + 300 * gaussian_filter(random.standard_normal((80, 90)), 2.0)).clip(0, 255).astype(np.uint8)
     pyramid, pixels = ImagePyramid(image[None, None]), random.uniform(25, 55, (20, 2))
-    here = templates(pyramid, 0, pixels, np.ones(20))[0]
+    here = templates(pyramid, 0, pixels, np.ones(20), WIDE)[0]
     for axis in (0, 1):
         step = np.eye(2)[axis] * 0.1
-        ahead, back = (templates(pyramid, 0, pixels + sign * step, np.ones(20))[0].patches for sign in (1, -1))
+        ahead, back = (templates(pyramid, 0, pixels + sign * step, np.ones(20), WIDE)[0].patches for sign in (1, -1))
         change = (ahead - back) / 0.2
         cosine = np.einsum("np,np->n", change, here.gradients[:, axis])
         cosine /= np.linalg.norm(change, axis=1) * np.linalg.norm(here.gradients[:, axis], axis=1)

@@ -1,0 +1,101 @@
+"""Write the page of the comparison, docs/compared.md, and its figure."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import matplotlib.pyplot as plt
+import numpy as np
+
+from benchmarks.cameras_compared.cameras import FAR_MM, NEAR_MM, ComparedCamera
+from benchmarks.cameras_compared.measures import Measured, inner
+from benchmarks.records import TIMES, Table
+from mirrorcam.core.disk.files import write_text
+
+BANDS_MM = ((300.0, 400.0), (400.0, 500.0), (500.0, 600.0))
+WRONG = 0.02
+"""Relative error beyond which a depth is wrong."""
+
+Results = Sequence[tuple[ComparedCamera, Mapping[str, Measured]]]
+
+
+def pooled(camera: ComparedCamera, measured: Mapping[str, Measured], name: str) -> Any:
+    """Return the values (n,) of a map of all scenes, within the field."""
+    return np.concatenate([inner(camera.views, getattr(result, name)).ravel() for result in measured.values()])
+
+
+def row(camera: ComparedCamera, measured: Mapping[str, Measured]) -> list[str]:
+    """Return the cells of a camera."""
+    maps = ("true_mm", "depth_mm", "sigma_mm", "bound_mm")
+    true, depth, sigma, bound = (pooled(camera, measured, name) for name in maps)
+    error = np.abs(depth - true)
+    depths = []
+    for low, high in BANDS_MM:
+        band = (true >= low) & (true < high)
+        values = (np.nanmedian(error[band]), np.nanmedian(sigma[band]), np.median(bound[band]))
+        depths.append("{:.2f} ({:.2f}), {:.2f}".format(*values))
+    within = (true >= BANDS_MM[0][0]) & (true < BANDS_MM[-1][1])
+    wrong = np.mean(~(error[within] <= WRONG * true[within]))
+    refocus, viewpoint = (
+        np.mean([getattr(result, name) for result in measured.values()]) for name in ("refocus_db", "viewpoint_db")
+    )
+    pair = "{:.0f} {} {:.0f}".format
+    return [
+        camera.name,
+        str(camera.view_count),
+        f"{camera.view_px[0]} {TIMES} {camera.view_px[1]}",
+        pair(camera.baseline_mm[0], TIMES, camera.baseline_mm[1]),
+        pair(camera.field_mm[0], TIMES, camera.field_mm[1]),
+        *depths,
+        f"{100.0 * wrong:.1f}",
+        f"{refocus:.1f}",
+        f"{viewpoint:.1f}",
+        camera.price,
+        camera.rate,
+    ]
+
+
+COLUMNS = (
+    "camera",
+    "views",
+    "pixels a view",
+    "baseline and reach of a new viewpoint, mm",
+    "common field at 400 mm, mm",
+    *(f"depth at {low:.0f} to {high:.0f} mm: error (sigma), bound, mm" for low, high in BANDS_MM),
+    "wrong depth, %",
+    "refocus, dB",
+    "new viewpoint, dB",
+    "price",
+    "frames per second",
+)
+
+
+def write_page(docs: Path, rows: Table, values: Mapping[str, str]) -> None:
+    """Write docs/compared.md from the table and the texts of its settings."""
+    template = Path(__file__).with_name("page.md").read_text(encoding="utf-8")
+    write_text(docs / "compared.md", template.format(table=rows.markdown(), **values))
+
+
+def draw(path: Path, results: Results, scene: str) -> None:
+    """Draw each camera's central view, depth and refocused picture of a scene."""
+    figure, axes = plt.subplots(3, len(results), figsize=(2.0 * len(results), 4.6), constrained_layout=True)
+    for column, (camera, measured) in zip(axes.T, results, strict=True):
+        result = measured[scene]
+        pictures: tuple[Any, ...] = (result.picture, result.depth_mm, result.refocused)
+        for axis, picture in zip(column, pictures, strict=True):
+            shown = inner(camera.views, picture)
+            height = round(200 * shown.shape[0] / shown.shape[1])
+            shown = cv2.resize(shown, (200, height), interpolation=cv2.INTER_AREA)
+            colours = {"cmap": "gray", "vmin": 0, "vmax": 255} if shown.dtype == np.uint8 else {}
+            if picture is result.depth_mm:
+                colours = {"cmap": "turbo_r", "vmin": NEAR_MM, "vmax": FAR_MM}
+            axis.imshow(shown, **colours)
+            axis.set(xticks=[], yticks=[])
+        column[0].set_title(camera.name, fontsize=9)
+    for axis, label in zip(axes[:, 0], ("central view", "depth", "refocused at 400 mm"), strict=True):
+        axis.set_ylabel(label, fontsize=9)
+    figure.savefig(path, dpi=100, metadata={"Software": None})
+    plt.close(figure)
