@@ -1,6 +1,6 @@
 """Matching cost of planes across all views, with occlusion handled view by view.
 
-Colours and brightness gradients are compared. Before occlusion is known, views at similar distance from the reference
+Brightness and its gradients are compared. Before occlusion is known, views at similar distance from the reference
 view compete: a near object hides a point from the views in some directions only, so the better half of the directions
 decides. Once a first depth is known, the views in which a nearer surface hides the point are left out. Loops run over
 runs of adjacent pixels that search the same plane.
@@ -32,9 +32,8 @@ UInt16 = NDArray[np.uint16]
 
 Float32 = NDArray[np.float32]
 MapFunction = Callable[..., Any]
-CHANNELS = 5
-COLOUR, GRADIENT = 1.0, 2.0
-"""Weights of the mean difference of three colours, and of the difference of each brightness gradient."""
+CHANNEL_WEIGHTS = (1.0, 2.0, 2.0)
+"""Weights of the differences of brightness and of its two gradients."""
 CONTRAST_PX = 7
 CONTRAST_GREY = 4.0
 CONTRAST_FLOOR = 0.3
@@ -48,21 +47,21 @@ MAX_RUN_PX = 512
 """Maximum number of pixels of a row processed at once, a multiple of the tile's side: the work arrays fit the cache."""
 
 
-def channels(colours: Float32) -> Float32:
-    """Return the compared channels (5, v + 1, u + 1) of a picture (v, u, 3) from 0 to 255: colours and two gradients.
+def channels(brightness: Float32) -> Float32:
+    """Return the compared channels (3, v + 1, u + 1) of brightness (v, u), 0 to 255: itself and its two gradients.
 
     The last row and column are repeated, so that each sample has a successor.
     """
-    grey: Any = cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY)
-    gradients = [cv2.Sobel(grey, cv2.CV_32F, *order, ksize=1, scale=0.5) for order in ((1, 0), (0, 1))]
-    return np.stack(
-        [cv2.copyMakeBorder(channel, 0, 1, 0, 1, cv2.BORDER_REPLICATE) for channel in (*cv2.split(colours), *gradients)]
-    )
+    gradients = [cv2.Sobel(brightness, cv2.CV_32F, *order, ksize=1, scale=0.5) for order in ((1, 0), (0, 1))]
+    result = np.empty((len(CHANNEL_WEIGHTS), brightness.shape[0] + 1, brightness.shape[1] + 1), np.float32)
+    for channel, values in zip(result, (brightness, *gradients), strict=True):
+        cv2.copyMakeBorder(values, 0, 1, 0, 1, cv2.BORDER_REPLICATE, dst=channel)
+    return result
 
 
 def mean_gradient(reference: Float32, side_px: int) -> Float32:
     """Return means (v, u) over a square of the sum of both absolute brightness gradients of `channels`."""
-    gradient_u, gradient_v = reference[3:, :-1, :-1]
+    gradient_u, gradient_v = reference[1:, :-1, :-1]
     return np.asarray(cv2.blur(np.abs(gradient_u) + np.abs(gradient_v), (side_px, side_px)))
 
 
@@ -92,7 +91,7 @@ def matching_costs(
     reference
         `channels` of the reference view.
     others
-        `channels` of the other views, (K, 5, v + 1, u + 1).
+        `channels` of the other views, (K, 3, v + 1, u + 1).
     valid
         (K, v, u), 1 where a view has samples in the pixel and its right and lower neighbours, else 0.
     sweep
@@ -109,7 +108,7 @@ def matching_costs(
     views = ComparedViews(
         reference,
         others,
-        np.array([COLOUR / 3.0] * 3 + [GRADIENT] * 2, np.float32),
+        np.array(CHANNEL_WEIGHTS, np.float32),
         np.float32(CONTRAST_GREY) / (np.float32(CONTRAST_FLOOR * CONTRAST_GREY) + gradient),
         valid,
         np.empty((0, shape[0], shape[1] + 1), np.float32) if nearest is None else _repeat_last_column(nearest),
@@ -139,9 +138,9 @@ class ComparedViews(NamedTuple):
     Attributes
     ----------
     reference, others
-        `channels` of the reference view (5, v + 1, u + 1) and of the K others (K, 5, v + 1, u + 1).
+        `channels` of the reference view (3, v + 1, u + 1) and of the K others (K, 3, v + 1, u + 1).
     weights
-        (5,), one per channel.
+        (3,), one per channel.
     inverse_contrast
         Factor (v, u) on the differences at each pixel of the reference view.
     valid

@@ -1,19 +1,30 @@
-"""Enlargement of a map to twice its size, guided by the picture, so that depth edges stay sharp."""
+"""Enlargement of a map to twice its size: by interpolation, or guided by the picture, so that depth edges stay sharp."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import bands
-from mirrorcam.optics.light_field.depth.refine import COLOUR_GREY
 
 Float32 = NDArray[np.float32]
 MapFunction = Callable[..., Any]
+COLOUR_GREY = 20.0
+"""Sum of differences over three channels, 0 to 255, that lowers a neighbour's weight by a factor of e."""
+
+
+def doubled(small: Float32, shape: tuple[int, int] | None) -> Float32:
+    """Return a map (v, u) at twice the size; an odd last row or column repeats the previous one."""
+    full = cv2.resize(small, (2 * small.shape[1], 2 * small.shape[0]), interpolation=cv2.INTER_LINEAR)
+    if shape is None:
+        return np.asarray(full)
+    bottom, right = shape[0] - full.shape[0], shape[1] - full.shape[1]
+    return np.asarray(cv2.copyMakeBorder(full, 0, bottom, 0, right, cv2.BORDER_REPLICATE))
 
 
 @compiled

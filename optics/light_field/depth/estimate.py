@@ -20,11 +20,13 @@ from numpy.typing import NDArray
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
-from mirrorcam.optics.light_field.depth.enlargement import enlarged_by_picture
+from mirrorcam.optics.light_field.depth.enlargement import doubled, enlarged_by_picture
 from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, Parallax, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     ViewPicture,
+    colours,
+    halved_picture,
     matching_gain,
     patch_means,
     rough_gain,
@@ -84,25 +86,22 @@ EFFORTS = {"best": _Effort(1, 0, 8, 2, True, 2, 200), "fast": _Effort(2, 1, 4, 1
 
 @dataclass(frozen=True, eq=False)
 class _SearchResult:
-    """Search results at full size.
+    """Search results.
 
     Attributes
     ----------
     planes
-        Planes (v, u), with depth edges at picture edges.
+        Planes (j, i) at the last level to search, with depth edges at picture edges.
     margin, rivals
-        Margin and rivals (v, u) of the last search, see `LowestCost`.
+        Margin and rivals (v, u) of the last search at full size, see `LowestCost`.
     first_rivals
-        Rivals (v, u) of the first search, over all planes.
-    halved
-        Whether the last search was at half size.
+        Rivals (v, u) of the first search, over all planes, at full size.
     """
 
     planes: Float32
     margin: Float32
     rivals: Float32
     first_rivals: Float32
-    halved: bool
 
 
 class DepthEstimator:
@@ -152,7 +151,8 @@ class DepthEstimator:
         self._levels = self._levels_to_search()
         self._full = PyramidLevel.of(self.views, self.near_mm, self.far_mm, 0)
         self._parallaxes = [parallax(self.views, index) for index in self.others]
-        self._refiner = Refiner(self._full.sweep, self._parallaxes, self._run)
+        last = self._levels[-1]
+        self._refiner = Refiner(last.sweep, self._parallaxes, self._run, 2**last.halvings)
 
     def _levels_to_search(self) -> list[PyramidLevel]:
         """Return the pyramid levels to search, coarsest first."""
@@ -189,50 +189,86 @@ class DepthEstimator:
         reference_grey = reference.grey
         gains = self._run(lambda other: rough_gain(other.grey, reference_grey), others)
         others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
-        result, others = self._search(reference, others)
-        pictures = [reference, *others]
-        gradients = list(self._run(lambda view: GradientPicture.of(view.brightness, view.interior), pictures))
+        pyramid = [colours(light_field, self.reference)]
+        for _ in range(self._levels[0].halvings):
+            pyramid.append(halved_picture(pyramid[-1]))
+        result, others = self._search(pyramid, reference, others)
+        spacing = self._refiner.spacing
+        gradients = list(
+            self._run(lambda view: GradientPicture.of(view.brightness, view.interior, spacing), [reference, *others])
+        )
         steps, iterations = self._effort.steps, self._effort.iterations
         planes, match, smoothness = self._refiner.refined(result.planes, gradients[0], gradients[1:], steps, iterations)
+        if spacing > 1:
+            planes = self._enlarged(planes, pyramid, self._levels[-1], self._full)
+            match, smoothness = match.enlarged(self._full.shape), doubled(smoothness, self._full.shape)
         return self._depth_map(planes, match, smoothness, result, reference.valid)
 
-    def _search(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_SearchResult, list[ViewPicture]]:
-        """Return the search result, and the other views equalised to the reference view."""
+    def _search(
+        self, pyramid: list[Float32], reference: ViewPicture, others: list[ViewPicture]
+    ) -> tuple[_SearchResult, list[ViewPicture]]:
+        """Return the search result, and the other views equalised to the reference view.
+
+        `pyramid` holds the colours (v, u, 3) of the reference view, halved ever more.
+        """
         (level, *finer_levels), directions = self._levels, self._effort.directions
-        coarse = search(level, reference, others, self._run, directions=directions, rounds=self._effort.slanted_rounds)
+        picture = pyramid[level.halvings]
+        coarse = search(
+            level,
+            picture,
+            reference,
+            others,
+            self._run,
+            directions=directions,
+            rounds=self._effort.slanted_rounds,
+        )
         gains = self._gains(reference, others, self._full.enlarged(coarse, level).planes)
         others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         if self._effort.with_occlusion:
-            coarse = search(level, reference, others, self._run, directions=directions, earlier=coarse)
+            coarse = search(level, picture, reference, others, self._run, directions=directions, earlier=coarse)
         first_rivals = self._full.enlarged(coarse, level).rivals
         for finer in finer_levels:
             result = finer.enlarged(coarse, level)
             for _ in range(1 + self._effort.with_occlusion):
                 ranges = range_around(result.planes, finer.sweep.plane_count)
                 if ranges.size > MAX_NEAR_COSTS:
-                    return self._result(coarse, level, first_rivals, reference), others
+                    return self._result(coarse, level, first_rivals, pyramid), others
                 result = search(
-                    finer, reference, others, self._run, directions=directions, earlier=result, ranges=ranges
+                    finer,
+                    pyramid[finer.halvings],
+                    reference,
+                    others,
+                    self._run,
+                    directions=directions,
+                    earlier=result,
+                    ranges=ranges,
                 )
             coarse, level = result, finer
-        return self._result(coarse, level, first_rivals, reference), others
+        return self._result(coarse, level, first_rivals, pyramid), others
 
     def _result(
-        self, found: LowestCost, level: PyramidLevel, first_rivals: Float32, reference: ViewPicture
+        self, found: LowestCost, level: PyramidLevel, first_rivals: Float32, pyramid: list[Float32]
     ) -> _SearchResult:
-        """Return what a level found at full size. Depth edges move to picture edges before the map is enlarged."""
-        pictures = [reference]
-        for _ in range(level.halvings):
-            pictures.append(pictures[-1].halved())
-        full = self._full.sweep
-        jump = JUMP_PX / full.step_px
-        level_jump = jump * full.step / level.sweep.step
-        planes = align_to_picture_edges(found.planes, pictures[-1].colours, level_jump, self._run)
-        planes = full.planes(level.sweep.inverse_distance(planes))
-        for large, small in reversed(list(pairwise(pictures))):
-            planes = enlarged_by_picture(planes, small.colours, large.colours, jump, self._run)
+        """Return what a level found. Depth edges move to picture edges before the map is enlarged."""
+        planes = align_to_picture_edges(found.planes, pyramid[level.halvings], self._jump(level), self._run)
         enlarged = self._full.enlarged(found, level)
-        return _SearchResult(planes, enlarged.margin, enlarged.rivals, first_rivals, level.halvings > 0)
+        planes = self._enlarged(planes, pyramid, level, self._levels[-1])
+        return _SearchResult(planes, enlarged.margin, enlarged.rivals, first_rivals)
+
+    def _jump(self, level: PyramidLevel) -> float:
+        """Return the difference of planes of a level at a depth edge."""
+        full = self._full.sweep
+        return JUMP_PX / full.step_px * full.step / level.sweep.step
+
+    def _enlarged(
+        self, planes: Float32, pyramid: list[Float32], level: PyramidLevel, finer: PyramidLevel
+    ) -> Float32:
+        """Return planes (j, i) of a level at a finer one, as planes of the latter, guided by the picture."""
+        planes = finer.sweep.planes(level.sweep.inverse_distance(planes))
+        sizes = pyramid[finer.halvings : level.halvings + 1]
+        for large, small in reversed(list(pairwise(sizes))):
+            planes = enlarged_by_picture(planes, small, large, self._jump(finer), self._run)
+        return planes
 
     def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
         """Return gains (v, u) that equalise the other views to the reference view, given its planes (v, u)."""
@@ -261,8 +297,9 @@ class DepthEstimator:
         valid = valid & (match.view_count >= min(2, len(self.others)))
         step_px = np.float32(full.step_px)
         range_px, views = full.plane_count * full.step_px, len(self.others)
-        confidence = probability(planes * step_px, match, result.rivals, result.first_rivals, smoothness, result.halved)
-        sigma_px = standard_deviation_px(match, smoothness, result.margin, confidence, views, result.halved, range_px)
+        halved = self._refiner.spacing > 1
+        confidence = probability(planes * step_px, match, result.rivals, result.first_rivals, smoothness, halved)
+        sigma_px = standard_deviation_px(match, smoothness, result.margin, confidence, views, halved, range_px)
         deviation = sigma_px * np.float32(full.step / full.step_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse_distance

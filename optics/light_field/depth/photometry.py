@@ -6,13 +6,15 @@ Mirrors reflect unevenly and a lens darkens its corners, so a point's brightness
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.core.compiled import compiled
+from mirrorcam.optics.light_field.light_field import LightField, Samples
 
 Float32 = NDArray[np.float32]
 
@@ -30,66 +32,101 @@ OCCLUSION_SCALES = (24.0, 12.0, 6.0, 6.0)
 """Scale of the robust loss per round, out of 255: larger differences probably show different surfaces."""
 
 
+@compiled
+def _fill_brightness(samples: Samples, scale: float, out: Float32) -> None:
+    """Fill the brightness (v, u) of samples (v, u, c) times `scale`, limited to 0 to 255 (ITU-R BT.601)."""
+    zero, white = np.float32(0.0), np.float32(255.0)
+    red, green, blue = np.float32(0.299), np.float32(0.587), np.float32(0.114)
+    for y in range(out.shape[0]):
+        row, out_row = samples[y], out[y]
+        if samples.shape[2] == 3:
+            for x in range(len(out_row)):
+                value = red * np.float32(row[x, 0]) + green * np.float32(row[x, 1]) + blue * np.float32(row[x, 2])
+                out_row[x] = min(max(value * scale, zero), white)
+        else:
+            for x in range(len(out_row)):
+                out_row[x] = min(max(np.float32(row[x, 0]) * scale, zero), white)
+
+
+def _filled(picture: Float32, valid: NDArray[np.bool_]) -> Float32:
+    """Return a picture (v, u) or (v, u, c) with missing samples replaced by the mean of neighbours."""
+    if valid.all():
+        return picture
+    mask = valid if picture.ndim == 2 else valid[..., None]
+    fraction: Any = cv2.blur(valid.astype(np.float32), (FILL_PX, FILL_PX))
+    mean: Any = cv2.blur(picture * mask, (FILL_PX, FILL_PX))
+    filled = picture.copy()
+    filled[~valid] = mean[~valid] / np.maximum(fraction[~valid], 1e-3).reshape(-1, *[1] * (picture.ndim - 2))
+    return filled
+
+
+def colours(light_field: LightField, index: tuple[int, int]) -> Float32:
+    """Return the colours (v, u, 3), 0 to 255, of view (t, s); a grey view gets three equal ones."""
+    samples: Any = light_field.samples[index]
+    picture = samples.astype(np.float32)
+    if samples.dtype == np.float32:
+        picture = np.clip(picture, np.float32(0.0), np.float32(1.0)) * np.float32(255.0)
+    return _filled(np.broadcast_to(picture, (*samples.shape[:2], 3)).copy(), light_field.weights[index] > 0)
+
+
+def halved_picture(picture: Float32) -> Float32:
+    """Merge blocks of two by two pixels of a picture (v, u) or (v, u, c); drop an odd last column or row."""
+    rows, columns = picture.shape[0] // 2, picture.shape[1] // 2
+    return np.asarray(
+        cv2.resize(picture[: 2 * rows, : 2 * columns], (columns, rows), interpolation=cv2.INTER_AREA), np.float32
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class ViewPicture:
     """A view prepared for comparison.
 
     Attributes
     ----------
-    colours
-        (v, u, 3), 0 to 255; missing samples are filled with the mean of neighbours.
+    brightness
+        (v, u), 0 to 255; missing samples are filled with the mean of neighbours.
     valid
         Mask (v, u) of valid samples.
     """
 
-    colours: Float32
+    brightness: Float32
     valid: NDArray[np.bool_]
 
     @classmethod
     def of(cls, light_field: LightField, index: tuple[int, int]) -> ViewPicture:
-        """Return view (t, s) of a light field; a grey view gets three equal colours."""
+        """Return view (t, s) of a light field."""
         samples: Any = light_field.samples[index]
-        colours = samples.astype(np.float32)
-        if samples.dtype == np.float32:
-            colours = np.clip(colours, np.float32(0.0), np.float32(1.0)) * np.float32(255.0)
-        colours = np.broadcast_to(colours, (*samples.shape[:2], 3)).copy()
+        brightness = np.empty(samples.shape[:2], np.float32)
+        _fill_brightness(samples, np.float32(255.0 if samples.dtype == np.float32 else 1.0), brightness)
         valid = light_field.weights[index] > 0
-        if not valid.all():
-            fraction = cv2.blur(valid.astype(np.float32), (FILL_PX, FILL_PX))
-            mean = cv2.blur(colours * valid[..., None], (FILL_PX, FILL_PX)) / np.maximum(fraction, 1e-3)[..., None]
-            colours[~valid] = mean[~valid]
-        return cls(colours, valid)
-
-    @property
-    def brightness(self) -> Float32:
-        """Brightness (v, u) of the colours, 0 to 255."""
-        return np.asarray(cv2.cvtColor(self.colours, cv2.COLOR_RGB2GRAY))
+        return cls(_filled(brightness, valid), valid)
 
     @property
     def grey(self) -> Float32:
         """Brightness (v, u), 0 to 255, `NO_SAMPLE` where there is no sample."""
+        if self.valid.all():
+            return self.brightness
         return np.where(self.valid, self.brightness, np.float32(NO_SAMPLE))
 
-    @property
+    @cached_property
     def interior(self) -> NDArray[np.uint8]:
         """Mask (v, u), as uint8, of samples whose neighbours are all valid."""
         return np.asarray(cv2.erode(self.valid.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1))
 
+    @cached_property
     def halved(self) -> ViewPicture:
-        """Merge blocks of two by two pixels, unknown if a sample is missing; drop an odd last column or row."""
+        """The view with blocks of two by two pixels merged, unknown if a sample is missing; see `halved_picture`."""
         rows, columns = self.valid.shape[0] // 2, self.valid.shape[1] // 2
-        even = (slice(2 * rows), slice(2 * columns))
-        colours = cv2.resize(self.colours[even], (columns, rows), interpolation=cv2.INTER_AREA)
-        valid = self.valid[even]
+        valid = self.valid[: 2 * rows, : 2 * columns]
         valid_rows = valid[::2] & valid[1::2]
-        return ViewPicture(np.asarray(colours), valid_rows[:, ::2] & valid_rows[:, 1::2])
+        return ViewPicture(halved_picture(self.brightness), valid_rows[:, ::2] & valid_rows[:, 1::2])
 
     def multiplied(self, gain: Float32 | float) -> ViewPicture:
         """Return the view with its brightness multiplied by a gain, a number or a map (v, u)."""
         factor = np.asarray(gain, dtype=np.float32)
         if factor.ndim == 0 and factor == 1:
             return self
-        return ViewPicture(self.colours * (factor[..., None] if factor.ndim else factor), self.valid)
+        return ViewPicture(self.brightness * factor, self.valid)
 
 
 def rough_gain(picture: Float32, reference: Float32) -> float:

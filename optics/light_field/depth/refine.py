@@ -8,7 +8,7 @@ uncertainty follows. Weighted medians move depth edges to picture edges.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.cost import bands
+from mirrorcam.optics.light_field.depth.enlargement import COLOUR_GREY, doubled
 from mirrorcam.optics.light_field.depth.parallax import Parallax
 from mirrorcam.optics.light_field.depth.refine_kernels import (
     OCCLUSION_PX,
@@ -48,12 +49,15 @@ SHARED_ERROR_EXPONENT = 0.8
 """Views share the errors of the reference view's gradients, so their information is less than the sum over them."""
 MAX_CHANGE_PX, MAX_CHANGE_AT_EDGE_PX = 1.0, 0.15
 """Maximum total change of a value, in px of disparity at the longest baseline: off depth edges, and at them."""
+GRID_POWER = 3.0
+"""Power of a grid's spacing by which SMOOTHNESS falls: second differences grow with its square."""
+BETWEEN_DERIVATIVE = np.array([-0.125, -0.625, 0.625, 0.125], np.float32)
+BETWEEN_MEAN = np.array([0.0625, 0.4375, 0.4375, 0.0625], np.float32)
+"""Kernels of gradients midway between pixels: derivative and mean, the latter across the derivative."""
 JUMP_PX = 0.6
 """Range within 3x3 pixels, in px of disparity at the longest baseline, that marks a depth edge."""
 RADIUS_PX = 3
 JUMP_RADIUS_PX = 2
-COLOUR_GREY = 20.0
-"""Sum of differences over three channels, 0 to 255, that lowers a neighbour's weight by a factor of e."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +91,10 @@ class Match:
             (np.float32(2.0) * gradient + self.information * step) * step / np.maximum(self.weight_sum, MIN_WEIGHT_SUM)
         )
         return replace(self, residual=np.maximum(self.residual + change, np.float32(0.0)))
+
+    def enlarged(self, shape: tuple[int, int]) -> Match:
+        """Return the match at twice the size; an odd last row or column of the new shape repeats the previous one."""
+        return Match(*(doubled(getattr(self, field.name), shape) for field in fields(self)))
 
 
 def _conjugate_gradients(
@@ -160,8 +168,30 @@ class GradientPicture:
     valid: NDArray[np.uint8]
 
     @classmethod
-    def of(cls, grey: Float32, valid: NDArray[np.uint8]) -> GradientPicture:
-        return cls(np.ascontiguousarray(np.moveaxis(brightness_gradients(grey), 0, -1)), valid)
+    def of(cls, grey: Float32, valid: NDArray[np.uint8], spacing: int = 1) -> GradientPicture:
+        """Return the gradients of a grey picture (v, u) for a grid `spacing` pixels apart, 1 or 2.
+
+        For 2, they are those at pixels (u + .5, v + .5), where the points of the grid lie.
+        """
+        if spacing == 1:
+            gradients = brightness_gradients(grey)
+        else:
+            # The anchor is left and above of the middle.
+            kernels, anchor = (BETWEEN_DERIVATIVE, BETWEEN_MEAN), (1, 1)
+            gradients = np.stack([
+                cv2.sepFilter2D(grey, cv2.CV_32F, *pair, anchor=anchor) for pair in (kernels, kernels[::-1])
+            ])
+        return cls(np.asarray(cv2.merge(list(gradients))), valid)
+
+    def on_grid(self, spacing: int) -> _ReferenceGrid:
+        """Return the gradients at the points of a grid, with their derivatives and variance."""
+        height, width = (size // spacing for size in self.valid.shape)
+
+        def thinned(values: Float32) -> Float32:
+            return np.ascontiguousarray(values[..., ::spacing, ::spacing][..., :height, :width])
+
+        gradients = np.stack([thinned(self.gradients[..., axis]) for axis in range(2)], axis=-1)
+        return _ReferenceGrid(gradients, thinned(self.derivatives), thinned(self.variance))
 
     @cached_property
     def derivatives(self) -> Float32:
@@ -175,22 +205,37 @@ class GradientPicture:
         return np.asarray(np.float32(NOISE_GREY**2) + np.float32(INTERPOLATION_PX**2) * detail)
 
 
+@dataclass(frozen=True, eq=False)
+class _ReferenceGrid:
+    """Gradients (j, i, 2) of the reference view on a grid, their derivatives (2, 2, j, i) and variance (j, i)."""
+
+    gradients: Float32
+    derivatives: Float32
+    variance: Float32
+
+
 class Refiner:
-    """Refines maps (v, u) of fractional plane indices of a sweep.
+    """Refines maps (j, i) of fractional plane indices of a sweep, on a grid of pixels.
+
+    Gradients are compared at full size, at one point of each block of `spacing` by `spacing` pixels.
 
     Parameters
     ----------
     sweep
-        The sweep whose planes the maps refer to.
+        The sweep whose planes the maps refer to, at the size of the grid.
     parallaxes
-        Parallax of each other view.
+        Parallax of each other view, at full size.
     run
         `map`, or the `map` of a thread pool.
+    spacing
+        Distance in pixels of the grid's points, 1 or 2.
     """
 
-    def __init__(self, sweep: Sweep, parallaxes: Sequence[Parallax], run: MapFunction = map):
-        self.sweep, self.run = sweep, run
-        self.pinholes = [SweepPinhole.of(view, sweep) for view in parallaxes]
+    def __init__(self, sweep: Sweep, parallaxes: Sequence[Parallax], run: MapFunction = map, spacing: int = 1):
+        self.sweep, self.run, self.spacing = sweep, run, spacing
+        self.step_px = np.float32(sweep.step_px * spacing)
+        self.smoothness = np.float32(SMOOTHNESS / spacing**GRID_POWER)
+        self.pinholes = [SweepPinhole.of(view, sweep, spacing) for view in parallaxes]
 
     def match(
         self, planes: Float32, reference: GradientPicture, others: Sequence[GradientPicture]
@@ -198,19 +243,19 @@ class Refiner:
         """Return the match at a map (v, u) of plane indices, and the gradient of its cost."""
         nearest = nearest_planes(planes, self.sweep, self.run)
         views = [View(other.gradients, other.valid, surface) for other, surface in zip(others, nearest, strict=True)]
-        derivatives, variance = reference.derivatives, reference.variance
-        occlusion_gap = np.float32(OCCLUSION_PX / self.sweep.step_px)
+        own = reference.on_grid(self.spacing)
+        occlusion_gap = np.float32(OCCLUSION_PX) / self.step_px
         terms = Terms(*(np.zeros(planes.shape, np.float32) for _ in Terms._fields))
 
         def fill(band: tuple[int, int]) -> None:
             for pinhole, view in zip(self.pinholes, views, strict=True):
                 add_terms(
-                    *band, planes, reference.gradients, derivatives, variance, pinhole, view, occlusion_gap, terms
+                    *band, planes, own.gradients, own.derivatives, own.variance, pinhole, view, occlusion_gap, terms
                 )
 
         list(self.run(fill, bands(planes.shape[0])))
         # Convert to px of disparity at the longest baseline.
-        step_px = np.float32(self.sweep.step_px)
+        step_px = self.step_px
         residual = terms.squares / np.maximum(terms.weight_sum, MIN_WEIGHT_SUM)
         information, weight_sum = terms.information / np.square(step_px), terms.weight_sum
         match = Match(information, weight_sum, terms.view_count, residual, terms.products, terms.energies)
@@ -228,7 +273,7 @@ class Refiner:
 
         Returns the map, its match, and the weight of its smoothness (v, u), 0 to 1.
         """
-        step_px = np.float32(self.sweep.step_px)
+        step_px = self.step_px
         disparity = planes * step_px
         initial = disparity.copy()
         at_edge = depth_edges(disparity)
@@ -244,7 +289,7 @@ class Refiner:
             solved = _conjugate_gradients(anchors, weight_u, weight_v, target, disparity, iterations)
             previous, disparity = disparity, np.clip(solved, initial - max_change, initial + max_change)
         weight_u, weight_v = self._smoothness(disparity)
-        smoothness = np.minimum(weight_u, weight_v) * np.float32(1.0 / SMOOTHNESS)
+        smoothness = np.minimum(weight_u, weight_v) * (np.float32(1.0) / self.smoothness)
         return disparity / step_px, match.after_step(gradient, disparity - previous), smoothness
 
     def _noise(self, match: Match) -> np.float32:
@@ -257,7 +302,7 @@ class Refiner:
         result = []
         for axis in (1, 0):
             second_difference = np.roll(disparity, 1, axis) - 2.0 * disparity + np.roll(disparity, -1, axis)
-            weight = np.float32(SMOOTHNESS) / np.square(1.0 + np.square(second_difference * np.float32(1.0 / EDGE_PX)))
+            weight = self.smoothness / np.square(1.0 + np.square(second_difference * np.float32(1.0 / EDGE_PX)))
             ends = (slice(None), [0, -1]) if axis == 1 else ([0, -1], slice(None))
             weight[ends] = 0.0
             result.append(weight)

@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.light_field.depth.competition import UNITS
-from mirrorcam.optics.light_field.depth.cost import CHANNELS, channels, matching_costs
+from mirrorcam.optics.light_field.depth.cost import channels, matching_costs
+from mirrorcam.optics.light_field.depth.enlargement import doubled
 from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, halved, plane_inverse_distances
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
 from mirrorcam.optics.light_field.depth.semiglobal import (
@@ -65,7 +65,7 @@ class PyramidLevel:
     def shrunk(self, picture: ViewPicture) -> ViewPicture:
         """Return a full-size picture at this level."""
         for _ in range(self.halvings):
-            picture = picture.halved()
+            picture = picture.halved
         return picture
 
     def enlarged(self, result: LowestCost, coarser: PyramidLevel) -> LowestCost:
@@ -73,34 +73,14 @@ class PyramidLevel:
         maps = {name: getattr(result, name) for name in ("planes", "margin", "rivals")}
         for halvings in range(coarser.halvings - 1, self.halvings - 1, -1):
             shape = self.shape if halvings == self.halvings else None
-            maps = {name: _doubled(values, shape) for name, values in maps.items()}
+            maps = {name: doubled(values, shape) for name, values in maps.items()}
         maps["planes"] = self.sweep.planes(coarser.sweep.inverse_distance(maps["planes"]))
         return LowestCost(**maps)
 
 
-def _doubled(small: Float32, shape: tuple[int, int] | None) -> Float32:
-    """Return a map (v, u) at twice the size; an odd last row or column repeats the previous one."""
-    full = cv2.resize(small, (2 * small.shape[1], 2 * small.shape[0]), interpolation=cv2.INTER_LINEAR)
-    if shape is None:
-        return np.asarray(full)
-    bottom, right = shape[0] - full.shape[0], shape[1] - full.shape[1]
-    return np.asarray(cv2.copyMakeBorder(full, 0, bottom, 0, right, cv2.BORDER_REPLICATE))
-
-
-def _stacked(pictures: Sequence[ViewPicture], run: MapFunction) -> Float32:
-    """Stack `channels` of pictures."""
-    height, width = pictures[0].valid.shape
-    result = np.empty((len(pictures), CHANNELS, height + 1, width + 1), np.float32)
-
-    def fill(number: int) -> None:
-        result[number] = channels(pictures[number].colours)
-
-    list(run(fill, range(len(pictures))))
-    return result
-
-
 def search(
     level: PyramidLevel,
+    colours: Float32,
     reference: ViewPicture,
     others: Sequence[ViewPicture],
     run: MapFunction = map,
@@ -116,6 +96,8 @@ def search(
     ----------
     level
         Pyramid level, with its sweep.
+    colours
+        Colours (v, u, 3) of the reference view at this level, 0 to 255; depth edges are likely at colour edges.
     reference, others
         The views, at full size and equalised.
     run
@@ -134,8 +116,8 @@ def search(
     unit = UNITS * ((8.0 / len(others)) ** PENALTY_POWER if len(others) > 8 else 1.0)
     penalties = round(NEXT_PLANE_PENALTY * unit), round(JUMP_PENALTY * unit)
     volume = matching_costs(
-        channels(small_reference.colours),
-        _stacked(small_others, run),
+        channels(small_reference.brightness),
+        np.stack([channels(picture.brightness) for picture in small_others]),
         np.stack([picture.interior for picture in small_others]),
         level.sweep,
         run,
@@ -144,7 +126,7 @@ def search(
     )
 
     def search_along(slants: tuple[Float32, Float32]) -> LowestCost:
-        total = aggregate(volume, small_reference.colours, slants, penalties, run, directions)
+        total = aggregate(volume, colours, slants, penalties, run, directions)
         result = lowest_cost(total, DOUBTFUL_MARGIN * directions * unit, run)
         return replace(result, margin=result.margin * np.float32(1.0 / (directions * unit)))
 
