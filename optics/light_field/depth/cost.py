@@ -1,6 +1,6 @@
 """Matching cost of planes across all views, with occlusion handled view by view.
 
-Brightness and its gradients are compared. Before occlusion is known, views at similar distance from the reference
+Brightness, chroma and the gradients of brightness are compared. Before occlusion is known, views at similar distance from the reference
 view compete: a near object hides a point from the views in some directions only, so the better half of the directions
 decides. Once a first depth is known, the views in which a nearer surface hides the point are left out. Loops run over
 runs of adjacent pixels that search the same plane.
@@ -32,8 +32,8 @@ UInt16 = NDArray[np.uint16]
 
 Float32 = NDArray[np.float32]
 MapFunction = Callable[..., Any]
-CHANNEL_WEIGHTS = (1.0, 2.0, 2.0)
-"""Weights of the differences of brightness and of its two gradients."""
+CHANNEL_WEIGHTS = (1.0, 1.0, 2.0, 2.0)
+"""Weights of the differences of brightness, chroma and the two gradients of brightness."""
 CONTRAST_PX = 7
 CONTRAST_GREY = 4.0
 CONTRAST_FLOOR = 0.3
@@ -47,21 +47,21 @@ MAX_RUN_PX = 512
 """Maximum number of pixels of a row processed at once, a multiple of the tile's side: the work arrays fit the cache."""
 
 
-def channels(brightness: Float32) -> Float32:
-    """Return the compared channels (3, v + 1, u + 1) of brightness (v, u), 0 to 255: itself and its two gradients.
+def channels(brightness: Float32, chroma: Float32) -> Float32:
+    """Return the compared channels (4, v + 1, u + 1): brightness and chroma (v, u), and two gradients of brightness.
 
     The last row and column are repeated, so that each sample has a successor.
     """
     gradients = [cv2.Sobel(brightness, cv2.CV_32F, *order, ksize=1, scale=0.5) for order in ((1, 0), (0, 1))]
     result = np.empty((len(CHANNEL_WEIGHTS), brightness.shape[0] + 1, brightness.shape[1] + 1), np.float32)
-    for channel, values in zip(result, (brightness, *gradients), strict=True):
+    for channel, values in zip(result, (brightness, chroma, *gradients), strict=True):
         cv2.copyMakeBorder(values, 0, 1, 0, 1, cv2.BORDER_REPLICATE, dst=channel)
     return result
 
 
 def mean_gradient(reference: Float32, side_px: int) -> Float32:
     """Return means (v, u) over a square of the sum of both absolute brightness gradients of `channels`."""
-    gradient_u, gradient_v = reference[1:, :-1, :-1]
+    gradient_u, gradient_v = reference[2:, :-1, :-1]
     return np.asarray(cv2.blur(np.abs(gradient_u) + np.abs(gradient_v), (side_px, side_px)))
 
 
@@ -91,7 +91,7 @@ def matching_costs(
     reference
         `channels` of the reference view.
     others
-        `channels` of the other views, (K, 3, v + 1, u + 1).
+        `channels` of the other views, (K, 4, v + 1, u + 1).
     valid
         (K, v, u), 1 where a view has samples in the pixel and its right and lower neighbours, else 0.
     sweep
@@ -138,9 +138,9 @@ class ComparedViews(NamedTuple):
     Attributes
     ----------
     reference, others
-        `channels` of the reference view (3, v + 1, u + 1) and of the K others (K, 3, v + 1, u + 1).
+        `channels` of the reference view (4, v + 1, u + 1) and of the K others (K, 4, v + 1, u + 1).
     weights
-        (3,), one per channel.
+        (4,), one per channel.
     inverse_contrast
         Factor (v, u) on the differences at each pixel of the reference view.
     valid

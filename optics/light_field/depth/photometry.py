@@ -33,19 +33,23 @@ OCCLUSION_SCALES = (24.0, 12.0, 6.0, 6.0)
 
 
 @compiled
-def _fill_brightness(samples: Samples, scale: float, out: Float32) -> None:
-    """Fill the brightness (v, u) of samples (v, u, c) times `scale`, limited to 0 to 255 (ITU-R BT.601)."""
-    zero, white = np.float32(0.0), np.float32(255.0)
-    red, green, blue = np.float32(0.299), np.float32(0.587), np.float32(0.114)
-    for y in range(out.shape[0]):
-        row, out_row = samples[y], out[y]
+def _separate(samples: Samples, scale: float, brightness: Float32, chroma: Float32) -> None:
+    """Fill brightness (v, u) (ITU-R BT.601) and chroma (v, u) of samples (v, u, c) times `scale`, within 0 to 255."""
+    zero, white, half = np.float32(0.0), np.float32(255.0), np.float32(0.5)
+    red_part, green_part, blue_part = np.float32(0.299), np.float32(0.587), np.float32(0.114)
+    for y in range(brightness.shape[0]):
+        row, out, chroma_out = samples[y], brightness[y], chroma[y]
         if samples.shape[2] == 3:
-            for x in range(len(out_row)):
-                value = red * np.float32(row[x, 0]) + green * np.float32(row[x, 1]) + blue * np.float32(row[x, 2])
-                out_row[x] = min(max(value * scale, zero), white)
+            for x in range(len(out)):
+                red = min(max(np.float32(row[x, 0]) * scale, zero), white)
+                green = min(max(np.float32(row[x, 1]) * scale, zero), white)
+                blue = min(max(np.float32(row[x, 2]) * scale, zero), white)
+                out[x] = red_part * red + green_part * green + blue_part * blue
+                chroma_out[x] = half * (red - blue)
         else:
-            for x in range(len(out_row)):
-                out_row[x] = min(max(np.float32(row[x, 0]) * scale, zero), white)
+            for x in range(len(out)):
+                out[x] = min(max(np.float32(row[x, 0]) * scale, zero), white)
+                chroma_out[x] = zero
 
 
 def _filled(picture: Float32, valid: NDArray[np.bool_]) -> Float32:
@@ -83,23 +87,25 @@ class ViewPicture:
 
     Attributes
     ----------
-    brightness
-        (v, u), 0 to 255; missing samples are filled with the mean of neighbours.
+    brightness, chroma
+        (v, u), 0 to 255, and half the difference (v, u) of red and blue, 0 for a grey view; missing samples are filled
+        with the mean of neighbours.
     valid
         Mask (v, u) of valid samples.
     """
 
     brightness: Float32
+    chroma: Float32
     valid: NDArray[np.bool_]
 
     @classmethod
     def of(cls, light_field: LightField, index: tuple[int, int]) -> ViewPicture:
         """Return view (t, s) of a light field."""
         samples: Any = light_field.samples[index]
-        brightness = np.empty(samples.shape[:2], np.float32)
-        _fill_brightness(samples, np.float32(255.0 if samples.dtype == np.float32 else 1.0), brightness)
+        brightness, chroma = np.empty((2, *samples.shape[:2]), np.float32)
+        _separate(samples, np.float32(255.0 if samples.dtype == np.float32 else 1.0), brightness, chroma)
         valid = light_field.weights[index] > 0
-        return cls(_filled(brightness, valid), valid)
+        return cls(_filled(brightness, valid), _filled(chroma, valid), valid)
 
     @property
     def grey(self) -> Float32:
@@ -119,14 +125,15 @@ class ViewPicture:
         rows, columns = self.valid.shape[0] // 2, self.valid.shape[1] // 2
         valid = self.valid[: 2 * rows, : 2 * columns]
         valid_rows = valid[::2] & valid[1::2]
-        return ViewPicture(halved_picture(self.brightness), valid_rows[:, ::2] & valid_rows[:, 1::2])
+        both_valid = valid_rows[:, ::2] & valid_rows[:, 1::2]
+        return ViewPicture(halved_picture(self.brightness), halved_picture(self.chroma), both_valid)
 
     def multiplied(self, gain: Float32 | float) -> ViewPicture:
-        """Return the view with its brightness multiplied by a gain, a number or a map (v, u)."""
+        """Return the view with its colours multiplied by a gain, a number or a map (v, u)."""
         factor = np.asarray(gain, dtype=np.float32)
         if factor.ndim == 0 and factor == 1:
             return self
-        return ViewPicture(self.brightness * factor, self.valid)
+        return ViewPicture(self.brightness * factor, self.chroma * factor, self.valid)
 
 
 def rough_gain(picture: Float32, reference: Float32) -> float:

@@ -50,9 +50,9 @@ SHARED_ERROR_EXPONENT = 0.8
 MAX_CHANGE_PX, MAX_CHANGE_AT_EDGE_PX = 1.0, 0.15
 """Maximum total change of a value, in px of disparity at the longest baseline: off depth edges, and at them."""
 GRID_POWER = 3.0
-"""Power of a grid's spacing by which SMOOTHNESS falls: second differences grow with its square."""
-BETWEEN_DERIVATIVE = np.array([-0.125, -0.625, 0.625, 0.125], np.float32)
-BETWEEN_MEAN = np.array([0.0625, 0.4375, 0.4375, 0.0625], np.float32)
+"""Power of a grid's spacing by which SMOOTHNESS falls, as second differences grow."""
+BETWEEN_DERIVATIVE = np.array([-0.25, -0.25, 0.25, 0.25], np.float32)
+BETWEEN_MEAN = np.array([0.125, 0.375, 0.375, 0.125], np.float32)
 """Kernels of gradients midway between pixels: derivative and mean, the latter across the derivative."""
 JUMP_PX = 0.6
 """Range within 3x3 pixels, in px of disparity at the longest baseline, that marks a depth edge."""
@@ -146,10 +146,10 @@ def information_fraction(views: int) -> float:
     return float((8.0 / max(views, 8)) ** SHARED_ERROR_EXPONENT)
 
 
-def depth_edges(disparity: Float32) -> NDArray[np.bool_]:
+def depth_edges(disparity: Float32, jump_px: float = JUMP_PX) -> NDArray[np.bool_]:
     """Mask (v, u) of pixels at a depth edge, whose gradients may mix two surfaces."""
     kernel = np.ones((3, 3), np.uint8)
-    return np.asarray(cv2.dilate(disparity, kernel)) - np.asarray(cv2.erode(disparity, kernel)) > np.float32(JUMP_PX)
+    return np.asarray(cv2.dilate(disparity, kernel)) - np.asarray(cv2.erode(disparity, kernel)) > np.float32(jump_px)
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +234,10 @@ class Refiner:
     def __init__(self, sweep: Sweep, parallaxes: Sequence[Parallax], run: MapFunction = map, spacing: int = 1):
         self.sweep, self.run, self.spacing = sweep, run, spacing
         self.step_px = np.float32(sweep.step_px * spacing)
-        self.smoothness = np.float32(SMOOTHNESS / spacing**GRID_POWER)
+        # Differences between adjacent points grow with the spacing.
+        self.smoothness, self.edge_px = np.float32(SMOOTHNESS / spacing**GRID_POWER), np.float32(EDGE_PX * spacing)
+        self.jump_px = np.float32(JUMP_PX * spacing)
+        self.max_change_at_edge_px = np.float32(MAX_CHANGE_AT_EDGE_PX * spacing)
         self.pinholes = [SweepPinhole.of(view, sweep, spacing) for view in parallaxes]
 
     def match(
@@ -276,8 +279,8 @@ class Refiner:
         step_px = self.step_px
         disparity = planes * step_px
         initial = disparity.copy()
-        at_edge = depth_edges(disparity)
-        max_change = np.where(at_edge, np.float32(MAX_CHANGE_AT_EDGE_PX), np.float32(MAX_CHANGE_PX))
+        at_edge = depth_edges(disparity, self.jump_px)
+        max_change = np.where(at_edge, self.max_change_at_edge_px, np.float32(MAX_CHANGE_PX))
         off_edge = np.float32(1.0) - at_edge
         fraction = np.float32(information_fraction(len(others)))
         for _ in range(steps):
@@ -302,7 +305,7 @@ class Refiner:
         result = []
         for axis in (1, 0):
             second_difference = np.roll(disparity, 1, axis) - 2.0 * disparity + np.roll(disparity, -1, axis)
-            weight = self.smoothness / np.square(1.0 + np.square(second_difference * np.float32(1.0 / EDGE_PX)))
+            weight = self.smoothness / np.square(1.0 + np.square(second_difference * (np.float32(1.0) / self.edge_px)))
             ends = (slice(None), [0, -1]) if axis == 1 else ([0, -1], slice(None))
             weight[ends] = 0.0
             result.append(weight)

@@ -116,8 +116,8 @@ def search(
     unit = UNITS * ((8.0 / len(others)) ** PENALTY_POWER if len(others) > 8 else 1.0)
     penalties = round(NEXT_PLANE_PENALTY * unit), round(JUMP_PENALTY * unit)
     volume = matching_costs(
-        channels(small_reference.brightness),
-        np.stack([channels(picture.brightness) for picture in small_others]),
+        channels(small_reference.brightness, small_reference.chroma),
+        np.stack([channels(picture.brightness, picture.chroma) for picture in small_others]),
         np.stack([picture.interior for picture in small_others]),
         level.sweep,
         run,
