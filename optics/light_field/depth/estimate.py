@@ -9,7 +9,7 @@ moved to picture edges, and Gauss-Newton steps with a smoothness prior refine th
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any, Literal
 
@@ -21,7 +21,7 @@ from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.enlargement import doubled, enlarged_by_picture
-from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, Parallax, other_views, parallax, reference_index
+from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     ViewPicture,
@@ -34,7 +34,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, align_to_picture_edges
 from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, search
 from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
-from mirrorcam.optics.light_field.depth.sweep import range_around
+from mirrorcam.optics.light_field.depth.sweep import TILE_PX, range_around
 from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.temporal import TemporalFilter
@@ -50,6 +50,10 @@ MAX_NEAR_COSTS = 2**28
 MIN_SEARCHED_PX = 48
 """Minimum side of a picture that is searched after halving."""
 MIN_SIDE_PX = 16
+MAX_CHANGED = 0.5
+"""Fraction of changed pixels above which a frame of a video is measured on its own."""
+REFRESH_FRAMES = 8
+"""Frames of a video after which each tile was searched over all planes at least once."""
 
 
 @dataclass(frozen=True)
@@ -102,6 +106,28 @@ class _SearchResult:
     margin: Float32
     rivals: Float32
     first_rivals: Float32
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Results of a frame of a video that the next frame starts from.
+
+    Attributes
+    ----------
+    gains
+        Gains (v, u) that equalise the other views to the reference view.
+    first
+        Result of the first search.
+    planes
+        Refined planes (j, i) at the last level to search.
+    frame
+        Number of frames so far.
+    """
+
+    gains: list[Float32 | float]
+    first: LowestCost
+    planes: Float32
+    frame: int
 
 
 class DepthEstimator:
@@ -182,69 +208,100 @@ class DepthEstimator:
 
         Raises InputError if views or weights of the light field differ.
         """
+        return self.following(light_field, None, None)[0]
+
+    def following(
+        self, light_field: LightField, track: Track | None, changed: NDArray[np.bool_] | None
+    ) -> tuple[DepthMap, Track]:
+        """Return the depth of a frame of a video, and what the next frame starts from.
+
+        All planes are searched where the reference view has `changed` (v, u), and everywhere in turn; elsewhere, those
+        near the depth of the previous frame, given its `track`. Without either, the frame is measured on its own.
+        """
         if not self.fits(light_field):
             raise InputError("light field differs in views or weights from the one that the estimator was built for")
+        if changed is None or changed.mean() > MAX_CHANGED:
+            track = None
         pictures = list(self._run(lambda index: ViewPicture.of(light_field, index), [self.reference, *self.others]))
         reference, others = pictures[0], pictures[1:]
-        reference_grey = reference.grey
-        gains = self._run(lambda other: rough_gain(other.grey, reference_grey), others)
-        others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
         pyramid = [colours(light_field, self.reference)]
         for _ in range(self._levels[0].halvings):
             pyramid.append(halved_picture(pyramid[-1]))
-        result, others = self._search(pyramid, reference, others)
+        if track is None:
+            reference_grey = reference.grey
+            gains = list(self._run(lambda other: rough_gain(other.grey, reference_grey), others))
+        else:
+            gains = track.gains
+        others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
+        first = self._first_search(pyramid, reference, others, track, changed)
+        for number, gain in self._gains(reference, others, self._full.enlarged(first, self._levels[0]).planes, track):
+            gains = [*gains[:number], gains[number] * gain, *gains[number + 1 :]]
+            others[number] = others[number].multiplied(gain)
+        result = self._finer_searches(pyramid, reference, others, first)
         spacing = self._refiner.spacing
         gradients = list(
             self._run(lambda view: GradientPicture.of(view.brightness, view.interior, spacing), [reference, *others])
         )
-        steps, iterations = self._effort.steps, self._effort.iterations
-        planes, match, smoothness = self._refiner.refined(result.planes, gradients[0], gradients[1:], steps, iterations)
+        earlier = None if track is None else track.planes
+        steps = self._effort.steps, self._effort.iterations
+        planes, match, smoothness = self._refiner.refined(result.planes, gradients[0], gradients[1:], *steps, earlier)
+        next_track = Track(gains, first, planes, 0 if track is None else track.frame + 1)
         if spacing > 1:
             planes = self._enlarged(planes, pyramid, self._levels[-1], self._full)
             match, smoothness = match.enlarged(self._full.shape), doubled(smoothness, self._full.shape)
-        return self._depth_map(planes, match, smoothness, result, reference.valid)
+        return self._depth_map(planes, match, smoothness, result, reference.valid), next_track
 
-    def _search(
-        self, pyramid: list[Float32], reference: ViewPicture, others: list[ViewPicture]
-    ) -> tuple[_SearchResult, list[ViewPicture]]:
-        """Return the search result, and the other views equalised to the reference view.
-
-        `pyramid` holds the colours (v, u, 3) of the reference view, halved ever more.
-        """
-        (level, *finer_levels), directions = self._levels, self._effort.directions
-        picture = pyramid[level.halvings]
-        coarse = search(
-            level,
-            picture,
-            reference,
-            others,
-            self._run,
-            directions=directions,
-            rounds=self._effort.slanted_rounds,
-        )
-        gains = self._gains(reference, others, self._full.enlarged(coarse, level).planes)
-        others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
+    def _first_search(
+        self,
+        pyramid: list[Float32],
+        reference: ViewPicture,
+        others: list[ViewPicture],
+        track: Track | None,
+        changed: NDArray[np.bool_] | None,
+    ) -> LowestCost:
+        """Return the result at the coarsest level. `pyramid` holds the reference view's colours, halved ever more."""
+        level, ranges = self._levels[0], None
+        arguments = level, pyramid[level.halvings], reference, others, self._run
+        if track is not None and changed is not None:
+            unknown = changed.astype(np.float32)
+            for _ in range(level.halvings):
+                unknown = halved_picture(unknown)
+            rows = np.arange(TILE_PX // 2, level.shape[0], TILE_PX)
+            unknown[rows[track.frame % REFRESH_FRAMES :: REFRESH_FRAMES]] = 1.0
+            ranges = range_around(track.first.planes, level.sweep.plane_count, unknown > 0)
+        directions, rounds = self._effort.directions, self._effort.slanted_rounds
+        found = search(*arguments, directions=directions, rounds=rounds, ranges=ranges)
         if self._effort.with_occlusion:
-            coarse = search(level, picture, reference, others, self._run, directions=directions, earlier=coarse)
-        first_rivals = self._full.enlarged(coarse, level).rivals
-        for finer in finer_levels:
-            result = finer.enlarged(coarse, level)
+            found = search(*arguments, directions=directions, earlier=found, ranges=ranges)
+        if track is None or ranges is None:
+            return found
+        all_planes = ranges.plane_count == level.sweep.plane_count
+        return replace(found, rivals=np.where(all_planes, found.rivals, track.first.rivals))
+
+    def _finer_searches(
+        self, pyramid: list[Float32], reference: ViewPicture, others: list[ViewPicture], first: LowestCost
+    ) -> _SearchResult:
+        """Return the result of the searches near the result of the first, level by level."""
+        level, found = self._levels[0], first
+        first_rivals = self._full.enlarged(first, level).rivals
+        for finer in self._levels[1:]:
+            result = finer.enlarged(found, level)
             for _ in range(1 + self._effort.with_occlusion):
                 ranges = range_around(result.planes, finer.sweep.plane_count)
                 if ranges.size > MAX_NEAR_COSTS:
-                    return self._result(coarse, level, first_rivals, pyramid), others
+                    return self._result(found, level, first_rivals, pyramid)
                 result = search(
                     finer,
                     pyramid[finer.halvings],
                     reference,
                     others,
                     self._run,
-                    directions=directions,
+                    directions=self._effort.directions,
                     earlier=result,
                     ranges=ranges,
                 )
-            coarse, level = result, finer
-        return self._result(coarse, level, first_rivals, pyramid), others
+            found, level = result, finer
+        return self._result(found, level, first_rivals, pyramid)
 
     def _result(
         self, found: LowestCost, level: PyramidLevel, first_rivals: Float32, pyramid: list[Float32]
@@ -270,17 +327,24 @@ class DepthEstimator:
             planes = enlarged_by_picture(planes, small, large, self._jump(finer), self._run)
         return planes
 
-    def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
-        """Return gains (v, u) that equalise the other views to the reference view, given its planes (v, u)."""
+    def _gains(
+        self, reference: ViewPicture, others: list[ViewPicture], planes: Float32, track: Track | None
+    ) -> list[tuple[int, Float32]]:
+        """Return gains (v, u) that equalise other views to the reference view, given its planes (v, u), and their number.
+
+        Mirrors do not change, so the frames of a video update one view in turn.
+        """
+        numbers = range(len(others)) if track is None else [track.frame % len(others)]
         stride = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
         rows, columns = np.indices(planes.shape, dtype=np.float32)[:, stride, stride]
         inverse_distance = self._full.sweep.inverse_distance(planes[stride, stride])
         reference_patches = patch_means(reference.grey)[stride, stride]
 
-        def gain(view: Parallax, other: ViewPicture) -> Float32:
-            return matching_gain(other.grey, *view.pixels(columns, rows, inverse_distance), reference_patches)
+        def gain(number: int) -> tuple[int, Float32]:
+            pixels = self._parallaxes[number].pixels(columns, rows, inverse_distance)
+            return number, matching_gain(others[number].grey, *pixels, reference_patches)
 
-        return list(self._run(gain, self._parallaxes, others))
+        return list(self._run(gain, numbers))
 
     def _depth_map(
         self,
@@ -367,7 +431,11 @@ class VideoDepth:
     def __init__(self, estimator: DepthEstimator) -> None:
         self._estimator = estimator
         self._filter = TemporalFilter()
+        self._track: Track | None = None
 
     def estimate(self, light_field: LightField) -> DepthMap:
         """Return the depth of the next frame; raises InputError like `DepthEstimator.estimate`."""
-        return self._estimator.estimate(self._filter.filtered(light_field))
+        filtered = self._filter.filtered(light_field)
+        changed = self._filter.unaveraged(self._estimator.reference)
+        depth, self._track = self._estimator.following(filtered, self._track, changed)
+        return depth

@@ -58,6 +58,10 @@ JUMP_PX = 0.6
 """Range within 3x3 pixels, in px of disparity at the longest baseline, that marks a depth edge."""
 RADIUS_PX = 3
 JUMP_RADIUS_PX = 2
+COLOUR_STEPS = 4
+"""Steps of a difference of colours per grey level that are distinguished."""
+BISECTIONS = 14
+"""Bisections of the range of neighbours for their median."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,15 +275,20 @@ class Refiner:
         others: Sequence[GradientPicture],
         steps: int,
         iterations: int,
+        earlier: Float32 | None = None,
     ) -> tuple[Float32, Match, Float32]:
-        """Refine a map (v, u) by `steps` Gauss-Newton steps, each solved by `iterations` of conjugate gradients.
+        """Refine a map (j, i) by `steps` Gauss-Newton steps, each solved by `iterations` of conjugate gradients.
 
-        Returns the map, its match, and the weight of its smoothness (v, u), 0 to 1.
+        Where an `earlier` refined map is close, the steps start from it. Returns the map, its match, and the weight of
+        its smoothness (j, i), 0 to 1.
         """
         step_px = self.step_px
         disparity = planes * step_px
         initial = disparity.copy()
-        at_edge = depth_edges(disparity, self.jump_px)
+        if earlier is not None:
+            earlier_px = earlier * step_px
+            disparity = np.where(np.abs(earlier_px - initial) < MAX_CHANGE_PX, earlier_px, initial)
+        at_edge = depth_edges(initial, self.jump_px)
         max_change = np.where(at_edge, self.max_change_at_edge_px, np.float32(MAX_CHANGE_PX))
         off_edge = np.float32(1.0) - at_edge
         fraction = np.float32(information_fraction(len(others)))
@@ -312,40 +321,66 @@ class Refiner:
         return result[0], result[1]
 
 
+def _median_weights() -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return weights of neighbours by the difference of their colours, and (j, i) by their offset."""
+    offsets = np.arange(-RADIUS_PX, RADIUS_PX + 1)
+    distance = (offsets[:, None] ** 2 + offsets**2) / RADIUS_PX**2
+    colour = np.exp(np.arange(3 * 255 * COLOUR_STEPS + 2) / -(COLOUR_STEPS * COLOUR_GREY))
+    # Their products, summed over the neighbours, fit in 31 bits.
+    return (4096.0 * colour).astype(np.int32), (4096.0 * np.exp(-distance)).astype(np.int32)
+
+
+COLOUR_WEIGHT, OFFSET_WEIGHT = _median_weights()
+
+
 @compiled
-def _medians(first: int, last: int, planes: Float32, picture: Float32, jump: float, out: Float32) -> None:
+def _medians(
+    first: int,
+    last: int,
+    planes: Float32,
+    picture: Float32,
+    at_jump: NDArray[np.bool_],
+    colour_weight: NDArray[np.int32],
+    offset_weight: NDArray[np.int32],
+    out: Float32,
+) -> None:
     height, width = planes.shape
     max_count = (2 * RADIUS_PX + 1) ** 2
-    values, weights = np.empty(max_count, np.float32), np.empty(max_count, np.float32)
+    values, weights = np.empty(max_count, np.float32), np.empty(max_count, np.int32)
     for y in range(first, last):
         for x in range(width):
-            low = high = out[y, x] = planes[y, x]
-            for j in range(max(y - JUMP_RADIUS_PX, 0), min(y + JUMP_RADIUS_PX + 1, height)):
-                for i in range(max(x - JUMP_RADIUS_PX, 0), min(x + JUMP_RADIUS_PX + 1, width)):
-                    low, high = min(low, planes[j, i]), max(high, planes[j, i])
-            if high - low < jump:
+            out[y, x] = planes[y, x]
+            if not at_jump[y, x]:
                 continue
-            count, total = 0, np.float32(0.0)
+            count, total = 0, 0
+            low = high = planes[y, x]
             for j in range(max(y - RADIUS_PX, 0), min(y + RADIUS_PX + 1, height)):
                 for i in range(max(x - RADIUS_PX, 0), min(x + RADIUS_PX + 1, width)):
                     difference = np.float32(0.0)
                     for colour in range(3):
                         difference += abs(picture[j, i, colour] - picture[y, x, colour])
-                    distance = np.float32((j - y) * (j - y) + (i - x) * (i - x)) / np.float32(RADIUS_PX * RADIUS_PX)
-                    weight = np.exp(-difference / np.float32(COLOUR_GREY) - distance)
-                    slot = count - 1
-                    while slot >= 0 and values[slot] > planes[j, i]:
-                        values[slot + 1], weights[slot + 1] = values[slot], weights[slot]
-                        slot -= 1
-                    values[slot + 1], weights[slot + 1] = planes[j, i], weight
+                    entry = int(difference * np.float32(COLOUR_STEPS) + np.float32(0.5))
+                    weight = colour_weight[entry] * offset_weight[j - y + RADIUS_PX, i - x + RADIUS_PX]
+                    values[count], weights[count] = planes[j, i], weight
+                    low, high = min(low, planes[j, i]), max(high, planes[j, i])
                     total += weight
                     count += 1
-            cumulative = np.float32(0.0)
+            # Bisection: the median is above `low`, or equal to it at first, and at most `high`.
+            low -= np.float32(1.0)
+            for _ in range(BISECTIONS):
+                middle = np.float32(0.5) * (low + high)
+                below = np.int32(0)
+                for number in range(count):
+                    below += weights[number] if values[number] <= middle else np.int32(0)
+                if 2 * below >= total:
+                    high = middle
+                else:
+                    low = middle
+            median = np.float32(np.inf)
             for number in range(count):
-                cumulative += weights[number]
-                if cumulative >= np.float32(0.5) * total:
-                    out[y, x] = values[number]
-                    break
+                if values[number] > low:
+                    median = min(median, values[number])
+            out[y, x] = median
 
 
 def align_to_picture_edges(planes: Float32, picture: Float32, jump: float, run: MapFunction = map) -> Float32:
@@ -354,5 +389,8 @@ def align_to_picture_edges(planes: Float32, picture: Float32, jump: float, run: 
     `picture` holds colours (v, u, 3), 0 to 255; a jump is a difference of more than `jump` within the neighbourhood.
     """
     out = np.empty_like(planes)
-    list(run(lambda band: _medians(*band, planes, picture, np.float32(jump), out), bands(planes.shape[0])))
+    neighbours = np.ones((2 * JUMP_RADIUS_PX + 1,) * 2, np.uint8)
+    at_jump = np.asarray(cv2.dilate(planes, neighbours)) - np.asarray(cv2.erode(planes, neighbours)) >= np.float32(jump)
+    tables = COLOUR_WEIGHT, OFFSET_WEIGHT
+    list(run(lambda band: _medians(*band, planes, picture, at_jump, *tables, out), bands(planes.shape[0])))
     return out

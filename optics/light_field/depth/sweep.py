@@ -193,23 +193,27 @@ def full_range(shape: tuple[int, int], plane_count: int) -> Ranges:
     return Ranges.of(np.zeros(shape, np.int32), np.full(shape, plane_count, np.int32))
 
 
-def range_around(known_planes: Float32, plane_count: int) -> Ranges:
-    """Return the ranges near known planes (v, u), constant per tile and limited to `plane_count` planes."""
+def range_around(known_planes: Float32, plane_count: int, unknown: NDArray[np.bool_] | None = None) -> Ranges:
+    """Return the ranges near known planes (v, u), constant per tile and limited to `plane_count` planes.
+
+    Tiles near pixels that are `unknown` (v, u) get all planes.
+    """
     side = TILE_PX + 2 * NEIGHBOUR_PX
     # OpenCV's kernels of even side reach one pixel farther up and left, so the anchor centres them on the tiles.
     height, width = known_planes.shape
     rows, columns = -(-height // TILE_PX), -(-width // TILE_PX)
-    padded = cv2.copyMakeBorder(
-        known_planes,
-        NEIGHBOUR_PX,
-        rows * TILE_PX - height + NEIGHBOUR_PX,
-        NEIGHBOUR_PX,
-        columns * TILE_PX - width + NEIGHBOUR_PX,
-        cv2.BORDER_REPLICATE,
-    )
+    bottom, right = rows * TILE_PX - height, columns * TILE_PX - width
+    border = NEIGHBOUR_PX, bottom + NEIGHBOUR_PX, NEIGHBOUR_PX, right + NEIGHBOUR_PX
     kernel = np.ones((side, side), np.uint8)
-    nearest = cv2.dilate(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
-    farthest = cv2.erode(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
+
+    def largest(values: Float32) -> Float32:
+        padded = cv2.copyMakeBorder(values, *border, cv2.BORDER_REPLICATE)
+        return np.asarray(cv2.dilate(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns])
+
+    nearest, farthest = largest(known_planes), -largest(-known_planes)
+    if unknown is not None:
+        everywhere = largest(unknown.astype(np.float32)) > 0
+        nearest[everywhere], farthest[everywhere] = plane_count, 0.0
     low = np.clip(np.floor(farthest) - MARGIN_PLANES, 0, plane_count - MIN_PLANES).astype(np.int32)
     high = np.clip(np.ceil(nearest) + (MARGIN_PLANES + 1), low + MIN_PLANES, plane_count).astype(np.int32)
 
