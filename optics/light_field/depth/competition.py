@@ -37,7 +37,7 @@ class Work(NamedTuple):
     sectors: Any
     ring: Any
     cost: Any
-    line: Any
+    lines: Any
     decided: Any
 
 

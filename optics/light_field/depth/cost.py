@@ -32,8 +32,9 @@ UInt16 = NDArray[np.uint16]
 
 Float32 = NDArray[np.float32]
 MapFunction = Callable[..., Any]
-CHANNEL_WEIGHTS = (1.0, 1.0, 2.0, 2.0)
-"""Weights of the differences of brightness, chroma and the two gradients of brightness."""
+CHANNELS = 4
+GRADIENT = 2.0
+"""Weight of the difference of each brightness gradient, relative to those of brightness and chroma."""
 CONTRAST_PX = 7
 CONTRAST_GREY = 4.0
 CONTRAST_FLOOR = 0.3
@@ -48,21 +49,23 @@ MAX_RUN_PX = 512
 
 
 def channels(brightness: Float32, chroma: Float32) -> Float32:
-    """Return the compared channels (4, v + 1, u + 1): brightness and chroma (v, u), and two gradients of brightness.
+    """Return the weighted channels (v + 1, 4 (u + 1)) of a picture, those of a pixel adjacent.
 
-    The last row and column are repeated, so that each sample has a successor.
+    They are brightness and chroma (v, u), and the two gradients of brightness. The last row and column are repeated, so
+    that each sample has a successor.
     """
-    gradients = [cv2.Sobel(brightness, cv2.CV_32F, *order, ksize=1, scale=0.5) for order in ((1, 0), (0, 1))]
-    result = np.empty((len(CHANNEL_WEIGHTS), brightness.shape[0] + 1, brightness.shape[1] + 1), np.float32)
-    for channel, values in zip(result, (brightness, chroma, *gradients), strict=True):
-        cv2.copyMakeBorder(values, 0, 1, 0, 1, cv2.BORDER_REPLICATE, dst=channel)
-    return result
+    scale = 0.5 * GRADIENT
+    gradients = [cv2.Sobel(brightness, cv2.CV_32F, *order, ksize=1, scale=scale) for order in ((1, 0), (0, 1))]
+    merged = cv2.merge([brightness, chroma, *gradients])
+    result: Any = cv2.copyMakeBorder(merged, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
+    return np.asarray(result.reshape(len(result), -1))
 
 
 def mean_gradient(reference: Float32, side_px: int) -> Float32:
     """Return means (v, u) over a square of the sum of both absolute brightness gradients of `channels`."""
-    gradient_u, gradient_v = reference[2:, :-1, :-1]
-    return np.asarray(cv2.blur(np.abs(gradient_u) + np.abs(gradient_v), (side_px, side_px)))
+    gradient_u, gradient_v = (reference[:-1, channel:-CHANNELS:CHANNELS] for channel in (2, 3))
+    total = (np.abs(gradient_u) + np.abs(gradient_v)) * np.float32(1.0 / GRADIENT)
+    return np.asarray(cv2.blur(total, (side_px, side_px)))
 
 
 def bands(rows: int) -> list[tuple[int, int]]:
@@ -91,7 +94,7 @@ def matching_costs(
     reference
         `channels` of the reference view.
     others
-        `channels` of the other views, (K, 4, v + 1, u + 1).
+        `channels` of the other views, (K, v + 1, 4 (u + 1)).
     valid
         (K, v, u), 1 where a view has samples in the pixel and its right and lower neighbours, else 0.
     sweep
@@ -108,7 +111,6 @@ def matching_costs(
     views = ComparedViews(
         reference,
         others,
-        np.array(CHANNEL_WEIGHTS, np.float32),
         np.float32(CONTRAST_GREY) / (np.float32(CONTRAST_FLOOR * CONTRAST_GREY) + gradient),
         valid,
         np.empty((0, shape[0], shape[1] + 1), np.float32) if nearest is None else _repeat_last_column(nearest),
@@ -138,9 +140,7 @@ class ComparedViews(NamedTuple):
     Attributes
     ----------
     reference, others
-        `channels` of the reference view (4, v + 1, u + 1) and of the K others (K, 4, v + 1, u + 1).
-    weights
-        (4,), one per channel.
+        `channels` of the reference view (v + 1, 4 (u + 1)) and of the K others (K, v + 1, 4 (u + 1)).
     inverse_contrast
         Factor (v, u) on the differences at each pixel of the reference view.
     valid
@@ -153,7 +153,6 @@ class ComparedViews(NamedTuple):
 
     reference: Float32
     others: Float32
-    weights: Float32
     inverse_contrast: Float32
     valid: NDArray[np.uint8]
     nearest: Float32
@@ -194,34 +193,34 @@ class Run(NamedTuple):
 def _differences(
     reference: Float32,
     other: Float32,
-    weights: Float32,
     inverse_contrast: Float32,
     rows: Rows,
     run: Run,
-    line: Float32,
+    lines: Float32,
     cost: Float32,
 ) -> None:
-    """Fill costs (v, u): the weighted absolute differences of a run of a block and its samples in a view."""
+    """Fill costs (v, u): the absolute differences of a run of a block and its samples in a view."""
     limit, x, width = np.float32(TRUNCATION), run.first, run.width
-    shift, growth, start = run.shift, run.growth, run.start
-    interpolated = line[: width + 1]
+    first, values = CHANNELS * (x + run.shift), CHANNELS * width
+    sampled_rows, fraction = lines[0, : values + CHANNELS], lines[1, :values]
+    left, right = lines[0, :values], lines[0, CHANNELS : values + CHANNELS]
+    difference = lines[2, :values]
+    for i in range(width):
+        fraction[CHANNELS * i : CHANNELS * (i + 1)] = run.growth * np.float32(i) + run.start
     for number in range(len(cost)):
         y, y0, row_fraction = rows.own[number], rows.above[number], rows.fraction[number]
-        row_cost = cost[number, run.column : run.column + width]
-        row_cost[:] = 0.0
-        for channel in range(len(weights)):
-            above = other[channel, y0, x + shift : x + shift + width + 1]
-            below = other[channel, y0 + 1, x + shift : x + shift + width + 1]
-            reference_row, weight = reference[channel, y, x : x + width], weights[channel]
-            for i in range(len(interpolated)):
-                interpolated[i] = above[i] + row_fraction * (below[i] - above[i])
-            for i in range(len(row_cost)):
-                fraction = growth * np.float32(i) + start
-                value = interpolated[i] + fraction * (interpolated[i + 1] - interpolated[i])
-                row_cost[i] += weight * abs(value - reference_row[i])
-        contrast = inverse_contrast[y, x : x + width]
+        above = other[y0, first : first + values + CHANNELS]
+        below = other[y0 + 1, first : first + values + CHANNELS]
+        own = reference[y, CHANNELS * x : CHANNELS * x + values]
+        for i in range(len(sampled_rows)):
+            sampled_rows[i] = above[i] + row_fraction * (below[i] - above[i])
+        for i in range(len(difference)):
+            difference[i] = abs(left[i] + fraction[i] * (right[i] - left[i]) - own[i])
+        row_cost, contrast = cost[number, run.column : run.column + width], inverse_contrast[y, x : x + width]
         for i in range(len(row_cost)):
-            row_cost[i] = min(row_cost[i] * contrast[i], limit)
+            j = np.uint32(CHANNELS * i)
+            total = (difference[j] + difference[j + 1]) + (difference[j + 2] + difference[j + 3])
+            row_cost[i] = min(total * contrast[i], limit)
 
 
 @compiled
@@ -247,15 +246,22 @@ def _fill_sampled(valid: UInt8, rows: Rows, run: Run, sampled: Float32) -> None:
 def _fill_visible(surface: Float32, rows: Rows, run: Run, max_plane: float, sampled: Float32, visible: Float32) -> None:
     """Fill `visible` (v, u) in a run: `sampled` where no plane of the view's `surface` is nearer than `max_plane`."""
     zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
-    first, growth, start = run.first + run.shift, run.growth, run.start
+    first, width = run.first + run.shift, run.width
+    # The nearest sample is the left one up to some column and the right one from there on, or conversely.
+    end_fraction = run.start + run.growth * np.float32(width - 1)
+    turn, right_first = width, run.start >= half
+    if right_first != (end_fraction >= half):
+        turn = min(max(int(np.ceil((half - run.start) / run.growth)), 0), width)
     for number in range(len(visible)):
-        row = surface[rows.nearest[number], first : first + run.width + 1]
-        row_sampled = sampled[number, run.column : run.column + run.width]
-        row_visible = visible[number, run.column : run.column + run.width]
-        for x in range(len(row_visible)):
-            left, right = row[x], row[x + 1]
-            nearest = left if growth * np.float32(x) + start < half else right
-            row_visible[x] = row_sampled[x] * (one if nearest <= max_plane else zero)
+        row = surface[rows.nearest[number], first : first + width + 1]
+        for part in range(2):
+            begin, end = (0, turn) if part == 0 else (turn, width)
+            offset = 1 if right_first == (part == 0) else 0
+            nearest = row[begin + offset : end + offset]
+            row_sampled = sampled[number, run.column + begin : run.column + end]
+            row_visible = visible[number, run.column + begin : run.column + end]
+            for x in range(len(row_visible)):
+                row_visible[x] = row_sampled[x] * (one if nearest[x] <= max_plane else zero)
 
 
 @compiled
@@ -267,7 +273,7 @@ def _compare_block(
     last: int,
     views: ComparedViews,
     mapping: PlaneMapping,
-    line: Float32,
+    lines: Float32,
     cost: Float32,
     sampled: Float32,
     visible: Float32,
@@ -291,7 +297,7 @@ def _compare_block(
         end = max(end, x + 1)
         start = growth * np.float32(x) + offset_u - np.float32(shift)
         run = Run(x, end - x, x - first, shift, growth, start)
-        _differences(views.reference, views.others[view], views.weights, views.inverse_contrast, rows, run, line, cost)
+        _differences(views.reference, views.others[view], views.inverse_contrast, rows, run, lines, cost)
         _fill_sampled(views.valid[view], rows, run, sampled)
         if len(views.nearest) > 0:
             max_plane = np.float32(plane) + views.occlusion_gap
@@ -340,7 +346,7 @@ def _block(
                 last,
                 views,
                 mapping,
-                work.line,
+                work.lines,
                 cost[a:b].reshape((seen, count)),
                 sampled[a:b].reshape((seen, count)),
                 visible[a:b].reshape((seen, count)),
@@ -365,7 +371,7 @@ def fill_costs(
         np.empty((DIRECTIONS, max_pixels), np.float32),
         np.empty((8, max_pixels), np.float32),
         np.zeros((3, max_pixels), np.float32),
-        np.empty(MAX_RUN_PX + 1, np.float32),
+        np.empty((3, CHANNELS * (MAX_RUN_PX + 1)), np.float32),
         np.empty(max_pixels, np.float32),
     )
     numbers = np.empty((3, TILE_PX), np.int64)
