@@ -34,7 +34,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, align_to_picture_edges
 from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, search
 from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
-from mirrorcam.optics.light_field.depth.sweep import TILE_PX, range_around
+from mirrorcam.optics.light_field.depth.sweep import TILE_PX, range_around, tracked_range
 from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.temporal import TemporalFilter
@@ -237,7 +237,7 @@ class DepthEstimator:
         for number, gain in self._gains(reference, others, self._full.enlarged(first, self._levels[0]).planes, track):
             gains = [*gains[:number], gains[number] * gain, *gains[number + 1 :]]
             others[number] = others[number].multiplied(gain)
-        result = self._finer_searches(pyramid, reference, others, first)
+        result = self._finer_searches(pyramid, reference, others, first, track)
         spacing = self._refiner.spacing
         gradients = list(
             self._run(lambda view: GradientPicture.of(view.brightness, view.interior, spacing), [reference, *others])
@@ -268,7 +268,7 @@ class DepthEstimator:
                 unknown = halved_picture(unknown)
             rows = np.arange(TILE_PX // 2, level.shape[0], TILE_PX)
             unknown[rows[track.frame % REFRESH_FRAMES :: REFRESH_FRAMES]] = 1.0
-            ranges = range_around(track.first.planes, level.sweep.plane_count, unknown > 0)
+            ranges = tracked_range([track.first.planes], level.sweep.plane_count, unknown > 0)
         directions, rounds = self._effort.directions, self._effort.slanted_rounds
         found = search(*arguments, directions=directions, rounds=rounds, ranges=ranges)
         if self._effort.with_occlusion:
@@ -279,7 +279,12 @@ class DepthEstimator:
         return replace(found, rivals=np.where(all_planes, found.rivals, track.first.rivals))
 
     def _finer_searches(
-        self, pyramid: list[Float32], reference: ViewPicture, others: list[ViewPicture], first: LowestCost
+        self,
+        pyramid: list[Float32],
+        reference: ViewPicture,
+        others: list[ViewPicture],
+        first: LowestCost,
+        track: Track | None,
     ) -> _SearchResult:
         """Return the result of the searches near the result of the first, level by level."""
         level, found = self._levels[0], first
@@ -287,7 +292,10 @@ class DepthEstimator:
         for finer in self._levels[1:]:
             result = finer.enlarged(found, level)
             for _ in range(1 + self._effort.with_occlusion):
-                ranges = range_around(result.planes, finer.sweep.plane_count)
+                if track is not None and finer is self._levels[-1]:
+                    ranges = tracked_range([result.planes, track.planes], finer.sweep.plane_count)
+                else:
+                    ranges = range_around(result.planes, finer.sweep.plane_count)
                 if ranges.size > MAX_NEAR_COSTS:
                     return self._result(found, level, first_rivals, pyramid)
                 result = search(

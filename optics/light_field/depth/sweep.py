@@ -5,7 +5,7 @@ Each pixel searches a range of planes of its own: near the depth known from a co
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -32,6 +32,8 @@ NEIGHBOUR_PX = 4
 MARGIN_PLANES = 3
 """Planes searched beyond the known ones, nearer and farther."""
 MIN_PLANES = 3
+TRACKED_NEIGHBOUR_PX, TRACKED_MARGIN_PLANES = 2, 2
+"""The same in videos, near the depth of the previous frame."""
 
 
 class PlaneMapping(NamedTuple):
@@ -193,29 +195,40 @@ def full_range(shape: tuple[int, int], plane_count: int) -> Ranges:
     return Ranges.of(np.zeros(shape, np.int32), np.full(shape, plane_count, np.int32))
 
 
-def range_around(known_planes: Float32, plane_count: int, unknown: NDArray[np.bool_] | None = None) -> Ranges:
-    """Return the ranges near known planes (v, u), constant per tile and limited to `plane_count` planes.
+def range_around(known_planes: Float32, plane_count: int) -> Ranges:
+    """Return the ranges near known planes (v, u), constant per tile and limited to `plane_count` planes."""
+    return _ranges(known_planes, known_planes, plane_count, NEIGHBOUR_PX, MARGIN_PLANES)
+
+
+def tracked_range(
+    planes: Sequence[Float32], plane_count: int, unknown: NDArray[np.bool_] | None = None
+) -> Ranges:
+    """Return the ranges near all of several maps of planes (v, u), all of them nearly known, for videos.
 
     Tiles near pixels that are `unknown` (v, u) get all planes.
     """
-    side = TILE_PX + 2 * NEIGHBOUR_PX
+    nearest, farthest = np.maximum.reduce(planes), np.minimum.reduce(planes)
+    if unknown is not None:
+        nearest = np.where(unknown, np.float32(plane_count), nearest)
+        farthest = np.where(unknown, np.float32(0.0), farthest)
+    return _ranges(nearest, farthest, plane_count, TRACKED_NEIGHBOUR_PX, TRACKED_MARGIN_PLANES)
+
+
+def _ranges(nearest: Float32, farthest: Float32, plane_count: int, neighbour_px: int, margin: int) -> Ranges:
+    """Return ranges that hold the planes (v, u) of all pixels of a tile and near it, and a margin."""
     # OpenCV's kernels of even side reach one pixel farther up and left, so the anchor centres them on the tiles.
-    height, width = known_planes.shape
+    height, width = nearest.shape
     rows, columns = -(-height // TILE_PX), -(-width // TILE_PX)
     bottom, right = rows * TILE_PX - height, columns * TILE_PX - width
-    border = NEIGHBOUR_PX, bottom + NEIGHBOUR_PX, NEIGHBOUR_PX, right + NEIGHBOUR_PX
-    kernel = np.ones((side, side), np.uint8)
+    border = neighbour_px, bottom + neighbour_px, neighbour_px, right + neighbour_px
+    kernel = np.ones((TILE_PX + 2 * neighbour_px,) * 2, np.uint8)
 
     def largest(values: Float32) -> Float32:
         padded = cv2.copyMakeBorder(values, *border, cv2.BORDER_REPLICATE)
         return np.asarray(cv2.dilate(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns])
 
-    nearest, farthest = largest(known_planes), -largest(-known_planes)
-    if unknown is not None:
-        everywhere = largest(unknown.astype(np.float32)) > 0
-        nearest[everywhere], farthest[everywhere] = plane_count, 0.0
-    low = np.clip(np.floor(farthest) - MARGIN_PLANES, 0, plane_count - MIN_PLANES).astype(np.int32)
-    high = np.clip(np.ceil(nearest) + (MARGIN_PLANES + 1), low + MIN_PLANES, plane_count).astype(np.int32)
+    low = np.clip(np.floor(-largest(-farthest)) - margin, 0, plane_count - MIN_PLANES).astype(np.int32)
+    high = np.clip(np.ceil(largest(nearest)) + (margin + 1), low + MIN_PLANES, plane_count).astype(np.int32)
 
     def per_pixel(tiles: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.repeat(np.repeat(tiles, TILE_PX, axis=0), TILE_PX, axis=1)[:height, :width]
