@@ -199,9 +199,9 @@ class DepthEstimator:
 
     def fits(self, light_field: LightField) -> bool:
         """Return whether a light field has the views and weights of this estimator."""
-        names = [field.name for field in fields(Views)]
-        same = all(np.array_equal(getattr(light_field, name), getattr(self.views, name)) for name in names)
-        return same and np.array_equal(light_field.weights, self.weights)
+        pairs = [(getattr(light_field, field.name), getattr(self.views, field.name)) for field in fields(Views)]
+        pairs.append((light_field.weights, self.weights))
+        return all(ours is theirs or np.array_equal(ours, theirs) for ours, theirs in pairs)
 
     def estimate(self, light_field: LightField) -> DepthMap:
         """Return the depth of the reference view of a light field with this estimator's geometry.

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
 from typing import Any
 
 import cv2
@@ -140,9 +139,9 @@ def _conjugate_gradients(
     return x
 
 
-def brightness_gradients(picture: Float32) -> Float32:
-    """Return the brightness gradients (2, v, u) of a grey picture (v, u) along u and v, per px (Scharr's kernel)."""
-    return np.stack([cv2.Scharr(picture, cv2.CV_32F, *order, scale=1.0 / 32.0) for order in ((1, 0), (0, 1))])
+def brightness_gradients(picture: Float32) -> list[Float32]:
+    """Return the brightness gradients (v, u) of a grey picture (v, u) along u and v, per px (Scharr's kernel)."""
+    return [np.asarray(cv2.Scharr(picture, cv2.CV_32F, *order, scale=1.0 / 32.0)) for order in ((1, 0), (0, 1))]
 
 
 def information_fraction(views: int) -> float:
@@ -182,36 +181,31 @@ class GradientPicture:
         else:
             # The anchor is left and above of the middle.
             kernels, anchor = (BETWEEN_DERIVATIVE, BETWEEN_MEAN), (1, 1)
-            gradients = np.stack([
-                cv2.sepFilter2D(grey, cv2.CV_32F, *pair, anchor=anchor) for pair in (kernels, kernels[::-1])
-            ])
-        return cls(np.asarray(cv2.merge(list(gradients))), valid)
+            gradients = [cv2.sepFilter2D(grey, cv2.CV_32F, *pair, anchor=anchor) for pair in (kernels, kernels[::-1])]
+        return cls(np.asarray(cv2.merge(gradients)), valid)
 
     def on_grid(self, spacing: int) -> _ReferenceGrid:
-        """Return the gradients at the points of a grid, with their derivatives and variance."""
+        """Return the gradients at the points of a grid; their variance comes from noise and interpolation."""
         height, width = (size // spacing for size in self.valid.shape)
 
         def thinned(values: Float32) -> Float32:
             return np.ascontiguousarray(values[..., ::spacing, ::spacing][..., :height, :width])
 
-        gradients = np.stack([thinned(self.gradients[..., axis]) for axis in range(2)], axis=-1)
-        return _ReferenceGrid(gradients, thinned(self.derivatives), thinned(self.variance))
-
-    @cached_property
-    def derivatives(self) -> Float32:
-        """Derivatives (2, 2, v, u) of each gradient component along u and v."""
-        return np.stack([brightness_gradients(self.gradients[..., axis]) for axis in range(2)])
-
-    @cached_property
-    def variance(self) -> Float32:
-        """Variance (v, u) of a gradient difference between views, from noise and interpolation."""
-        detail: Any = cv2.blur(np.square(self.derivatives).sum(axis=(0, 1)) * np.float32(0.5), (DETAIL_PX, DETAIL_PX))
-        return np.asarray(np.float32(NOISE_GREY**2) + np.float32(INTERPOLATION_PX**2) * detail)
+        components = [np.ascontiguousarray(self.gradients[..., axis]) for axis in range(2)]
+        derivatives = np.stack([[thinned(values) for values in brightness_gradients(axis)] for axis in components])
+        detail: Any = cv2.blur(np.square(derivatives).sum(axis=(0, 1)) * np.float32(0.5), (DETAIL_PX, DETAIL_PX))
+        variance = np.float32(NOISE_GREY**2) + np.float32(INTERPOLATION_PX**2) * detail
+        gradients = np.stack([thinned(values) for values in components], axis=-1)
+        return _ReferenceGrid(gradients, derivatives, variance)
 
 
 @dataclass(frozen=True, eq=False)
 class _ReferenceGrid:
-    """Gradients (j, i, 2) of the reference view on a grid, their derivatives (2, 2, j, i) and variance (j, i)."""
+    """Gradients (j, i, 2) of the reference view on a grid.
+
+    `derivatives` (2, 2, j, i) are those of each component along u and v; `variance` (j, i) is the variance of a
+    difference of gradients between views.
+    """
 
     gradients: Float32
     derivatives: Float32
