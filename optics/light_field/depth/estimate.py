@@ -323,7 +323,7 @@ class DepthEstimator:
     def _jump(self, level: PyramidLevel) -> float:
         """Return the difference of planes of a level at a depth edge."""
         full = self._full.sweep
-        return JUMP_PX / full.step_px * full.step / level.sweep.step
+        return 2**level.halvings * JUMP_PX / full.step_px * full.step / level.sweep.step
 
     def _enlarged(
         self, planes: Float32, pyramid: list[Float32], level: PyramidLevel, finer: PyramidLevel
