@@ -8,6 +8,7 @@ moved to picture edges, and Gauss-Newton steps with a smoothness prior refine th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
@@ -40,6 +41,7 @@ from mirrorcam.optics.light_field.light_field import LightField, Views
 from mirrorcam.optics.light_field.temporal import TemporalFilter
 
 Float32 = NDArray[np.float32]
+MapFunction = Callable[..., Any]
 Quality = Literal["best", "fast"]
 DEFAULT_NEAR, DEFAULT_FAR = 0.6, 2.0
 """Default search range, as multiples of the reference depth."""
@@ -172,7 +174,8 @@ class DepthEstimator:
         _check(self.views, near, far)
         self.near_mm, self.far_mm = float(near), float(far)
         self.reference, self.others = reference_index(self.views), other_views(self.views)
-        self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
+        self.workers = workers or cv2.getNumThreads()
+        self._run: MapFunction = map if self.workers == 1 else ThreadPoolExecutor(self.workers).map
         self._effort = EFFORTS[quality]
         self._levels = self._levels_to_search()
         self._full = PyramidLevel.of(self.views, self.near_mm, self.far_mm, 0)
@@ -438,7 +441,7 @@ class VideoDepth:
 
     def __init__(self, estimator: DepthEstimator) -> None:
         self._estimator = estimator
-        self._filter = TemporalFilter()
+        self._filter = TemporalFilter(estimator.workers)
         self._track: Track | None = None
 
     def estimate(self, light_field: LightField) -> DepthMap:

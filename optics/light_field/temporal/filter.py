@@ -117,7 +117,8 @@ class TemporalFilter:
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        self._run: MapFunction = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
+        workers = workers or cv2.getNumThreads()
+        self._run: MapFunction = map if workers == 1 else ThreadPoolExecutor(workers).map
         self._state: _State | None = None
         # Arrays of the state before the last, reused: allocating new ones takes as long as the work itself.
         self._spare: tuple[Float32, Float32] | None = None
