@@ -102,12 +102,15 @@ class _SearchResult:
         Margin and rivals (v, u) of the last search at full size, see `LowestCost`.
     first_rivals
         Rivals (v, u) of the first search, over all planes, at full size.
+    halved
+        Whether the last search was at half size.
     """
 
     planes: Float32
     margin: Float32
     rivals: Float32
     first_rivals: Float32
+    halved: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,16 +324,14 @@ class DepthEstimator:
         planes = align_to_picture_edges(found.planes, pyramid[level.halvings], self._jump(level), self._run)
         enlarged = self._full.enlarged(found, level)
         planes = self._enlarged(planes, pyramid, level, self._levels[-1])
-        return _SearchResult(planes, enlarged.margin, enlarged.rivals, first_rivals)
+        return _SearchResult(planes, enlarged.margin, enlarged.rivals, first_rivals, level.halvings > 0)
 
     def _jump(self, level: PyramidLevel) -> float:
         """Return the difference of planes of a level at a depth edge."""
         full = self._full.sweep
         return 2**level.halvings * JUMP_PX / full.step_px * full.step / level.sweep.step
 
-    def _enlarged(
-        self, planes: Float32, pyramid: list[Float32], level: PyramidLevel, finer: PyramidLevel
-    ) -> Float32:
+    def _enlarged(self, planes: Float32, pyramid: list[Float32], level: PyramidLevel, finer: PyramidLevel) -> Float32:
         """Return planes (j, i) of a level at a finer one, as planes of the latter, guided by the picture."""
         planes = finer.sweep.planes(level.sweep.inverse_distance(planes))
         sizes = pyramid[finer.halvings : level.halvings + 1]
@@ -372,9 +373,8 @@ class DepthEstimator:
         valid = valid & (match.view_count >= min(2, len(self.others)))
         step_px = np.float32(full.step_px)
         range_px, views = full.plane_count * full.step_px, len(self.others)
-        halved = self._refiner.spacing > 1
-        confidence = probability(planes * step_px, match, result.rivals, result.first_rivals, smoothness, halved)
-        sigma_px = standard_deviation_px(match, smoothness, result.margin, confidence, views, halved, range_px)
+        confidence = probability(planes * step_px, match, result.rivals, result.first_rivals, smoothness, result.halved)
+        sigma_px = standard_deviation_px(match, smoothness, result.margin, confidence, views, result.halved, range_px)
         deviation = sigma_px * np.float32(full.step / full.step_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse_distance

@@ -296,7 +296,10 @@ class Refiner:
             previous, disparity = disparity, np.clip(solved, initial - max_change, initial + max_change)
         weight_u, weight_v = self._smoothness(disparity)
         smoothness = np.minimum(weight_u, weight_v) * (np.float32(1.0) / self.smoothness)
-        return disparity / step_px, match.after_step(gradient, disparity - previous), smoothness
+        found = match.after_step(gradient, disparity - previous)
+        # A point of the grid stands for all pixels of its block.
+        found = replace(found, information=found.information * np.float32(self.spacing**2))
+        return disparity / step_px, found, smoothness
 
     def _noise(self, match: Match) -> np.float32:
         """Median variance of the gradient differences, relative to the assumed variance; at least 1."""

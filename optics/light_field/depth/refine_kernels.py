@@ -152,7 +152,10 @@ def _compare_row(
             out[c, x] = value[c] - reference[y, x, c]
             out[2 + c, x] = derivatives[c, 0, y, x] * step_u + derivatives[c, 1, y, x] * step_v
         out[4, x] = one
-        j, i = min(int(row * grid_per_px + half), grid_height - 1), min(int(column * grid_per_px + half), grid_width - 1)
+        j, i = (
+            min(int(row * grid_per_px + half), grid_height - 1),
+            min(int(column * grid_per_px + half), grid_width - 1),
+        )
         out[5, x] = np.float32(0.0) if view.nearest[j, i] > plane + occlusion_gap else one
 
 

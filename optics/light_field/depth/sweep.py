@@ -200,9 +200,7 @@ def range_around(known_planes: Float32, plane_count: int) -> Ranges:
     return _ranges(known_planes, known_planes, plane_count, NEIGHBOUR_PX, MARGIN_PLANES)
 
 
-def tracked_range(
-    planes: Sequence[Float32], plane_count: int, unknown: NDArray[np.bool_] | None = None
-) -> Ranges:
+def tracked_range(planes: Sequence[Float32], plane_count: int, unknown: NDArray[np.bool_] | None = None) -> Ranges:
     """Return the ranges near all of several maps of planes (v, u), all of them nearly known, for videos.
 
     Tiles near pixels that are `unknown` (v, u) get all planes.
