@@ -297,9 +297,11 @@ class DepthEstimator:
         first_rivals = self._full.enlarged(first, level).rivals
         for finer in self._levels[1:]:
             result = finer.enlarged(found, level)
-            for _ in range(1 + self._effort.with_occlusion):
+            for again in range(1 + self._effort.with_occlusion):
                 if track is not None and finer is self._levels[-1]:
                     ranges = tracked_range([result.planes, track.planes], finer.sweep.plane_count)
+                elif again:
+                    ranges = tracked_range([result.planes], finer.sweep.plane_count)
                 else:
                     ranges = range_around(result.planes, finer.sweep.plane_count)
                 if ranges.size > MAX_NEAR_COSTS:
