@@ -1,9 +1,9 @@
 """Matching cost of planes across all views, with occlusion handled view by view.
 
-Brightness, chroma and the gradients of brightness are compared. Before occlusion is known, views at similar distance from the reference
-view compete: a near object hides a point from the views in some directions only, so the better half of the directions
-decides. Once a first depth is known, the views in which a nearer surface hides the point are left out. Loops run over
-runs of adjacent pixels that search the same plane.
+Brightness, chroma and the gradients of brightness are compared. Before occlusion is known, views at similar distance
+from the reference view compete: a near object hides a point from the views in some directions only, so the better half
+of the directions decides. Once a first depth is known, the views in which a nearer surface hides the point are left
+out. Loops run over runs of adjacent pixels that search the same plane.
 """
 
 from __future__ import annotations

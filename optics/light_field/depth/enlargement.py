@@ -1,4 +1,4 @@
-"""Enlargement of a map to twice its size: by interpolation, or guided by the picture, so that depth edges stay sharp."""
+"""Enlargement of a map to twice its size: by interpolation, or guided by the picture, which keeps depth edges sharp."""
 
 from __future__ import annotations
 

@@ -344,7 +344,7 @@ class DepthEstimator:
     def _gains(
         self, reference: ViewPicture, others: list[ViewPicture], planes: Float32, track: Track | None
     ) -> list[tuple[int, Float32]]:
-        """Return gains (v, u) that equalise other views to the reference view, given its planes (v, u), and their number.
+        """Return gains (v, u) that equalise other views to the reference view, given its planes (v, u), by number.
 
         Mirrors do not change, so the frames of a video update one view in turn.
         """
