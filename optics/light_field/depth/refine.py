@@ -181,7 +181,10 @@ class GradientPicture:
         else:
             # The anchor is left and above of the middle.
             kernels, anchor = (BETWEEN_DERIVATIVE, BETWEEN_MEAN), (1, 1)
-            gradients = [cv2.sepFilter2D(grey, cv2.CV_32F, *pair, anchor=anchor) for pair in (kernels, kernels[::-1])]
+            gradients = [
+                np.asarray(cv2.sepFilter2D(grey, cv2.CV_32F, *pair, anchor=anchor), np.float32)
+                for pair in (kernels, kernels[::-1])
+            ]
         return cls(np.asarray(cv2.merge(gradients)), valid)
 
     def on_grid(self, spacing: int) -> _ReferenceGrid:
@@ -234,7 +237,7 @@ class Refiner:
         self.step_px = np.float32(sweep.step_px * spacing)
         # Differences between adjacent points grow with the spacing.
         self.smoothness, self.edge_px = np.float32(SMOOTHNESS / spacing**GRID_POWER), np.float32(EDGE_PX * spacing)
-        self.jump_px = np.float32(JUMP_PX * spacing)
+        self.jump_px = JUMP_PX * spacing
         self.max_change_at_edge_px = np.float32(MAX_CHANGE_AT_EDGE_PX * spacing)
         self.pinholes = [SweepPinhole.of(view, sweep, spacing) for view in parallaxes]
 
