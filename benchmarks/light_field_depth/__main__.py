@@ -12,8 +12,9 @@ of confidence to some scenes, and prints how well confidence and sigma hold on o
 wrong ranges, with views in a wrong order, with fewer views, and on rooms with bare walls. A scene may also be a folder
 of a rectified pair as Middlebury publishes it.
 
-`python -m benchmarks.light_field_depth speed [--rounds N]` times both qualities, StereoSGBM of two neighbouring views
-and remaps of all views, for more pixels and for more views over the same baselines.
+`python -m benchmarks.light_field_depth speed [--rounds N]` times both qualities, a frame of a video, StereoSGBM of two
+neighbouring views and remaps of all views, for more pixels, for more views over the same baselines and for more planes:
+processor time of one thread, and wall time of two.
 """
 
 from __future__ import annotations

@@ -292,7 +292,12 @@ class LightField(Views):
             raise InputError(
                 f"weights are {self.weights.dtype} of shape {self.weights.shape}, expected float32 {expected}"
             )
-        if self.samples.dtype == np.float32 and not np.isfinite(self.samples).all():
+        # The sum of finite samples is finite, unless they are huge: it is the faster test.
+        if (
+            self.samples.dtype == np.float32
+            and not np.isfinite(self.samples.sum())
+            and not np.isfinite(self.samples).all()
+        ):
             raise InputError("samples hold a value that is NaN or infinite, expected finite numbers")
         for name in ("samples", "weights"):
             read_only = getattr(self, name).view()

@@ -20,7 +20,10 @@ OCCLUSION_PX = 1.0
 
 
 class SweepPinhole(NamedTuple):
-    """A `Parallax` as a function of the planes of a sweep."""
+    """A `Parallax` as a function of the planes of a sweep, for a grid of points `spacing` pixels apart.
+
+    Point (i, j) of the grid is at pixel (spacing i + offset, spacing j + offset) of the reference view.
+    """
 
     focal: np.float32
     cx: np.float32
@@ -32,17 +35,22 @@ class SweepPinhole(NamedTuple):
     inverse_reference: np.float32
     first: np.float32
     step: np.float32
+    spacing: np.float32
+    offset: np.float32
 
     @classmethod
-    def of(cls, view: Parallax, sweep: Sweep) -> SweepPinhole:
+    def of(cls, view: Parallax, sweep: Sweep, spacing: int = 1) -> SweepPinhole:
         x, y, z = view.position_mm
         numbers = (view.focal_px, *view.centre_px, x, y, z, 1.0 - z / view.reference_distance_mm)
         depth_numbers = (1.0 / view.reference_distance_mm, float(sweep.inverse_distances[0]), sweep.step)
-        return cls(*(np.float32(number) for number in (*numbers, *depth_numbers)))
+        return cls(*(np.float32(number) for number in (*numbers, *depth_numbers, spacing, (spacing - 1) / 2)))
 
 
 class View(NamedTuple):
-    """A view's brightness gradients (v, u, 2), mask (v, u) of samples, and nearest plane (v, u) at each pixel."""
+    """A view's brightness gradients (v, u, 2), mask (v, u) of samples, and nearest plane (j, i) at points of the grid.
+
+    The gradients and the mask are those at pixels (u + offset, v + offset), as of a `SweepPinhole`.
+    """
 
     gradients: Any
     valid: Any
@@ -96,18 +104,21 @@ def _compare_row(
     out: Float32,
 ) -> None:
     """Fill `out` (6, u) for row `y`: two gradient residuals, their derivatives with respect to the plane, two masks."""
-    height, width = planes.shape
+    grid_height, grid_width = planes.shape
+    height, width = view.valid.shape
     half, one = np.float32(0.5), np.float32(1.0)
+    grid_per_px = one / pinhole.spacing
+    own_v = pinhole.spacing * np.float32(y) + pinhole.offset
     cubic_u, cubic_v = np.empty(4, np.float32), np.empty(4, np.float32)
     value = np.empty(2, np.float32)
-    for x in range(width):
-        plane = planes[y, x]
+    for x in range(grid_width):
+        plane, own_u = planes[y, x], pinhole.spacing * np.float32(x) + pinhole.offset
         inverse = plane * pinhole.step + pinhole.first
         magnification = one / (one - pinhole.z * inverse)
         scale = pinhole.front * magnification
         shift = pinhole.focal * (pinhole.inverse_reference - scale * inverse)
-        column = scale * (np.float32(x) - pinhole.cx) + (shift * pinhole.x + pinhole.cx)
-        row = scale * (np.float32(y) - pinhole.cy) + (shift * pinhole.y + pinhole.cy)
+        column = scale * (own_u - pinhole.cx) + (shift * pinhole.x + pinhole.cx) - pinhole.offset
+        row = scale * (own_v - pinhole.cy) + (shift * pinhole.y + pinhole.cy) - pinhole.offset
         for part in range(6):
             out[part, x] = 0.0
         if not (column >= 0 and row >= 0 and column <= width - 1 and row <= height - 1):
@@ -135,16 +146,17 @@ def _compare_row(
                         row_value += cubic_u[i] * line[min(max(x0 - 1 + i, 0), width - 1), c]
                     value[c] += cubic_v[j] * row_value
         scale_step = scale * magnification * pinhole.step
-        step_u = scale_step * (pinhole.z * (np.float32(x) - pinhole.cx) - pinhole.focal * pinhole.x)
-        step_v = scale_step * (pinhole.z * (np.float32(y) - pinhole.cy) - pinhole.focal * pinhole.y)
+        step_u = scale_step * (pinhole.z * (own_u - pinhole.cx) - pinhole.focal * pinhole.x)
+        step_v = scale_step * (pinhole.z * (own_v - pinhole.cy) - pinhole.focal * pinhole.y)
         for c in range(2):
             out[c, x] = value[c] - reference[y, x, c]
             out[2 + c, x] = derivatives[c, 0, y, x] * step_u + derivatives[c, 1, y, x] * step_v
         out[4, x] = one
-        occluded = (
-            view.nearest[min(int(row + half), height - 1), min(int(column + half), width - 1)] > plane + occlusion_gap
+        j, i = (
+            min(int(row * grid_per_px + half), grid_height - 1),
+            min(int(column * grid_per_px + half), grid_width - 1),
         )
-        out[5, x] = np.float32(0.0) if occluded else one
+        out[5, x] = np.float32(0.0) if view.nearest[j, i] > plane + occlusion_gap else one
 
 
 @compiled
@@ -160,9 +172,9 @@ def add_terms(
     occlusion_gap: float,
     terms: Terms,
 ) -> None:
-    """Add the terms of a view in rows `first` to `last` of a map of planes (v, u).
+    """Add the terms of a view in rows `first` to `last` of a map of planes (j, i) on a grid.
 
-    `reference` (v, u, 2) holds the reference view's gradients, with `derivatives` (2, 2, v, u) and `variance` (v, u).
+    `reference` (j, i, 2) holds the reference view's gradients, with `derivatives` (2, 2, j, i) and `variance` (j, i).
     """
     height, width = planes.shape
     top, bottom = max(first - 1, 0), min(last + 1, height)
@@ -207,14 +219,21 @@ def add_terms(
 def second_differences(values: Float32, weight_u: Float32, weight_v: Float32, out_u: Float32, out_v: Float32) -> None:
     """Fill the weighted second differences of a map (v, u) along u and v; zero in the outer columns or rows."""
     height, width = values.shape
+    two = np.float32(2.0)
+    # Each loop runs over slices, which lets the compiler vectorise.
     for y in range(height):
+        row, row_u, row_v = values[y], out_u[y], out_v[y]
+        row_u[0], row_u[width - 1] = 0.0, 0.0
+        left, middle, right = row[: width - 2], row[1 : width - 1], row[2:]
+        weights, inner = weight_u[y, 1 : width - 1], row_u[1 : width - 1]
+        for x in range(len(inner)):
+            inner[x] = weights[x] * (left[x] - two * middle[x] + right[x])
+        if y == 0 or y == height - 1:
+            row_v[:] = 0.0
+            continue
+        above, below, weights = values[y - 1], values[y + 1], weight_v[y]
         for x in range(width):
-            value = np.float32(2.0) * values[y, x]
-            out_u[y, x], out_v[y, x] = 0.0, 0.0
-            if 0 < x < width - 1:
-                out_u[y, x] = weight_u[y, x] * (values[y, x - 1] - value + values[y, x + 1])
-            if 0 < y < height - 1:
-                out_v[y, x] = weight_v[y, x] * (values[y - 1, x] - value + values[y + 1, x])
+            row_v[x] = weights[x] * (above[x] - two * row[x] + below[x])
 
 
 @compiled
@@ -222,15 +241,16 @@ def apply_normal_matrix(anchors: Float32, values: Float32, second_u: Float32, se
     """Apply to `values` the normal matrix of `anchors` (v, u) and second differences `second_u` and `second_v`."""
     height, width = values.shape
     two = np.float32(2.0)
+    outside = np.zeros(width, np.float32)
     for y in range(height):
+        above = second_v[y - 1] if y > 0 else outside
+        below = second_v[y + 1] if y < height - 1 else outside
+        row_u, row_v, row_anchors, row, row_out = second_u[y], second_v[y], anchors[y], values[y], out[y]
         for x in range(width):
-            total = -two * (second_u[y, x] + second_v[y, x])
-            if x > 0:
-                total += second_u[y, x - 1]
-            if x < width - 1:
-                total += second_u[y, x + 1]
-            if y > 0:
-                total += second_v[y - 1, x]
-            if y < height - 1:
-                total += second_v[y + 1, x]
-            out[y, x] = anchors[y, x] * values[y, x] + total
+            row_out[x] = row_anchors[x] * row[x] - two * (row_u[x] + row_v[x]) + above[x] + below[x]
+        before, after = row_u[: width - 1], row_u[1:]
+        inner = row_out[1:]
+        for x in range(width - 1):
+            inner[x] += before[x]
+        for x in range(width - 1):
+            row_out[x] += after[x]

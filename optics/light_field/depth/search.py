@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.optics.light_field.depth.competition import UNITS
-from mirrorcam.optics.light_field.depth.cost import CHANNELS, channels, matching_costs
+from mirrorcam.optics.light_field.depth.cost import channels, matching_costs
+from mirrorcam.optics.light_field.depth.enlargement import doubled
 from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, halved, plane_inverse_distances
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
 from mirrorcam.optics.light_field.depth.semiglobal import (
@@ -66,7 +66,7 @@ class PyramidLevel:
     def shrunk(self, picture: ViewPicture) -> ViewPicture:
         """Return a full-size picture at this level."""
         for _ in range(self.halvings):
-            picture = picture.halved()
+            picture = picture.halved
         return picture
 
     def enlarged(self, result: LowestCost, coarser: PyramidLevel) -> LowestCost:
@@ -74,39 +74,19 @@ class PyramidLevel:
         maps = {name: getattr(result, name) for name in ("planes", "margin", "rivals")}
         for halvings in range(coarser.halvings - 1, self.halvings - 1, -1):
             shape = self.shape if halvings == self.halvings else None
-            maps = {name: _doubled(values, shape) for name, values in maps.items()}
-        first, step = np.float32(self.sweep.inverse_distances[0]), np.float32(1.0 / self.sweep.step)
-        maps["planes"] = np.asarray((coarser.sweep.inverse_distance(maps["planes"]) - first) * step)
+            maps = {name: doubled(values, shape) for name, values in maps.items()}
+        maps["planes"] = self.sweep.planes(coarser.sweep.inverse_distance(maps["planes"]))
         return LowestCost(**maps)
-
-
-def _doubled(small: Float32, shape: tuple[int, int] | None) -> Float32:
-    """Return a map (v, u) at twice the size; an odd last row or column repeats the previous one."""
-    full = cv2.resize(small, (2 * small.shape[1], 2 * small.shape[0]), interpolation=cv2.INTER_LINEAR)
-    if shape is None:
-        return np.asarray(full)
-    bottom, right = shape[0] - full.shape[0], shape[1] - full.shape[1]
-    return np.asarray(cv2.copyMakeBorder(full, 0, bottom, 0, right, cv2.BORDER_REPLICATE))
-
-
-def _stacked(pictures: Sequence[ViewPicture], run: MapFunction) -> Float32:
-    """Stack `channels` of pictures."""
-    height, width = pictures[0].valid.shape
-    result = np.empty((len(pictures), CHANNELS, height + 1, width + 1), np.float32)
-
-    def fill(number: int) -> None:
-        result[number] = channels(pictures[number].colours)
-
-    list(run(fill, range(len(pictures))))
-    return result
 
 
 def search(
     level: PyramidLevel,
+    colours: Float32,
     reference: ViewPicture,
     others: Sequence[ViewPicture],
     run: MapFunction = map,
     *,
+    directions: int = len(PATH_DIRECTIONS),
     rounds: int = 0,
     earlier: LowestCost | None = None,
     ranges: Ranges | None = None,
@@ -117,10 +97,14 @@ def search(
     ----------
     level
         Pyramid level, with its sweep.
+    colours
+        Colours (v, u, 3) of the reference view at this level, 0 to 255; depth edges are likely at colour edges.
     reference, others
         The views, at full size and equalised.
     run
         `map`, or the `map` of a thread pool.
+    directions
+        Number of PATH_DIRECTIONS that paths follow.
     rounds
         Number of further passes along the slanted surfaces of the pass before.
     earlier
@@ -133,8 +117,8 @@ def search(
     unit = UNITS * (8.0 / len(others)) ** PENALTY_POWER
     penalties = round(NEXT_PLANE_PENALTY * unit), round(JUMP_PENALTY * unit)
     volume = matching_costs(
-        channels(small_reference.colours),
-        _stacked(small_others, run),
+        channels(small_reference.brightness, small_reference.chroma),
+        np.stack([channels(picture.brightness, picture.chroma) for picture in small_others]),
         np.stack([picture.interior for picture in small_others]),
         level.sweep,
         run,
@@ -143,9 +127,9 @@ def search(
     )
 
     def search_along(slants: tuple[Float32, Float32]) -> LowestCost:
-        total = aggregate(volume, small_reference.colours, slants, penalties, run)
-        result = lowest_cost(total, DOUBTFUL_MARGIN * len(PATH_DIRECTIONS) * unit, run)
-        return replace(result, margin=result.margin * np.float32(1.0 / (len(PATH_DIRECTIONS) * unit)))
+        total = aggregate(volume, colours, slants, penalties, run, directions)
+        result = lowest_cost(total, DOUBTFUL_MARGIN * directions * unit, run)
+        return replace(result, margin=result.margin * np.float32(1.0 / (directions * unit)))
 
     flat = np.zeros(level.shape, np.float32)
     result = search_along((flat, flat) if earlier is None else surface_slants(earlier.planes, earlier.margin))

@@ -47,6 +47,8 @@ LAG_RAMP_PX, MAX_LAG_PX = 0.25, 0.5
 """Range of a common lag of all views over which memory shrinks, and lag at which it is lost."""
 MOTION_FRACTION, NOISE_FRACTION = 0.82, 0.95
 """Fraction of changes specific to each view: certainly motion below the first, certainly noise above the second."""
+MIN_AVERAGED = 1.5
+"""Number of frames below which a sample counts as new."""
 MAX_SAMPLES = 2**26
 SIDE_PX = 10
 BLOCKS = 64
@@ -115,7 +117,8 @@ class TemporalFilter:
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        self._run: MapFunction = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
+        workers = workers or cv2.getNumThreads()
+        self._run: MapFunction = map if workers == 1 else ThreadPoolExecutor(workers).map
         self._state: _State | None = None
         # Arrays of the state before the last, reused: allocating new ones takes as long as the work itself.
         self._spare: tuple[Float32, Float32] | None = None
@@ -140,6 +143,16 @@ class TemporalFilter:
         if previous is not None and after is not previous:
             self._spare = previous.count, previous.mean_difference
         return after.mean
+
+    def unaveraged(self, index: tuple[int, int]) -> NDArray[np.bool_] | None:
+        """Return where (v, u) view (t, s) of the last result holds samples of its own frame only; None if everywhere.
+
+        In a video, they are what has changed.
+        """
+        state = self._state
+        if state is None:
+            return None
+        return np.asarray(state.count[int(np.ravel_multi_index(index, state.last.weights.shape[:2]))] < MIN_AVERAGED)
 
     def _next(self, previous: _State, frame: LightField) -> _State:
         """Return the state after a frame."""

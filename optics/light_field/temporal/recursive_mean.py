@@ -152,10 +152,18 @@ def _memory_fraction(sums: Float32, inverse: Float32, limits: Float32, out: Floa
 def _blend(new: Samples, white_level: float, mean: Float32, gain: Float32, new_weight: Float32, out: Float32) -> None:
     """Blend a row (u, c) of new samples, by their weight (u,), with their mean, scaled to the frame's lighting."""
     one = np.float32(1.0)
-    for x in range(len(new_weight)):
-        mean_weight = one - new_weight[x]
-        for c in range(out.shape[1]):
-            out[x, c] = new_weight[x] * (np.float32(new[x, c]) / white_level) + mean_weight * (mean[x, c] * gain[c])
+    if out.shape[1] == 3:
+        red_gain, green_gain, blue_gain = gain[0], gain[1], gain[2]
+        for x in range(len(new_weight)):
+            weight, mean_weight = new_weight[x], one - new_weight[x]
+            red = weight * (np.float32(new[x, 0]) / white_level) + mean_weight * (mean[x, 0] * red_gain)
+            green = weight * (np.float32(new[x, 1]) / white_level) + mean_weight * (mean[x, 1] * green_gain)
+            blue = weight * (np.float32(new[x, 2]) / white_level) + mean_weight * (mean[x, 2] * blue_gain)
+            out[x, 0], out[x, 1], out[x, 2] = red, green, blue
+    else:
+        for x in range(len(new_weight)):
+            mean_weight = one - new_weight[x]
+            out[x, 0] = new_weight[x] * (np.float32(new[x, 0]) / white_level) + mean_weight * (mean[x, 0] * gain[0])
 
 
 @compiled

@@ -248,7 +248,9 @@ def test_unrelated_frames_have_the_depth_of_single_ones() -> None:
 def test_sigma_keeps_matching_the_error(scene: Any) -> None:
     random = np.random.default_rng(3)
     video = VideoDepth(DepthEstimator(scene[0], quality="fast", workers=1))
+    ratios = []
     for _ in range(12):
         depth = video.estimate(noisy(scene[0], random))
-    error = np.abs(depth.depth_mm - scene[1]) / depth.sigma_mm
-    assert np.nanmedian(error) == pytest.approx(0.7, abs=0.35)
+        ratios.append(np.nanmedian(np.abs(depth.depth_mm - scene[1]) / depth.sigma_mm))
+    # Sigma of one frame is too large for this scene; it falls at least as much as the error, but not below it.
+    assert ratios[0] < ratios[-1] < 1.05

@@ -64,19 +64,24 @@ def test_a_view_is_the_same_from_bytes_and_floats_and_masks_its_samples() -> Non
     complete = ViewPicture.of(LightField.of(views, samples, weights), (0, 1))
     part = ViewPicture.of(LightField.of(views, (samples / 255).astype(np.float32), weights), (0, 1))
     assert (complete.grey[:5] == NO_SAMPLE).all()
-    assert np.abs(complete.colours - part.colours).max() <= 0.51
+    for name in ("brightness", "chroma"):
+        assert np.abs(getattr(complete, name) - getattr(part, name)).max() <= 0.51
+    red, green, blue = np.moveaxis(samples[0, 1, 5:].astype(float), -1, 0)
+    np.testing.assert_allclose(complete.brightness[5:], 0.299 * red + 0.587 * green + 0.114 * blue, atol=1e-3)
+    np.testing.assert_allclose(complete.chroma[5:], (red - blue) / 2, atol=1e-3)
     assert (complete.interior[:6] == 0).all() and (complete.interior[6:] == 1).all()
     # There is no false edge next to the samples: their mean continues.
-    assert np.abs(complete.colours[4] - complete.colours[5:7].mean(axis=0)).mean() < 60.0
+    assert np.abs(complete.brightness[4] - complete.brightness[5:7].mean(axis=0)).mean() < 60.0
     single = ViewPicture.of(LightField.of(views, samples[..., :1].copy(), weights), (0, 1))
-    assert (single.colours[5:, :, 2] == samples[0, 1, 5:, :, 0]).all()
+    assert (single.brightness[5:] == samples[0, 1, 5:, :, 0]).all() and (single.chroma == 0).all()
 
 
 def test_half_a_view_is_the_mean_of_four_where_all_are_known() -> None:
-    colours = np.random.default_rng(1).uniform(0, 255, (9, 12, 3)).astype(np.float32)
+    brightness, chroma = np.random.default_rng(1).uniform(0, 255, (2, 9, 12)).astype(np.float32)
     valid = np.ones((9, 12), bool)
     valid[3, 5] = False
-    half = ViewPicture(colours, valid).halved()
-    np.testing.assert_allclose(half.colours[2, 1], colours[4:6, 2:4].mean(axis=(0, 1)), rtol=1e-4)
+    half = ViewPicture(brightness, chroma, valid).halved
+    np.testing.assert_allclose(half.brightness[2, 1], brightness[4:6, 2:4].mean(), rtol=1e-4)
+    np.testing.assert_allclose(half.chroma[2, 1], chroma[4:6, 2:4].mean(), rtol=1e-4)
     assert half.valid.shape == (4, 6)
     assert (~half.valid).sum() == 1 and not half.valid[1, 2]
