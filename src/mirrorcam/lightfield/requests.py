@@ -119,7 +119,7 @@ class DepthRequest(DepthRange):
         None, "farthest depth of the search", unset="as the file states, or 2 x reference depth"
     )
     fast: bool = Field(
-        default=False, description="search at half size and refine once: several times faster, less accurate"
+        default=False, description="search and refine at half size: several times faster, less accurate"
     )
     frames_apart: bool = Field(
         default=False,

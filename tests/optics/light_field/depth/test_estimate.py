@@ -254,3 +254,21 @@ def test_sigma_keeps_matching_the_error(scene: Any) -> None:
         ratios.append(np.nanmedian(np.abs(depth.depth_mm - scene[1]) / depth.sigma_mm))
     # Sigma of one frame is too large for this scene; it falls at least as much as the error, but not below it.
     assert ratios[0] < ratios[-1] < 1.05
+
+
+def test_what_moves_in_a_video_is_searched_over_all_planes() -> None:
+    random = np.random.default_rng(4)
+    wall = Surface(600.0, grain_mm=2.0)
+    cards = [Surface(420.0, bounds=(left, -12.0, left + 22.0, 12.0), grain_mm=2.0) for left in (-25.0, -19.0)]
+    still, before, after = (photograph(grid_views(), [wall, *card]) for card in ([], cards[:1], cards[1:]))
+    estimator = DepthEstimator(still[0], quality="fast", workers=1)
+    video = VideoDepth(estimator)
+    for frame in (still, still, before, before, after):
+        found = video.estimate(noisy(frame[0], random))
+    alone = estimator.estimate(noisy(after[0], random))
+
+    def wrong(depth: DepthMap) -> float:
+        inner = (slice(8, -8), slice(8, -8))
+        return float(np.mean(np.abs(depth.depth_mm - after[1])[inner] > 0.05 * after[1][inner]))
+
+    assert wrong(found) < wrong(alone) + 0.01

@@ -17,6 +17,7 @@ from mirrorcam.optics.light_field.depth.sweep import (
     nearest_planes,
     range_around,
     sweep,
+    tracked_range,
 )
 from tests.optics.light_field.depth.surfaces import Surface, everywhere, grid_views, met
 
@@ -126,3 +127,14 @@ def test_all_planes_are_searched_if_there_are_few() -> None:
     ranges = range_around(np.full((16, 16), 1.0, np.float32), MIN_PLANES)
     assert (ranges.low == 0).all()
     assert (ranges.plane_count == MIN_PLANES).all()
+
+
+def test_a_tracked_range_holds_all_maps_and_all_planes_where_they_are_unknown() -> None:
+    before, after = np.full((24, 40), 20.0, np.float32), np.full((24, 40), 26.0, np.float32)
+    unknown = np.zeros((24, 40), bool)
+    unknown[12, 36] = True
+    found = tracked_range([before, after], 60, unknown)
+    assert found.low[0, 0] <= 18 and found.low[0, 0] + found.plane_count[0, 0] >= 28
+    assert found.plane_count[0, 0] < 15
+    assert (found.plane_count[8:16, 32:40] == 60).all()
+    assert (found.plane_count[:, :24] < 15).all()
