@@ -34,7 +34,7 @@ MARGIN_PLANES = 3
 MIN_PLANES = 3
 TRACKED_NEIGHBOUR_PX, TRACKED_MARGIN_PLANES = 2, 2
 """The same near depths that are nearly known: from the previous frame of a video, or an earlier search of a level."""
-MAX_EXTRA_COSTS = 2.0
+MAX_EXTRA_COSTS = 3.0
 """Ratio of all planes to those near known depths up to which all are searched: wires too thin for a coarser level."""
 
 
@@ -198,13 +198,8 @@ def full_range(shape: tuple[int, int], plane_count: int) -> Ranges:
 
 
 def range_around(known_planes: Float32, plane_count: int) -> Ranges:
-    """Return the ranges near known planes (v, u), constant per tile and limited to `plane_count` planes.
-
-    All planes, if these are at most MAX_EXTRA_COSTS times as many.
-    """
-    ranges = _ranges(known_planes, known_planes, plane_count, NEIGHBOUR_PX, MARGIN_PLANES)
-    everything = full_range(known_planes.shape, plane_count)
-    return everything if everything.size <= MAX_EXTRA_COSTS * ranges.size else ranges
+    """Return the ranges near known planes (v, u), constant per tile and limited to `plane_count` planes."""
+    return _ranges(known_planes, known_planes, plane_count, NEIGHBOUR_PX, MARGIN_PLANES)
 
 
 def tracked_range(planes: Sequence[Float32], plane_count: int, unknown: NDArray[np.bool_] | None = None) -> Ranges:
@@ -220,7 +215,10 @@ def tracked_range(planes: Sequence[Float32], plane_count: int, unknown: NDArray[
 
 
 def _ranges(nearest: Float32, farthest: Float32, plane_count: int, neighbour_px: int, margin: int) -> Ranges:
-    """Return ranges that hold the planes (v, u) of all pixels of a tile and near it, and a margin."""
+    """Return ranges that hold the planes (v, u) of all pixels of a tile and near it, and a margin.
+
+    All planes, if these are at most MAX_EXTRA_COSTS times as many.
+    """
     # OpenCV's kernels of even side reach one pixel farther up and left, so the anchor centres them on the tiles.
     height, width = nearest.shape
     rows, columns = -(-height // TILE_PX), -(-width // TILE_PX)
@@ -238,7 +236,8 @@ def _ranges(nearest: Float32, farthest: Float32, plane_count: int, neighbour_px:
     def per_pixel(tiles: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.repeat(np.repeat(tiles, TILE_PX, axis=0), TILE_PX, axis=1)[:height, :width]
 
-    return Ranges.of(per_pixel(low), per_pixel(high - low))
+    ranges, everything = Ranges.of(per_pixel(low), per_pixel(high - low)), full_range((height, width), plane_count)
+    return everything if everything.size <= MAX_EXTRA_COSTS * ranges.size else ranges
 
 
 @dataclass(frozen=True, eq=False)
