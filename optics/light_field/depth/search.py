@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -34,8 +35,6 @@ MAX_FINE_PLANES = 192
 """Maximum number of planes of a search over all planes at fine spacing; more are spaced coarsely."""
 NEXT_PLANE_PENALTY, JUMP_PENALTY = 2.5, 12.0
 """P1 and P2 of semi-global matching, as matching costs, for eight views besides the reference view."""
-PENALTY_POWER = 0.2
-"""Power of eight over the number of views that scales the penalties: costs of fewer views are noisier."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +112,8 @@ def search(
         Planes to search at each pixel; all by default.
     """
     small_reference, *small_others = run(level.shrunk, [reference, *others])
-    # A matching cost of 1, scaled for the noise of this number of views.
-    unit = UNITS * (8.0 / len(others)) ** PENALTY_POWER
+    # A matching cost of 1, scaled as the noise of the mean of this number of views.
+    unit = UNITS * math.sqrt(8.0 / len(others))
     penalties = round(NEXT_PLANE_PENALTY * unit), round(JUMP_PENALTY * unit)
     volume = matching_costs(
         channels(small_reference.brightness, small_reference.chroma),
