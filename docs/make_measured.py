@@ -114,13 +114,13 @@ fraction of right depths; mean difference of both over ten classes of stated pro
 fraction of all errors beyond three standard deviations. `noise` adds white noise of 5 and 20 grey levels; `wrong range`
 searches two fifths of the range only, so that most true depths are outside; `wrong order` exchanges views.
 
-light_field_depth_confidence | confidence, rendered | {rendered/0}; {rendered/1}; {rendered/2}; {rendered/3}
-light_field_depth_confidence | confidence, noise | {noise/0}; {noise/1}; {noise/2}; {noise/3}
-light_field_depth_confidence | confidence, wrong range | {wrong range/0}; {wrong range/1}; {wrong range/2}; {wrong range/3}
-light_field_depth_confidence | confidence, wrong order | {wrong order/0}; {wrong order/1}; {wrong order/2}; {wrong order/3}
-light_field_depth_confidence | confidence, few views | {few views/0}; {few views/1}; {few views/2}; {few views/3}
-light_field_depth_confidence | confidence, real pair | {real pair/0}; {real pair/1}; {real pair/2}; {real pair/3}
-light_field_depth_confidence | confidence, bare walls | {bare walls/0}; {bare walls/1}; {bare walls/2}; {bare walls/3}
+light_field_depth_confidence | rendered | {rendered/0}; {rendered/1}; {rendered/2}; {rendered/3}
+light_field_depth_confidence | noise | {noise/0}; {noise/1}; {noise/2}; {noise/3}
+light_field_depth_confidence | wrong range | {wrong range/0}; {wrong range/1}; {wrong range/2}; {wrong range/3}
+light_field_depth_confidence | wrong order | {wrong order/0}; {wrong order/1}; {wrong order/2}; {wrong order/3}
+light_field_depth_confidence | few views | {few views/0}; {few views/1}; {few views/2}; {few views/3}
+light_field_depth_confidence | real pair | {real pair/0}; {real pair/1}; {real pair/2}; {real pair/3}
+light_field_depth_confidence | bare walls | {bare walls/0}; {bare walls/1}; {bare walls/2}; {bare walls/3}
 
 decode | frames of the default layout decoded per second | {decode_hz:.0f}
 decode | time relative to `cv2.remap` of the same tables | {times_remap:.2f}
