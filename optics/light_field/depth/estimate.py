@@ -59,6 +59,9 @@ MAX_CHANGED = 0.5
 """Fraction of changed pixels above which a frame of a video is measured on its own."""
 REFRESH_FRAMES = 8
 """Frames of a video after which each tile was searched over all planes at least once."""
+MAX_FEW_VIEWS = 2
+"""Number of other views up to which both qualities search from a quarter of the size to the full size, along four
+directions: on real pairs, paths in more directions smooth too much."""
 
 
 @dataclass(frozen=True)
@@ -183,6 +186,8 @@ class DepthEstimator:
         self.workers = workers or cv2.getNumThreads()
         self._run: MapFunction = map if self.workers == 1 else ThreadPoolExecutor(self.workers).map
         self._effort = EFFORTS[quality]
+        if len(self.others) <= MAX_FEW_VIEWS:
+            self._effort = replace(self._effort, first_halvings=2, last_halvings=0, directions=4)
         self._levels = self._levels_to_search()
         self._full = PyramidLevel.of(self.views, self.near_mm, self.far_mm, 0)
         self._parallaxes = [parallax(self.views, index) for index in self.others]
