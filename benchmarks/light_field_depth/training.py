@@ -21,9 +21,9 @@ from mirrorcam.optics.light_field.depth import DepthEstimator, Quality, confiden
 from mirrorcam.optics.light_field.depth.confidence import RIGHT_PX, STATISTICS, LogOdds
 
 Floats = NDArray[np.float32]
-SAMPLED_PX = 4000
+SAMPLED_PX = 1500
 """Pixels of each case that training uses, at random."""
-RIDGE = 3.0
+RIDGE = 1.0
 """Inverse variance of the coefficients, for a case of SAMPLED_PX pixels."""
 STEPS = 12
 LIMITS = 0.005

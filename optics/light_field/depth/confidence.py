@@ -23,6 +23,7 @@ Float32 = NDArray[np.float32]
 RIGHT_PX = 0.5
 """A depth is right if its error is below this, in px of disparity at the longest baseline."""
 AVERAGE_PX, CORRELATION_PX, FAR_CORRELATION_PX = 7, 15, 41
+MEDIAN_STRIDE_PX = 4
 MIN_ENERGY = 1e-3
 MIN_RIVALS = 0.02
 MAX_EDGE_PX, MAX_END_PX = 20.0, 8.0
@@ -38,6 +39,7 @@ STATISTICS = (
     "logarithm of the distance to a depth edge, px",
     "logarithm to base 2 of the number of other views",
     "1 for a search at half size, else 0",
+    "median over the picture of the correlation over FAR_CORRELATION_PX",
 )
 
 
@@ -71,10 +73,11 @@ def statistics(
     edge_px: Any = cv2.distanceTransform((~depth_edges(disparity_px)).astype(np.uint8), cv2.DIST_L2, 3)
     weight = np.maximum(match.weight_sum, np.float32(MIN_ENERGY))
     residual = _mean(match.residual * weight) / _mean(weight)
+    far_correlation = _correlation(match, FAR_CORRELATION_PX)
     return np.stack(
         [
             _correlation(match, CORRELATION_PX),
-            _correlation(match, FAR_CORRELATION_PX),
+            far_correlation,
             np.log(rivals + np.float32(MIN_RIVALS)),
             np.log(first_rivals + np.float32(MIN_RIVALS)),
             np.log(residual + np.float32(MIN_ENERGY)),
@@ -84,6 +87,7 @@ def statistics(
             np.log1p(np.minimum(edge_px, np.float32(MAX_EDGE_PX))),
             np.full_like(disparity_px, np.log2(views)),
             np.full_like(disparity_px, halved),
+            np.full_like(disparity_px, np.median(far_correlation[::MEDIAN_STRIDE_PX, ::MEDIAN_STRIDE_PX])),
         ]
     ).astype(np.float32)
 
