@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.light_field_depth.rooms import FAR_MM, NEAR_MM, room
+from benchmarks.light_field_depth.rooms import FAR_MM, NEAR_MM, noise, room
 from benchmarks.light_field_depth.scenes import truth_of
 from benchmarks.light_field_depth.stereo import BORDER_PX
 from mirrorcam.optics.light_field.depth.estimate import DEFAULT_FAR, DEFAULT_NEAR
@@ -26,7 +26,8 @@ PAIRS = {("im2.png", "im6.png", "disp2.pgm"): 4.0, ("view1.png", "view5.png", "d
 """Names of left picture, right picture and left disparity in Middlebury's folders, and its units per px."""
 PAIR_FOCAL_PX, PAIR_STEP_MM = 1000.0, 100.0
 MAX_PAIR_PX = 80.0
-NOISES_GREY = (5.0, 20.0)
+NOISES = ((5.0, 0.0), (20.0, 0.0), (20.0, 1.0))
+"""Standard deviations of white noise, grey levels, and of its blur, px: decoding and compression blur noise."""
 ROOM_NOISES_GREY = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 
 
@@ -46,14 +47,16 @@ class Case:
     far_mm: float | None
     truth_step_px: float = 0.0
 
-    def noisy(self, grey: float, seed: int) -> Case:
-        """Return the case with white noise of a standard deviation in grey levels."""
+    def noisy(self, grey: float, seed: int, blur_px: float = 0.0) -> Case:
+        """Return the case with white noise of a standard deviation in grey levels, blurred by another in px."""
         samples: Any = self.light_field.samples
-        noise = grey * np.random.default_rng(seed).standard_normal(samples.shape, np.float32)
-        changed = np.rint(np.clip(samples + noise, 0, 255)).astype(np.uint8)
-        return self._with(
-            "noise", f"noise {grey:g}", LightField.of(self.light_field, changed, self.light_field.weights)
-        )
+        random = np.random.default_rng(seed)
+        changed = np.empty_like(samples)
+        for index in np.ndindex(samples.shape[:2]):
+            noisy = samples[index] + noise(random, samples.shape[2:], grey, blur_px)
+            changed[index] = np.rint(np.clip(noisy, 0, 255))
+        name = f"noise {grey:g}" + (f" blurred by {blur_px:g} px" if blur_px else "")
+        return self._with("noise", name, LightField.of(self.light_field, changed, self.light_field.weights))
 
     def within(self, name: str, start: float, end: float) -> Case:
         """Return the case searched over a part of its range of inverse depth only, from fraction `start` to `end`."""
@@ -142,8 +145,8 @@ def _read_pair(folder: Path, names: tuple[str, str, str], units: float) -> Case:
 def variants(case: Case, seed: int) -> Iterator[Case]:
     """Yield a scene as it is, with noise, with wrong ranges, with views in a wrong order, and with fewer views."""
     yield case
-    for number, grey in enumerate(NOISES_GREY):
-        yield case.noisy(grey, seed + number)
+    for number, (grey, blur_px) in enumerate(NOISES):
+        yield case.noisy(grey, seed + number, blur_px)
     yield case.within("range too near", 0.6, 1.0)
     yield case.within("range too far", 0.0, 0.4)
     if case.light_field.rows == case.light_field.cols == 3:
@@ -155,9 +158,11 @@ def variants(case: Case, seed: int) -> Iterator[Case]:
 def rooms(first_seed: int, count: int) -> Iterator[Case]:
     """Yield rooms with bare walls: every third unfurnished, with a ramp in every second of these."""
     for seed in range(first_seed, first_seed + count):
-        noise = ROOM_NOISES_GREY[seed % len(ROOM_NOISES_GREY)]
+        grey = ROOM_NOISES_GREY[seed % len(ROOM_NOISES_GREY)]
+        blur_px = float(seed // len(ROOM_NOISES_GREY) % 2)
         furnished = seed % 3 > 0
         ramp = None if furnished else 30.0 * (seed % 2)
-        light_field, truth = room(seed, noise, furnished=furnished, ramp_grey=ramp)
+        light_field, truth = room(seed, grey, blur_px, furnished=furnished, ramp_grey=ramp)
         name = "room" if furnished else "wall with a ramp" if ramp else "bare wall"
-        yield Case(f"{name} {seed}, noise {noise:g}", "bare walls", light_field, truth, NEAR_MM, FAR_MM)
+        blurred = f" blurred by {blur_px:g} px" if blur_px else ""
+        yield Case(f"{name} {seed}, noise {grey:g}{blurred}", "bare walls", light_field, truth, NEAR_MM, FAR_MM)

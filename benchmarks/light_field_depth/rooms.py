@@ -46,6 +46,14 @@ class Object:
         return (np.abs(across) < self.half_size_mm[0]) & (np.abs(along) < self.half_size_mm[1]), across, along
 
 
+def noise(
+    random: np.random.Generator, shape: tuple[int, ...], deviation_grey: float, blur_px: float
+) -> NDArray[np.float32]:
+    """Return white noise (v, u, 3) of a standard deviation in grey levels, blurred by another in px."""
+    white = np.float32(deviation_grey) * random.standard_normal(shape, np.float32)
+    return np.asarray(cv2.GaussianBlur(white, (0, 0), blur_px), np.float32) if blur_px else white
+
+
 def _texture(random: np.random.Generator, grey: float) -> NDArray[np.float32]:
     coarse = random.uniform(-grey, grey, (28, 28)).astype(np.float32)
     return np.asarray(cv2.resize(coarse, (TEXELS, TEXELS), interpolation=cv2.INTER_CUBIC), np.float32)
@@ -72,7 +80,7 @@ def _objects(random: np.random.Generator, wall_mm: float) -> list[Object]:
 
 
 def room(
-    seed: int, noise_grey: float, *, furnished: bool = True, ramp_grey: float | None = None
+    seed: int, noise_grey: float, noise_blur_px: float = 0.0, *, furnished: bool = True, ramp_grey: float | None = None
 ) -> tuple[LightField, NDArray[np.float32]]:
     """Return 3 x 3 views of a room, and the true disparity (v, u) at the longest baseline, px, of the central view.
 
@@ -80,8 +88,8 @@ def room(
     ----------
     seed
         Seed of the room and of the noise.
-    noise_grey
-        Standard deviation of the noise, grey levels.
+    noise_grey, noise_blur_px
+        Standard deviations of white noise, grey levels, and of its blur, px.
     furnished
         Whether objects stand in front of the wall, and a poster may hang on it.
     ramp_grey
@@ -118,7 +126,7 @@ def room(
             picture, covered = _painted(picture, item, eye_x + ray_x * item.depth_mm, eye_y + ray_y * item.depth_mm)
             depth = np.where(covered, item.depth_mm, depth)
         small = cv2.resize(picture, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
-        noisy = small + noise_grey * random.standard_normal(small.shape)
+        noisy = small + noise(random, small.shape, noise_grey, noise_blur_px)
         samples[index] = np.rint(np.clip(noisy, 0, 255))
         if index == (views.rows // 2, views.cols // 2):
             truth = FOCAL_PX * STEP_MM / depth[::SUBPIXELS, ::SUBPIXELS]
