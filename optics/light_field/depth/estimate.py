@@ -36,7 +36,7 @@ from mirrorcam.optics.light_field.depth.photometry import (
     smoothed,
 )
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, align_to_picture_edges
-from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, search
+from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, LevelViews, PyramidLevel, search
 from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
 from mirrorcam.optics.light_field.depth.sweep import range_around, tracked_range
 from mirrorcam.optics.light_field.depth.track import Track
@@ -247,7 +247,8 @@ class DepthEstimator:
     ) -> LowestCost:
         """Return the result at the coarsest level. `pyramid` holds the reference view's colours, halved ever more."""
         level, ranges = self._levels[0], None
-        arguments = level, pyramid[level.halvings], reference, others, self._run
+        views = LevelViews.of(level, reference, others, self._run)
+        arguments = level, pyramid[level.halvings], views, self._run
         if track is not None and changed is not None:
             ranges = track.first_ranges(level, changed)
         directions, rounds = self._effort.directions, self._effort.slanted_rounds
@@ -272,6 +273,7 @@ class DepthEstimator:
         first_rivals = self._full.enlarged(first, level).rivals
         for finer in self._levels[1:]:
             result = finer.enlarged(found, level)
+            views = LevelViews.of(finer, reference, others, self._run)
             for again in range(1 + self._effort.with_occlusion):
                 if track is not None and finer is self._levels[-1]:
                     ranges = tracked_range([result.planes, track.planes], finer.sweep.plane_count)
@@ -284,8 +286,7 @@ class DepthEstimator:
                 result = search(
                     finer,
                     pyramid[finer.halvings],
-                    reference,
-                    others,
+                    views,
                     self._run,
                     directions=self._effort.directions,
                     earlier=result,
