@@ -300,9 +300,11 @@ class LightField(Views):
         ):
             raise InputError("samples hold a value that is NaN or infinite, expected finite numbers")
         for name in ("samples", "weights"):
-            read_only = getattr(self, name).view()
-            read_only.flags.writeable = False
-            object.__setattr__(self, name, read_only)
+            # Read-only arrays are kept: light fields of a video that share their weights compare as equal at once.
+            if getattr(self, name).flags.writeable:
+                read_only = getattr(self, name).view()
+                read_only.flags.writeable = False
+                object.__setattr__(self, name, read_only)
 
     @classmethod
     def of(cls, views: Views, samples: Samples, weights: NDArray[np.float32]) -> Self:

@@ -1,4 +1,4 @@
-"""Depth of the reference view from all views of a light field, with its uncertainty; also for videos.
+"""Depth of the reference view from all views of a light field, with its uncertainty.
 
 The coarsest pyramid level is searched over all planes; finer ones, near the depth of the previous level (`search`). A
 plane sweep gives each pixel a cost at each depth (`cost`): first with competing views, then with the occlusion that
@@ -36,12 +36,12 @@ from mirrorcam.optics.light_field.depth.photometry import (
     smoothed,
 )
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, align_to_picture_edges
-from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, search
+from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, LevelViews, PyramidLevel, search
 from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
-from mirrorcam.optics.light_field.depth.sweep import TILE_PX, range_around, tracked_range
+from mirrorcam.optics.light_field.depth.sweep import range_around, tracked_range
+from mirrorcam.optics.light_field.depth.track import Track
 from mirrorcam.optics.light_field.depth.uncertainty import standard_deviation_px
 from mirrorcam.optics.light_field.light_field import LightField, Views
-from mirrorcam.optics.light_field.temporal import TemporalFilter
 
 Float32 = NDArray[np.float32]
 MapFunction = Callable[..., Any]
@@ -57,8 +57,6 @@ MIN_SEARCHED_PX = 48
 MIN_SIDE_PX = 16
 MAX_CHANGED = 0.5
 """Fraction of changed pixels above which a frame of a video is measured on its own."""
-REFRESH_FRAMES = 8
-"""Frames of a video after which each tile was searched over all planes at least once."""
 MAX_FEW_VIEWS = 2
 """Number of other views up to which both qualities search from a quarter of the size to the full size, along four
 directions: on real pairs, paths in more directions smooth too much."""
@@ -117,28 +115,6 @@ class _SearchResult:
     rivals: Float32
     first_rivals: Float32
     halved: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """Results of a frame of a video that the next frame starts from.
-
-    Attributes
-    ----------
-    gains
-        Gains (v, u) that equalise the other views to the reference view.
-    first
-        Result of the first search.
-    planes
-        Refined planes (j, i) at the last level to search.
-    frame
-        Number of frames so far.
-    """
-
-    gains: list[Float32 | float]
-    first: LowestCost
-    planes: Float32
-    frame: int
 
 
 class DepthEstimator:
@@ -276,14 +252,10 @@ class DepthEstimator:
     ) -> LowestCost:
         """Return the result at the coarsest level. `pyramid` holds the reference view's colours, halved ever more."""
         level, ranges = self._levels[0], None
-        arguments = level, pyramid[level.halvings], reference, others, self._run
+        views = LevelViews.of(level, reference, others, self._run)
+        arguments = level, pyramid[level.halvings], views, self._run
         if track is not None and changed is not None:
-            unknown = changed.astype(np.float32)
-            for _ in range(level.halvings):
-                unknown = halved_picture(unknown)
-            rows = np.arange(TILE_PX // 2, level.shape[0], TILE_PX)
-            unknown[rows[track.frame % REFRESH_FRAMES :: REFRESH_FRAMES]] = 1.0
-            ranges = tracked_range([track.first.planes], level.sweep.plane_count, unknown > 0)
+            ranges = track.first_ranges(level, changed)
         directions, rounds = self._effort.directions, self._effort.slanted_rounds
         found = search(*arguments, directions=directions, rounds=rounds, ranges=ranges)
         if self._effort.with_occlusion:
@@ -306,6 +278,7 @@ class DepthEstimator:
         first_rivals = self._full.enlarged(first, level).rivals
         for finer in self._levels[1:]:
             result = finer.enlarged(found, level)
+            views = LevelViews.of(finer, reference, others, self._run)
             for again in range(1 + self._effort.with_occlusion):
                 if track is not None and finer is self._levels[-1]:
                     ranges = tracked_range([result.planes, track.planes], finer.sweep.plane_count)
@@ -318,8 +291,7 @@ class DepthEstimator:
                 result = search(
                     finer,
                     pyramid[finer.halvings],
-                    reference,
-                    others,
+                    views,
                     self._run,
                     directions=self._effort.directions,
                     earlier=result,
@@ -456,22 +428,3 @@ def estimate_depth(light_field: LightField, *, near_mm: float | None = None, far
         If `DepthEstimator` refuses the light field or the depths.
     """
     return DepthEstimator(light_field, near_mm=near_mm, far_mm=far_mm).estimate(light_field)
-
-
-class VideoDepth:
-    """Depth of the frames of one video, in order, from light fields filtered in time (`TemporalFilter`).
-
-    The first result equals `DepthEstimator.estimate`; later ones also depend on earlier frames.
-    """
-
-    def __init__(self, estimator: DepthEstimator) -> None:
-        self._estimator = estimator
-        self._filter = TemporalFilter(estimator.workers)
-        self._track: Track | None = None
-
-    def estimate(self, light_field: LightField) -> DepthMap:
-        """Return the depth of the next frame; raises InputError like `DepthEstimator.estimate`."""
-        filtered = self._filter.filtered(light_field)
-        changed = self._filter.unaveraged(self._estimator.reference)
-        depth, self._track = self._estimator.following(filtered, self._track, changed)
-        return depth

@@ -25,8 +25,7 @@ from mirrorcam.optics.light_field.depth.refine_kernels import (
     Terms,
     View,
     add_terms,
-    apply_normal_matrix,
-    second_differences,
+    conjugate_gradients,
 )
 from mirrorcam.optics.light_field.depth.sweep import Sweep, nearest_planes
 
@@ -100,43 +99,18 @@ class Match:
         return Match(*(doubled(getattr(self, field.name), shape) for field in fields(self)))
 
 
-def _conjugate_gradients(
+def _solved(
     anchors: Float32, weight_u: Float32, weight_v: Float32, target: Float32, start: Float32, iterations: int
 ) -> Float32:
-    """Solve A x = target for a map x (v, u), from `start`, by conjugate gradients with a Jacobi preconditioner.
-
-    A is the diagonal `anchors` plus the second differences along u and v, weighted by `weight_u` and `weight_v`.
-    """
-    work: Any = np.empty_like(start), np.empty_like(start)
-    product = np.empty_like(start)
-
-    def apply_a(values: Float32) -> Float32:
-        second_differences(values, weight_u, weight_v, *work)
-        apply_normal_matrix(anchors, values, *work, product)
-        return product
+    """Return the solution (v, u) of `conjugate_gradients` from `start`."""
 
     def neighbours(weights: Float32, axis: int) -> Float32:
         return np.roll(weights, 1, axis) + np.roll(weights, -1, axis)
 
-    four = np.float32(4.0)
-    inverse_diagonal = 1.0 / (
-        anchors + four * (weight_u + weight_v) + neighbours(weight_u, 1) + neighbours(weight_v, 0)
-    )
-    x = start.copy()
-    r = target - apply_a(x)
-    z = inverse_diagonal * r
-    p = z.copy()
-    rz = float(np.vdot(r, z))
-    for _ in range(iterations):
-        ap = apply_a(p)
-        alpha = np.float32(rz / max(float(np.vdot(p, ap)), 1e-30))
-        x += alpha * p
-        r -= alpha * ap
-        np.multiply(inverse_diagonal, r, out=z)
-        rz_before, rz = rz, float(np.vdot(r, z))
-        p *= np.float32(rz / max(rz_before, 1e-30))
-        p += z
-    return x
+    diagonal = anchors + np.float32(4.0) * (weight_u + weight_v) + neighbours(weight_u, 1) + neighbours(weight_v, 0)
+    solution = start.copy()
+    conjugate_gradients(anchors, weight_u, weight_v, np.float32(1.0) / diagonal, target, solution, iterations)
+    return solution
 
 
 def brightness_gradients(picture: Float32) -> list[Float32]:
@@ -295,7 +269,7 @@ class Refiner:
             weight = off_edge * fraction / self._noise(match)
             anchors = match.information * weight + np.float32(ANCHOR)
             target = anchors * disparity - gradient * weight
-            solved = _conjugate_gradients(anchors, weight_u, weight_v, target, disparity, iterations)
+            solved = _solved(anchors, weight_u, weight_v, target, disparity, iterations)
             previous, disparity = disparity, np.clip(solved, initial - max_change, initial + max_change)
         weight_u, weight_v = self._smoothness(disparity)
         smoothness = np.minimum(weight_u, weight_v) * (np.float32(1.0) / self.smoothness)

@@ -78,11 +78,36 @@ class PyramidLevel:
         return LowestCost(**maps)
 
 
+@dataclass(frozen=True, eq=False)
+class LevelViews:
+    """The views at one level, as `matching_costs` compares them, for all searches there.
+
+    Attributes
+    ----------
+    reference, others
+        `channels` (v + 1, 4 (u + 1)) of the reference view and (K, v + 1, 4 (u + 1)) of the others.
+    valid
+        (K, v, u), 1 where a view has samples in the pixel and its neighbours, else 0.
+    """
+
+    reference: Float32
+    others: Float32
+    valid: NDArray[np.uint8]
+
+    @classmethod
+    def of(
+        cls, level: PyramidLevel, reference: ViewPicture, others: Sequence[ViewPicture], run: MapFunction = map
+    ) -> LevelViews:
+        """Return the views at a level, from equalised ones at full size."""
+        pictures = list(run(level.shrunk, [reference, *others]))
+        first, *rest = run(lambda picture: channels(picture.brightness, picture.chroma), pictures)
+        return cls(first, np.stack(rest), np.stack([picture.interior for picture in pictures[1:]]))
+
+
 def search(
     level: PyramidLevel,
     colours: Float32,
-    reference: ViewPicture,
-    others: Sequence[ViewPicture],
+    views: LevelViews,
     run: MapFunction = map,
     *,
     directions: int = len(PATH_DIRECTIONS),
@@ -98,8 +123,8 @@ def search(
         Pyramid level, with its sweep.
     colours
         Colours (v, u, 3) of the reference view at this level, 0 to 255; depth edges are likely at colour edges.
-    reference, others
-        The views, at full size and equalised.
+    views
+        The views at this level.
     run
         `map`, or the `map` of a thread pool.
     directions
@@ -111,14 +136,13 @@ def search(
     ranges
         Planes to search at each pixel; all by default.
     """
-    small_reference, *small_others = run(level.shrunk, [reference, *others])
     # A matching cost of 1, scaled as the noise of the mean of this number of views.
-    unit = UNITS * math.sqrt(8.0 / len(others))
+    unit = UNITS * math.sqrt(8.0 / len(views.others))
     penalties = round(NEXT_PLANE_PENALTY * unit), round(JUMP_PENALTY * unit)
     volume = matching_costs(
-        channels(small_reference.brightness, small_reference.chroma),
-        np.stack([channels(picture.brightness, picture.chroma) for picture in small_others]),
-        np.stack([picture.interior for picture in small_others]),
+        views.reference,
+        views.others,
+        views.valid,
         level.sweep,
         run,
         None if earlier is None else nearest_planes(earlier.planes, level.sweep, run),

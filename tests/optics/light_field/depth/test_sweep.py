@@ -105,11 +105,13 @@ def test_costs_are_contiguous() -> None:
     assert everywhere(Volume.empty(full_range((2, 3), 5))).shape == (2, 3, 5)
 
 
+@pytest.mark.parametrize("farthest", [0.0, 240.0])
 @pytest.mark.parametrize("shape", [(40, 64), (37, 51), (9, 8)])
-def test_a_tile_is_searched_around_all_known_planes_near_it(shape: tuple[int, int]) -> None:
-    known = np.random.default_rng(0).uniform(0, 60, shape).astype(np.float32)
-    known[:, shape[1] // 2 :] = 25.3
-    ranges = range_around(known, 60)
+def test_a_tile_is_searched_around_all_known_planes_near_it(shape: tuple[int, int], farthest: float) -> None:
+    planes = 300
+    known = farthest + np.random.default_rng(0).uniform(0, 60, shape).astype(np.float32)
+    known[:, shape[1] // 2 :] = 25.3 + farthest
+    ranges = range_around(known, planes)
     for v in range(0, shape[0], TILE_PX):
         for u in range(0, shape[1], TILE_PX):
             tile = slice(v, v + TILE_PX), slice(u, u + TILE_PX)
@@ -117,8 +119,8 @@ def test_a_tile_is_searched_around_all_known_planes_near_it(shape: tuple[int, in
                 max(v - NEIGHBOUR_PX, 0) : v + TILE_PX + NEIGHBOUR_PX,
                 max(u - NEIGHBOUR_PX, 0) : u + TILE_PX + NEIGHBOUR_PX,
             ]
-            low = np.clip(np.floor(near.min()) - MARGIN_PLANES, 0, 60 - MIN_PLANES)
-            high = min(np.ceil(near.max()) + MARGIN_PLANES + 1, 60)
+            low = np.clip(np.floor(near.min()) - MARGIN_PLANES, 0, planes - MIN_PLANES)
+            high = min(np.ceil(near.max()) + MARGIN_PLANES + 1, planes)
             assert (ranges.low[tile] == low).all()
             assert (ranges.low[tile] + ranges.plane_count[tile] == high).all()
 
