@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.compiled import compiled
 from mirrorcam.optics.light_field.depth.refine import Match, depth_edges
 
 Float32 = NDArray[np.float32]
@@ -24,6 +25,7 @@ RIGHT_PX = 0.5
 """A depth is right if its error is below this, in px of disparity at the longest baseline."""
 AVERAGE_PX, CORRELATION_PX, FAR_CORRELATION_PX = 7, 15, 41
 MEDIAN_STRIDE_PX = 4
+BLOCK_PIXELS = 1024
 MIN_ENERGY = 1e-3
 MIN_RIVALS = 0.02
 MAX_EDGE_PX, MAX_END_PX = 20.0, 8.0
@@ -120,17 +122,58 @@ class LogOdds:
     quadratic: Float32
 
     def scaled(self, statistics: Float32) -> Float32:
-        """Return statistics (k, ...) as fractions of their ranges, -1 to 1."""
-        shape = (-1,) + (1,) * (statistics.ndim - 1)
-        lowest, highest = self.lowest.reshape(shape), self.highest.reshape(shape)
-        width = np.maximum(highest - lowest, np.float32(1e-6))
+        """Return statistics (k, n) as fractions of their ranges, -1 to 1."""
+        lowest, width = self.lowest[:, None], self._width[:, None]
         return np.clip((statistics - lowest) * (np.float32(2.0) / width) - np.float32(1.0), -1.0, 1.0)
 
     def probability(self, statistics: Float32) -> Float32:
         """Return the probability (v, u) that depths with statistics (k, v, u) are right to within RIGHT_PX."""
-        values = self.scaled(statistics).reshape(len(self.linear), -1)
-        odds = self.constant + (values * (self.quadratic @ values + self.linear[:, None])).sum(axis=0)
-        return (1.0 / (1.0 + np.exp(-odds))).astype(np.float32).reshape(statistics.shape[1:])
+        out = np.empty(statistics.shape[1:], np.float32)
+        coefficients = np.float32(self.constant), self.linear, self.quadratic
+        _fill_probability(
+            statistics.reshape(len(self.linear), -1), self.lowest, self._width, *coefficients, out.ravel()
+        )
+        return out
+
+    @property
+    def _width(self) -> Float32:
+        return np.maximum(self.highest - self.lowest, np.float32(1e-6))
+
+
+@compiled
+def _fill_probability(
+    statistics: Float32,
+    lowest: Float32,
+    width: Float32,
+    constant: float,
+    linear: Float32,
+    quadratic: Float32,
+    out: Float32,
+) -> None:
+    """Fill the probabilities (n,) of statistics (k, n), block by block: the work arrays fit the cache."""
+    one, two = np.float32(1.0), np.float32(2.0)
+    count, pixels = statistics.shape
+    scaled = np.empty((count, BLOCK_PIXELS), np.float32)
+    factor = np.empty(BLOCK_PIXELS, np.float32)
+    for first in range(0, pixels, BLOCK_PIXELS):
+        odds = out[first : first + BLOCK_PIXELS]
+        odds[:] = constant
+        for i in range(count):
+            row, slope = scaled[i, : len(odds)], two / width[i]
+            given, low = statistics[i, first : first + len(odds)], lowest[i]
+            for x in range(len(odds)):
+                row[x] = min(max((given[x] - low) * slope - one, -one), one)
+        for i in range(count):
+            row, sums = scaled[i, : len(odds)], factor[: len(odds)]
+            sums[:] = linear[i]
+            for j in range(i + 1):
+                other, weight = scaled[j, : len(odds)], quadratic[i, j] * (one if i == j else two)
+                for x in range(len(odds)):
+                    sums[x] += weight * other[x]
+            for x in range(len(odds)):
+                odds[x] += sums[x] * row[x]
+        for x in range(len(odds)):
+            odds[x] = one / (one + np.exp(-odds[x]))
 
 
 @cache
