@@ -8,7 +8,6 @@ out. Loops run over runs of adjacent pixels that search the same plane.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
+from mirrorcam.core.processes.threads import MapFunction
 from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS, Work, decide
 from mirrorcam.optics.light_field.depth.sweep import (
     DIRECTIONS,
@@ -31,7 +31,6 @@ UInt8 = NDArray[np.uint8]
 UInt16 = NDArray[np.uint16]
 
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
 CHANNELS = 4
 GRADIENT = 2.0
 """Weight of the difference of each brightness gradient, relative to those of brightness and chroma."""

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
+from mirrorcam.core.processes.threads import MapFunction
 from mirrorcam.optics.light_field.depth.cost import bands
 
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
 COLOUR_GREY = 20.0
 """Sum of differences over three channels, 0 to 255, that lowers a neighbour's weight by a factor of e."""
 

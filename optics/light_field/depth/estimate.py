@@ -8,8 +8,6 @@ moved to picture edges, and Gauss-Newton steps with a smoothness prior refine th
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -20,6 +18,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.processes.threads import thread_map
 from mirrorcam.optics.light_field.depth.confidence import log_odds, statistics
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.enlargement import doubled, enlarged_by_picture
@@ -44,7 +43,6 @@ from mirrorcam.optics.light_field.depth.uncertainty import standard_deviation_px
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
 Quality = Literal["best", "fast"]
 DEFAULT_NEAR, DEFAULT_FAR = 0.6, 2.0
 """Default search range, as multiples of the reference depth."""
@@ -160,7 +158,7 @@ class DepthEstimator:
         self.near_mm, self.far_mm = float(near), float(far)
         self.reference, self.others = reference_index(self.views), other_views(self.views)
         self.workers = workers or cv2.getNumThreads()
-        self._run: MapFunction = map if self.workers == 1 else ThreadPoolExecutor(self.workers).map
+        self._run = thread_map(self.workers)
         self._effort = EFFORTS[quality]
         if len(self.others) <= MAX_FEW_VIEWS:
             self._effort = replace(self._effort, first_halvings=2, last_halvings=0, directions=4)

@@ -7,7 +7,7 @@ uncertainty follows. Weighted medians move depth edges to picture edges.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
+from mirrorcam.core.processes.threads import MapFunction
 from mirrorcam.optics.light_field.depth.cost import bands
 from mirrorcam.optics.light_field.depth.enlargement import COLOUR_GREY, doubled
 from mirrorcam.optics.light_field.depth.parallax import Parallax
@@ -30,7 +31,6 @@ from mirrorcam.optics.light_field.depth.refine_kernels import (
 from mirrorcam.optics.light_field.depth.sweep import Sweep, nearest_planes
 
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
 NOISE_GREY = 0.25
 """Assumed standard deviation of a difference of brightness gradients, in grey levels out of 255 per px."""
 INTERPOLATION_PX = 0.1

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.processes.threads import MapFunction
 from mirrorcam.optics.light_field.depth.competition import UNITS
 from mirrorcam.optics.light_field.depth.cost import channels, matching_costs
 from mirrorcam.optics.light_field.depth.enlargement import doubled
@@ -27,7 +27,6 @@ from mirrorcam.optics.light_field.depth.uncertainty import DOUBTFUL_MARGIN
 from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
 
 FINE_PX, COARSE_PX = 0.5, 1.0
 """Step of disparity at the longest baseline from plane to plane, in pixels of the pyramid level: fine and coarse."""

@@ -5,7 +5,6 @@ After Hirschmueller, PAMI 30(2), 2008; for slanted surfaces, Scharstein, Taniai 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -14,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled, inlined
+from mirrorcam.core.processes.threads import MapFunction
 from mirrorcam.optics.light_field.depth.cost import bands
 from mirrorcam.optics.light_field.depth.sweep import Ranges, Volume
 
 UInt16 = NDArray[np.uint16]
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
 
 PATH_DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
 """Steps (v, u); each is followed by its opposite."""

@@ -5,15 +5,16 @@ Each pixel searches a range of planes of its own: near the depth known from a co
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
+from mirrorcam.core.processes.threads import MapFunction
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
 from mirrorcam.optics.light_field.light_field import Views
@@ -22,7 +23,6 @@ Float32 = NDArray[np.float32]
 DIRECTIONS = 16
 """Number of directions from the reference view: an occluder hides a point from adjacent directions."""
 MAX_RINGS = 4
-MapFunction = Callable[..., Any]
 NO_SURFACE = np.float32(-1e9)
 """Plane of a pixel without a surface: it hides nothing."""
 TILE_PX = 8

@@ -10,8 +10,6 @@ independent between views. So a scene that moves everywhere, with a texture as f
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -20,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
+from mirrorcam.core.processes.threads import thread_map
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 from mirrorcam.optics.light_field.temporal.noise import (
     MIN_VARIANCE,
@@ -38,7 +37,6 @@ from mirrorcam.optics.light_field.temporal.recursive_mean import INFORMATION, ME
 Int64 = NDArray[np.int64]
 
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
 UNCHANGED_SIGMAS, CHANGED_SIGMAS = 2.0, 4.0
 """Deviation of a square, in standard deviations of noise, at which memory begins to shrink, and at which it is lost."""
 MIN_LAG_SIGMAS, MAX_LAG_SIGMAS = 3.0, 6.0
@@ -117,8 +115,7 @@ class TemporalFilter:
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        workers = workers or cv2.getNumThreads()
-        self._run: MapFunction = map if workers == 1 else ThreadPoolExecutor(workers).map
+        self._run = thread_map(workers or cv2.getNumThreads())
         self._state: _State | None = None
         # Arrays of the state before the last, reused: allocating new ones takes as long as the work itself.
         self._spare: tuple[Float32, Float32] | None = None
