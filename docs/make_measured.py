@@ -130,6 +130,18 @@ light_field_depth_confidence | few views | {few views/0}; {few views/1}; {few vi
 light_field_depth_confidence | real pair | {real pair/0}; {real pair/1}; {real pair/2}; {real pair/3}
 light_field_depth_confidence | bare walls | {bare walls/0}; {bare walls/1}; {bare walls/2}; {bare walls/3}
 
+Time of a depth map, ms: `best`; a frame of a video by `fast`; one StereoSGBM pair. Each is processor time of one thread
+/ wall time of two, in brackets relative to the pair. Rows are views, pixels of a view, planes.
+
+light_field_depth_speed | 3x3, 400x240, 114 | {3x3, 400x240, 114/0}; {3x3, 400x240, 114/2}; {3x3, 400x240, 114/3}
+light_field_depth_speed | 3x3, 200x120, 58 | {3x3, 200x120, 58/0}; {3x3, 200x120, 58/2}; {3x3, 200x120, 58/3}
+light_field_depth_speed | 3x3, 800x480, 226 | {3x3, 800x480, 226/0}; {3x3, 800x480, 226/2}; {3x3, 800x480, 226/3}
+light_field_depth_speed | 2x2, 400x240, 112 | {2x2, 400x240, 112/0}; {2x2, 400x240, 112/2}; {2x2, 400x240, 112/3}
+light_field_depth_speed | 5x5, 400x240, 109 | {5x5, 400x240, 109/0}; {5x5, 400x240, 109/2}; {5x5, 400x240, 109/3}
+light_field_depth_speed | 9x9, 400x240, 109 | {9x9, 400x240, 109/0}; {9x9, 400x240, 109/2}; {9x9, 400x240, 109/3}
+light_field_depth_speed | 3x3, 400x240, 58 | {3x3, 400x240, 58/0}; {3x3, 400x240, 58/2}; {3x3, 400x240, 58/3}
+light_field_depth_speed | 3x3, 400x240, 226 | {3x3, 400x240, 226/0}; {3x3, 400x240, 226/2}; {3x3, 400x240, 226/3}
+
 decode | frames of the default layout decoded per second | {decode_hz:.0f}
 decode | time relative to `cv2.remap` of the same tables | {times_remap:.2f}
 decode | the same with the pupil of the lens | {lens_times_remap:.2f}

@@ -119,7 +119,7 @@ def speed(rounds: int) -> Rows:
         "processor time relative to one pair. A frame of a video is filtered in time, and measured by `fast`."
     )
     names = ("best", "fast", "video", "one StereoSGBM pair", "bare remap")
-    rows = Rows("views, planes", *names)
+    rows = Rows("views, px, planes", *names)
     for count, width, height, planes in CASES:
         light_field = rendered(count, width, height)
         plane_count, alone = times(light_field, planes, 1, rounds)
@@ -127,5 +127,5 @@ def speed(rounds: int) -> Rows:
         cells = [f"{alone[name]:.1f} / {together[name]:.1f}" for name in names]
         for number, name in enumerate(names[:3]):
             cells[number] += f" ({alone[name] / alone[names[3]]:.1f})"
-        rows.add(f"{count}x{count} of {width}x{height} px, {plane_count} planes", *cells)
+        rows.add(f"{count}x{count}, {width}x{height}, {plane_count}", *cells)
     return rows
