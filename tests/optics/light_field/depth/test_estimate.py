@@ -224,8 +224,9 @@ def test_static_scenes_keep_their_depth(scene: Any) -> None:
             found[1].append(depth.disparity_px())
     inner = (slice(None), slice(8, -8), slice(8, -8))
     single, filtered = (np.nanstd(np.array(each)[inner], axis=0) for each in found)
-    # With so few pixels, those at depth edges dominate the root mean square: .31 to .36 depending on the seed.
-    assert np.sqrt(np.nanmean(filtered**2)) < 0.4 * np.sqrt(np.nanmean(single**2))
+    # With so few pixels, those at depth edges dominate the root mean square. Single frames are smoothed as their noise
+    # requires, averaged ones are not: .43 of .11 px remain.
+    assert np.sqrt(np.nanmean(filtered**2)) < min(0.5 * np.sqrt(np.nanmean(single**2)), 0.06)
     assert np.nanmedian(filtered) < np.nanmedian(single) / 5
 
 
