@@ -238,7 +238,7 @@ class DepthEstimator:
         if spacing > 1:
             planes = self._enlarged(planes, pyramid, self._levels[-1], self._full)
             match, smoothness = match.enlarged(self._full.shape), doubled(smoothness, self._full.shape)
-        return self._depth_map(planes, match, smoothness, result, reference.valid), next_track
+        return self._depth_map(planes, match, smoothness, result, reference.valid, noise), next_track
 
     def _first_search(
         self,
@@ -346,6 +346,7 @@ class DepthEstimator:
         smoothness: Float32,
         result: _SearchResult,
         valid: NDArray[np.bool_],
+        noise_grey: float,
     ) -> DepthMap:
         """Build the depth map from refined planes (v, u) and the statistics of their match."""
         full = self._full.sweep
@@ -363,6 +364,7 @@ class DepthEstimator:
                 range_px=range_px,
                 views=views,
                 halved=result.halved,
+                noise_grey=noise_grey,
             )
         )
         sigma_px = standard_deviation_px(match, smoothness, result.margin, confidence, views, result.halved, range_px)

@@ -16,7 +16,7 @@ ONES = np.ones((30, 40), np.float32)
 
 def test_statistics_are_those_that_training_used() -> None:
     match = Match(*(ONES for _ in range(6)))
-    found = statistics(3.0 * ONES, match, ONES, ONES, range_px=20.0, views=8, halved=False)
+    found = statistics(3.0 * ONES, match, ONES, ONES, range_px=20.0, views=8, halved=False, noise_grey=1.0)
     odds = log_odds()
     assert found.shape == (len(STATISTICS), 30, 40)
     assert odds.lowest.shape == odds.highest.shape == odds.linear.shape == (len(STATISTICS),)
