@@ -118,9 +118,7 @@ class DepthRequest(DepthRange):
     far_mm: float | None = DEPTH_MM.field(
         None, "farthest depth of the search", unset="as the file states, or 2 x reference depth"
     )
-    fast: bool = Field(
-        default=False, description="search at half size and refine once: several times faster, less accurate"
-    )
+    fast: bool = Field(default=False, description="search and refine at half size: several times faster, less accurate")
     frames_apart: bool = Field(
         default=False,
         description="estimate each frame of a recording on its own, without averaging static parts in time",
