@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from pydantic import Field
 
+from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.console.options import Adapter
 from mirrorcam.core.values import Value
 
@@ -42,10 +43,10 @@ class HardwareChoice(Value):
         + UNSET.format("glue"),
     )
 
-    look_deg: float | None = Field(
-        default=None,
-        description="angle of the views above the horizon as the device stands, or above the axis of an arm's flange. "
-        + UNSET.format("0"),
+    look_deg: float | None = Bounds(-90.0, 90.0).field(
+        None,
+        "angle of the views above the horizon as the device stands, or above the axis of an arm's flange",
+        unset="as in --hardware, else 0",
     )
 
     def read(self, layout: Layout | None = None) -> Hardware:
