@@ -15,7 +15,7 @@ import numpy as np
 
 from mirrorcam.cad.checks.elasticity.condensed_solid import Carried, Solid
 from mirrorcam.cad.checks.elasticity.tetrahedra import tetrahedra_of
-from mirrorcam.cad.parts.camera_box import CONTACT_TURNS, PITCH_MM, SprungScrew
+from mirrorcam.cad.parts.camera_box import CONTACT_TURNS, SprungScrew
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
@@ -56,7 +56,7 @@ def leaf_bendings(plan: ClipPlan, hardware: Hardware, size_mm: float = ELEMENT_M
         condensed = solid.condensed([on_mount], np.zeros((1, 3)), {name: Carried(nodes, centre, 1.0, centre)})
         compliance = condensed.per_load[name][:3, 3:6]
         along = float(screw.axis @ compliance @ screw.axis) / modulus
-        bendings.append(LeafBending(name, along, CONTACT_TURNS * PITCH_MM / screw.leaf.force_n(modulus)))
+        bendings.append(LeafBending(name, along, CONTACT_TURNS * screw.leaf.pitch_mm / screw.leaf.force_n(modulus)))
     return tuple(bendings)
 
 
