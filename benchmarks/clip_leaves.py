@@ -37,7 +37,7 @@ class LeafBending:
 
     @property
     def ratio(self) -> float:
-        """The plan's compliance over that of finite elements."""
+        """Ratio of the plan's compliance to the compliance by finite elements."""
         return self.by_plan_mm / self.by_elements_mm
 
 

@@ -102,7 +102,7 @@ class Case:
 def read_case(text: str, step: int) -> Case:
     """Read a scene given as FOLDER or FOLDER=TRUTH.pfm.
 
-    `step` is the number of steps of the full grid between views; the truth of a scene is in px per view step, that of a
+    `step` is the number of steps of the full grid between views; the truth of a scene is in px per view step, and of a
     separate file in px per step of the full grid.
     """
     folder, _, truth = text.partition("=")
@@ -123,18 +123,10 @@ def _read_pair(folder: Path, names: tuple[str, str, str], units: float) -> Case:
     left, right, stored = (cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED) for name in names)
     assert left is not None and right is not None and stored is not None
     pictures: Any = np.stack([np.ascontiguousarray(picture[..., ::-1]) for picture in (left, right)])[None]
-    height, width = left.shape[:2]
-    views = Views(
-        positions_mm=np.array([[[0.0, 0.0, 0.0], [PAIR_STEP_MM, 0.0, 0.0]]]),
-        focal_px=PAIR_FOCAL_PX,
-        centre_px=np.array([(width - 1) / 2.0, (height - 1) / 2.0]),
-        width_px=width,
-        height_px=height,
-        reference_depth_mm=np.inf,
-        reference_view_in_rig_mm=np.zeros(3),
-        view_from_rig=np.eye(3),
-        layout_identity="",
-    )
+    positions_mm = np.array([[[0.0, 0.0, 0.0], [PAIR_STEP_MM, 0.0, 0.0]]])
+    # The left picture is the reference: the truth is its disparity.
+    parallel = Views.parallel(positions_mm, left.shape[1::-1], PAIR_FOCAL_PX, np.inf)
+    views = replace(parallel, positions_mm=positions_mm)
     truth = np.where(stored > 0, stored / np.float32(units), np.nan).astype(np.float32)
     light_field = LightField.of(views, pictures, np.ones(pictures.shape[:4], np.float32))
     return Case(

@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.light_field import LightField
 
 Floats = NDArray[np.float64]
-WIDTH_PX, HEIGHT_PX, FOCAL_PX, STEP_MM = 400, 300, 500.0, 20.0
+VIEWS, WIDTH_PX, HEIGHT_PX, FOCAL_PX, STEP_MM = 3, 400, 300, 500.0, 20.0
 SUBPIXELS = 2
 TEXELS = 512
 NEAR_MM, FAR_MM = 300.0, 1200.0
@@ -96,7 +96,8 @@ def room(
         Change of the wall's brightness over its width, grey levels; at random, up to 25, by default.
     """
     random = np.random.default_rng(seed)
-    views = _views()
+    positions_mm = STEP_MM * (np.arange(VIEWS) - VIEWS // 2)
+    centre_u, centre_v = (WIDTH_PX - 1) / 2.0, (HEIGHT_PX - 1) / 2.0
     wall_mm = random.uniform(450.0, 800.0)
     slant = random.uniform(-0.4, 0.4), random.uniform(-0.2, 0.2)
     wall_colour, ramp_angle = random.uniform(90.0, 200.0, 3), random.uniform(0.0, 2.0 * np.pi)
@@ -113,10 +114,10 @@ def room(
     objects = _objects(random, wall_mm) if furnished else []
     v, u = np.mgrid[: HEIGHT_PX * SUBPIXELS, : WIDTH_PX * SUBPIXELS]
     u, v = ((values + 0.5) / SUBPIXELS - 0.5 for values in (u, v))
-    ray_x, ray_y = (u - views.centre_px[0]) / FOCAL_PX, (v - views.centre_px[1]) / FOCAL_PX
-    samples = np.empty((views.rows, views.cols, HEIGHT_PX, WIDTH_PX, 3), np.uint8)
-    for index in np.ndindex(views.rows, views.cols):
-        eye_x, eye_y = views.positions_mm[index][:2]
+    ray_x, ray_y = (u - centre_u) / FOCAL_PX, (v - centre_v) / FOCAL_PX
+    samples = np.empty((VIEWS, VIEWS, HEIGHT_PX, WIDTH_PX, 3), np.uint8)
+    for index in np.ndindex(VIEWS, VIEWS):
+        eye_x, eye_y = positions_mm[index[1]], positions_mm[index[0]]
         depth = (wall_mm + slant[0] * eye_x + slant[1] * eye_y) / (1.0 - slant[0] * ray_x - slant[1] * ray_y)
         x, y = eye_x + ray_x * depth, eye_y + ray_y * depth
         picture: Any = wall_colour + (ramp * (x * np.cos(ramp_angle) + y * np.sin(ramp_angle)))[..., None]
@@ -128,9 +129,9 @@ def room(
         small = cv2.resize(picture, (WIDTH_PX, HEIGHT_PX), interpolation=cv2.INTER_AREA)
         noisy = small + noise(random, small.shape, noise_grey, noise_blur_px)
         samples[index] = np.rint(np.clip(noisy, 0, 255))
-        if index == (views.rows // 2, views.cols // 2):
+        if index == (VIEWS // 2, VIEWS // 2):
             truth = FOCAL_PX * STEP_MM / depth[::SUBPIXELS, ::SUBPIXELS]
-    return LightField.of(views, samples, np.ones(samples.shape[:4], np.float32)), truth.astype(np.float32)
+    return LightField.from_views(samples, step_mm=STEP_MM, focal_px=FOCAL_PX), truth.astype(np.float32)
 
 
 def _painted(picture: Any, item: Object, x_mm: Floats, y_mm: Floats) -> tuple[Any, NDArray[np.bool_]]:
@@ -139,18 +140,3 @@ def _painted(picture: Any, item: Object, x_mm: Floats, y_mm: Floats) -> tuple[An
     columns, rows = ((values * 3.0 + TEXELS / 2).astype(np.float32) for values in (across, along))
     texture = cv2.remap(item.texture, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     return np.where(covered[..., None], item.colour + texture[..., None], picture), covered
-
-
-def _views() -> Views:
-    across = (np.arange(3) - 1) * STEP_MM
-    return Views(
-        positions_mm=np.stack([*np.meshgrid(across, across), np.zeros((3, 3))], axis=-1),
-        focal_px=FOCAL_PX,
-        centre_px=np.array([(WIDTH_PX - 1) / 2.0, (HEIGHT_PX - 1) / 2.0]),
-        width_px=WIDTH_PX,
-        height_px=HEIGHT_PX,
-        reference_depth_mm=np.inf,
-        reference_view_in_rig_mm=np.zeros(3),
-        view_from_rig=np.eye(3),
-        layout_identity="",
-    )

@@ -176,7 +176,7 @@ def calibration_error(stated: Floats, right: NDArray[np.bool_]) -> float:
 
 
 def report(results: Iterable[Tried], figure: Path | None) -> Rows:
-    """Print how well confidence and sigma hold on each case, and return that of each kind of cases."""
+    """Print how well confidence and sigma hold on each case, and return how well on each kind."""
     cases = Rows("case", *COLUMNS)
     by_kind: dict[str, list[Tried]] = {}
     for result in results:

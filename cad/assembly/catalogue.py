@@ -198,7 +198,7 @@ def _thread(
 
 
 def _camera_screws(device: Device) -> Iterator[PurchasedItem]:
-    """The fasteners of the camera in its clip: sprung screws on a body, screws in its threads, or those of a board."""
+    """The fasteners of the camera in its clip: sprung screws on a body, screws in its threads, or a board's screws."""
     clip, hardware = device.clip, device.hardware
     clip_move = np.array(EXPLODE[CLIP])
     for screw in clip.screws:

@@ -34,8 +34,8 @@ class Leaf:
     """A cantilever of rectangular section, `length_mm` from its root to the screw, that bends in one plane.
 
     The last `stiff_mm`, round the thread, are rigid. The wall at its root yields as an elastic half-plane, `root` times
-    as far: 1 in the middle of a wall, more at its end. `cosine` is that of the angle between the screw's axis and the
-    direction of deflection, `pitch_mm` the screw's pitch.
+    as far: 1 in the middle of a wall, more at its end. `cosine` belongs to the angle between the screw's axis and
+    the direction of deflection; `pitch_mm` is the screw's pitch.
     """
 
     length_mm: float
@@ -227,7 +227,7 @@ class Cradle:
     """The part of a clip that holds a camera, in the rig frame, mm: pieces, cuts, and the extent of the joining wall.
 
     The wall's face towards the camera is at y = `inner_y_mm`; it spans `x_mm` (from, to) and `z_mm` (from, to).
-    `screws` are those of a board, or in a body's own threads. A body rests on the six points of a `nest`; without
+    `screws` hold a board, or are in a body's own threads. A body rests on the six points of a `nest`; without
     sprung screws, `straps_mm` (n, 3) are the x coordinates of both slots of each tie round the body, and their z.
     """
 

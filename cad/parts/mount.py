@@ -218,7 +218,7 @@ class MountPlan:
         """The holes, and the positions of the screws on the oblique faces of the head and of a leaning foot.
 
         The screws are dimensioned from the foot's corner at the slide along both axes of the bed, which are also the
-        axes of the drawing's view, and those of the head from row to row.
+        axes of the drawing's view; the head's screws are dimensioned from row to row.
         """
         rows = transform(self.rig_from_head, np.column_stack([self.holes_in_head_mm, np.zeros(4)]))[[1, 2]]
         corner = np.array([rows[0, 0], *self.foot_corners[0]])

@@ -48,7 +48,7 @@ class BackTable(Value):
 
     @property
     def grips_mm(self) -> tuple[float, ...]:
-        """Material that its screws into inserts or nuts pass through: those of the mount's foot first."""
+        """Material that its screws into inserts or nuts pass through; the mount's foot comes first."""
         return (self.grip_mm,)
 
 

@@ -72,7 +72,7 @@ class Printer(Value):
     )
 
 
-# Largest diameter of a knurled head over that of a plain one (ISO 4762).
+# Ratio of the largest diameter of a knurled head to a plain head's (ISO 4762).
 KNURLING_MM = 0.2
 # Length of engagement in an insert or a nut, in diameters of the thread.
 ENGAGED_DIAMETERS = 2.5 / 3.0

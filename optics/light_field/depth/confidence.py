@@ -1,7 +1,8 @@
 """Probability that a depth is right, by logistic regression on statistics of the search and of the match.
 
 The log odds are a quadratic form of the statistics, because one bounds what another says: few rivals mean nothing where
-the views do not correlate. `python -m benchmarks.light_field_depth train` fits the coefficients of `confidence.json`.
+the views do not correlate. `python -m benchmarks.light_field_depth confidence --train` fits the coefficients of
+`confidence.json`.
 """
 
 from __future__ import annotations
