@@ -76,7 +76,7 @@ def statistics(
     halved
         Whether the planes were searched at half size.
     noise_ratio
-        Noise of the views, see `photometry.noise_ratio`.
+        Noise of the views, see `ViewComparison.noise_ratio`.
     """
     edge_px: Any = cv2.distanceTransform((~depth_edges(disparity_px)).astype(np.uint8), cv2.DIST_L2, 3)
     weight = np.maximum(match.weight_sum, np.float32(MIN_ENERGY))

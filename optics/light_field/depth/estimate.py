@@ -386,7 +386,16 @@ class DepthEstimator:
                 noise_ratio=noise,
             )
         )
-        sigma_px = standard_deviation_px(match, smoothness, result.margin, confidence, views, result.halved, range_px)
+        sigma_px = standard_deviation_px(
+            match,
+            smoothness,
+            result.margin,
+            confidence,
+            views=views,
+            halved=result.halved,
+            range_px=range_px,
+            noise_ratio=noise,
+        )
         deviation = sigma_px * np.float32(full.step / full.step_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse_distance

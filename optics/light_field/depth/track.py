@@ -31,7 +31,7 @@ class Track:
     planes
         Refined planes (j, i) at the last level to search.
     noise_ratio
-        Noise of the views, see `photometry.noise_ratio`.
+        Noise of the views, see `ViewComparison.noise_ratio`.
     frame
         Number of frames so far.
     """
