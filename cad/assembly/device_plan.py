@@ -98,9 +98,9 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     screwed = hardware.holder.mirrors == "screws"
     holder = plan_screwed_holder(layout, hardware) if screwed else plan_holder(layout, hardware)
     mount = plan_mount(layout, holder, clip, hardware)
-    back = plan_back(clip, mount, hardware)
+    back = plan_back(clip, mount, hardware, tuple(volume for volumes in light for volume in volumes))
     for part in back.parts:
-        require_clear_of_light(part.title.lower(), (part.plan.bounds,), layout, light)
+        require_clear_of_light(part.title.lower(), part.plan.hulls, layout, light)
     for support in back.supports:
         require_clear_of_light(support.name, support.solids, layout, light)
     return Device(
