@@ -1,37 +1,43 @@
 """A back of your own: a wedge, on which the device stands on a desk and looks 15 deg up.
 
 Usage: mirrorcam cad layout.json --adapter wedge.py
+Lengths in mm, x to the right, y to the scene, z up; the origin is on the mount's face, between its four screws.
 """
 
 from math import cos, radians, sin, tan
 
-from build123d import Axis, BuildLine, BuildPart, BuildSketch, Plane, Polyline, extrude, make_face
+from build123d import BuildLine, BuildPart, BuildSketch, Plane, Polyline, extrude, make_face
 
-from mirrorcam import Adapter
+from mirrorcam import Adapter, MountFace
 
-UP_DEG, TIP_DEG = 15.0, 15.0  # angle of the views above the horizon; tilt at which it is to fall over
-THIN_MM = 9.0  # height of the wedge at its rear end
+UP = radians(15.0)  # angle of the views above the horizon
+TIP = tan(radians(15.0))  # slope at which the device falls over
+THIN = 9.0  # height of the rear end
+WALL = 2.0  # between the holes of the screws and the front
 
 
-def adapter(face):
-    """Return the wedge for the face of a mount; lengths in mm, see mirrorcam.MountFace."""
-    slope, _ = tan(radians(UP_DEG)), face.thread
+def adapter(face: MountFace) -> Adapter:
+    # The foot of the perpendicular from the centre of mass to the desk, and the base on all sides of it.
     _, load_y, load_z = face.load_mm
-    # The desk is inclined about x: it is lower at the front, so that the device leans back on it.
-    up = (0.0, sin(radians(UP_DEG)), cos(radians(UP_DEG)))
-    below_load = load_y - (load_z + 2.0 * THIN_MM) * slope
-    margin = (load_z + 2.0 * THIN_MM) * tan(radians(TIP_DEG))
-    back, front = min(face.low_mm[1], below_load - margin), max(face.high_mm[1], below_load + margin)
-    half = max(face.high_mm[0], margin)
+    height = load_z + 2.0 * THIN
+    middle, margin = load_y - height * tan(UP), height * TIP
+    back = min(face.low_mm[1], middle - margin)
+    front = max(face.high_mm[1] + WALL, middle + margin)
+    half_width = max(face.high_mm[0], margin)
+    low = -THIN - (front - back) * tan(UP)
+
     with BuildPart() as wedge:
         with BuildSketch(Plane.YZ):
             with BuildLine():
-                Polyline((back, 0.0), (front, 0.0), (front, -THIN_MM - (front - back) * slope), (back, -THIN_MM), close=True)
+                Polyline((back, 0.0), (front, 0.0), (front, low), (back, -THIN), close=True)
             make_face()
-        extrude(amount=half, both=True)
+        extrude(amount=half_width, both=True)
+
     return Adapter(
         part=wedge.part,
         title="Wedge",
-        print_up=(1.0, 0.0, 0.0),  # on its side: both inclined faces are then as exact as the printer's axes
-        stands_on=Plane((0.0, back, -THIN_MM), z_dir=up),
+        print_up=(1.0, 0.0, 0.0),  # on its side, where both inclined faces print exactly
+        stands_on=Plane((0.0, back, -THIN), z_dir=(0.0, sin(UP), cos(UP))),
+        lengths=(((half_width, back, 0.0), (half_width, back, -THIN)),),
+        steps=("Stick four rubber feet under the corners of the wedge: it is light, and a desk is smooth.",),
     )

@@ -33,6 +33,8 @@ class MountFace:
         Thread of the screws, such as "M3".
     grip_mm : float
         Height of the material between the face and the heads of the screws.
+    head_mm : float
+        Diameter of the holes for heads and screwdriver, which are cut down from there: leave a wall round them.
     low_mm, high_mm : (float, float)
         x and y of the rear left and the front right corner of the face.
     look : (float, float, float)
@@ -46,6 +48,7 @@ class MountFace:
     screws_mm: tuple[tuple[float, float], ...]
     thread: str
     grip_mm: float
+    head_mm: float
     low_mm: tuple[float, float]
     high_mm: tuple[float, float]
     look: Point
@@ -106,6 +109,8 @@ class Adapter:
         The desk on which a free-standing device stands; z points up. Without it, nothing is known of the support.
     fasteners : tuple of Fastener
         Further purchased items.
+    lengths : tuple of ((float, float, float), (float, float, float))
+        Pairs of points whose distances the drawing states, besides the overall ones and the holes.
     steps : tuple of str
         Sentences of the guide, in Markdown, after the one that screws the part to the mount.
     """
@@ -115,6 +120,7 @@ class Adapter:
     print_up: Point = (0.0, 0.0, 1.0)
     stands_on: Plane | None = None
     fasteners: tuple[Fastener, ...] = ()
+    lengths: tuple[tuple[Point, Point], ...] = ()
     steps: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -130,4 +136,6 @@ class Adapter:
         if not np.linalg.norm(tuple(Vector(self.print_up))) > 0.0:
             raise InputError(f"print_up is {self.print_up}, expected a direction")
         if self.stands_on is not None and not self.stands_on.z_dir.Z > 0.5:
-            raise InputError(f"z of stands_on is {tuple(self.stands_on.z_dir)}, expected to point up, at most 60 deg off")
+            raise InputError(
+                f"z of stands_on is {tuple(self.stands_on.z_dir)}, expected to point up, at most 60 deg off"
+            )

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import runpy
 import traceback
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from build123d import Compound, Face, GeomType, Part, Plane
+from build123d import Compound, Face, GeomType, Plane, Shape
 from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.STEPControl import STEPControl_Reader
 
@@ -19,28 +21,37 @@ FUNCTION = "adapter"
 """Name of the function in a Python file."""
 
 
-def read_adapter(path: Path, face: MountFace) -> Adapter:
-    """The adapter of a file for a mount's face; raises InputError, in one line, for a file that gives none."""
-    return _from_python(path, face) if path.suffix.lower() == ".py" else _from_step(path, face)
+def open_adapter(path: Path) -> Callable[[MountFace], Adapter]:
+    """The function of a file that makes its adapter for a mount's face; runs a Python file.
+
+    Both raise InputError, in one line: this one for a file without a function or without the named faces.
+    """
+    return _from_python(path) if path.suffix.lower() == ".py" else _from_step(path)
 
 
-def _from_python(path: Path, face: MountFace) -> Adapter:
-    """Run a user's file and its function."""
-    expected = f"expected a function {FUNCTION}(face) that returns a mirrorcam.Adapter"
+def _from_python(path: Path) -> Callable[[MountFace], Adapter]:
+    make = _call(path, lambda: runpy.run_path(str(path), run_name=FUNCTION)).get(FUNCTION)
+    if not callable(make):
+        raise InputError(
+            f"{path}: has no function {FUNCTION}, expected {FUNCTION}(face) that returns a mirrorcam.Adapter"
+        )
+
+    def made_for(face: MountFace) -> Adapter:
+        made = _call(path, lambda: make(face))
+        if not isinstance(made, Adapter):
+            raise InputError(f"{path}: {FUNCTION}(face) returned {made!r:.60}, expected a mirrorcam.Adapter")
+        return made
+
+    return made_for
+
+
+def _call(path: Path, function: Callable[[], Any]) -> Any:
+    """Call a function of a user's file; any error becomes an InputError with its line in that file."""
     try:
-        make = runpy.run_path(str(path), run_name=FUNCTION).get(FUNCTION)
-        if not callable(make):
-            raise InputError(f"{path}: has no function {FUNCTION}, {expected}")
-        made = make(face)
+        return function()
     except (Exception, SystemExit) as error:
-        if isinstance(error, InputError) and str(error).startswith(f"{path}: "):
-            raise
-        text = " ".join(str(error).split())
         name = "" if isinstance(error, InputError) else f"{type(error).__name__}: "
-        raise InputError(f"{path}{_line_of(error, path)}: {name}{text}") from error
-    if not isinstance(made, Adapter):
-        raise InputError(f"{path}: {FUNCTION}(face) returned a {type(made).__name__}, {expected}")
-    return made
+        raise InputError(f"{path}{_line_of(error, path)}: {name}{' '.join(str(error).split())}") from error
 
 
 def _line_of(error: BaseException, path: Path) -> str:
@@ -52,45 +63,49 @@ def _line_of(error: BaseException, path: Path) -> str:
 
 
 MOUNT, FRONT, SCREW, DESK, BED = "mount", "front", "screw", "desk", "bed"
-"""Names of faces in a STEP file."""
+"""Names of faces in a STEP file, and the first letters of the holes' names."""
+SCREWS = 4
 # Tolerance of the distances of the screws' holes from their pattern, which their clearance takes up.
 PATTERN_MM = 0.2
 
 
-def _from_step(path: Path, face: MountFace) -> Adapter:
+def _from_step(path: Path) -> Callable[[MountFace], Adapter]:
     """Read the solid of a STEP file, and place it by its named faces.
 
-    `mount` lies against the mount, `front` faces the scene, and four cylinders whose names begin with `screw` are the
-    holes of the screws. `desk` stands on a desk, and `bed` lies on the printer's bed; both are optional.
+    `mount` lies against the mount, `front` faces the scene, and the names of the walls of the four holes of the screws
+    begin with `screw`. `desk` stands on a desk, and `bed` lies on the printer's bed; both are optional.
     """
     shape, named = _read_step(path)
     mount, front = (_plane(path, named, name) for name in (MOUNT, FRONT))
-    holes = [hole for name, hole in named if name.startswith(SCREW) and hole.geom_type == GeomType.CYLINDER]
-    if len(holes) != len(face.screws_mm):
-        raise InputError(
-            f"{path}: {len(holes)} round faces have a name that begins with {SCREW!r}, expected one in each of the "
-            f"{len(face.screws_mm)} holes of the screws"
-        )
-    up = mount.z_dir
-    axes = [mount.to_local_coords(hole.axis_of_rotation.position) for hole in holes]
-    centre = mount.from_local_coords((sum(axis.X for axis in axes) / len(axes), sum(a.Y for a in axes) / len(axes), 0.0))
-    placed = Plane(centre, x_dir=front.z_dir.cross(up), z_dir=up)
-    points = [placed.to_local_coords(hole.axis_of_rotation.position) for hole in holes]
-    _require_pattern(path, np.array([(point.X, point.Y) for point in points]), face)
-    found = dict(named)
-    bed = -placed.to_local_coords(_plane(path, named, BED)).z_dir if BED in found else None
-    return Adapter(
-        part=placed.to_local_coords(shape),
-        title=path.stem.replace("_", " ").capitalize(),
-        print_up=(0.0, 0.0, 1.0) if bed is None else tuple(bed),
-        stands_on=None if DESK not in found else _upwards(placed.to_local_coords(_plane(path, named, DESK))),
+    centre = mount.from_local_coords((*_holes(path, named, mount).mean(axis=0), 0.0))
+    placed = Plane(centre, x_dir=front.z_dir.cross(mount.z_dir), z_dir=mount.z_dir)
+    local = [(name, placed.to_local_coords(face)) for name, face in named]
+    desk, bed = (_plane(path, local, name) if name in dict(local) else None for name in (DESK, BED))
+    adapter = _call(
+        path,
+        lambda: Adapter(
+            part=placed.to_local_coords(shape),
+            title=path.stem.replace("_", " ").capitalize(),
+            print_up=tuple(-bed.z_dir) if bed else (0.0, 0.0, 1.0),
+            stands_on=Plane(desk.origin, z_dir=-desk.z_dir) if desk else None,
+        ),
     )
+    holes = _holes(path, local, Plane.XY)
+
+    def made_for(face: MountFace) -> Adapter:
+        _require_pattern(path, holes, face)
+        return adapter
+
+    return made_for
 
 
-def _read_step(path: Path) -> tuple[Part, list[tuple[str, Face]]]:
+def _read_step(path: Path) -> tuple[Shape[Any], list[tuple[str, Face]]]:
     """The shape of a STEP file, in mm, and its faces by their names."""
     reader = STEPControl_Reader()
-    if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone or not reader.TransferRoots():
+    # The reader prints its own messages about any other file.
+    is_step = path.read_bytes()[:1000].lstrip().startswith(b"ISO-10303-21")
+    read = is_step and reader.ReadFile(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone
+    if not read or not reader.TransferRoots():
         raise InputError(f"{path}: is no STEP file with a solid, expected one (AP203, AP214 or AP242)")
     shape = Compound.cast(reader.OneShape())
     transferred = reader.WS().TransferReader()
@@ -107,9 +122,15 @@ def _plane(path: Path, named: list[tuple[str, Face]], name: str) -> Plane:
     return Plane(faces[0].center(), z_dir=faces[0].normal_at())
 
 
-def _upwards(plane: Plane) -> Plane:
-    """A plane of a part's lower face with z into the part."""
-    return Plane(plane.origin, z_dir=-plane.z_dir)
+def _holes(path: Path, named: list[tuple[str, Face]], plane: Plane) -> FloatArray:
+    """The positions (4, 2) of the screws' holes in a plane."""
+    axes = [face.axis_of_rotation for name, face in named if name.startswith(SCREW)]
+    found = [plane.to_local_coords(axis.position) for axis in axes if axis is not None]
+    # Some programs write a hole as two half cylinders.
+    points = np.unique(np.round([(point.X, point.Y) for point in found], 3), axis=0)
+    if len(points) != SCREWS:
+        raise InputError(f"{path}: {len(points)} round holes have a name that begins with {SCREW!r}, expected {SCREWS}")
+    return points
 
 
 def _require_pattern(path: Path, points: FloatArray, face: MountFace) -> None:

@@ -18,7 +18,7 @@ from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Stack
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem, Rgb
-from mirrorcam.cad.plan.prisms import box, volume_mm3
+from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.stand import aim_in_rig, design_depths_mm, rotated
 from mirrorcam.core.values import FloatArray
@@ -192,10 +192,10 @@ class Back:
     It is planned in the stand frame, and `in_rig` takes all of it but `stand` to the rig frame. The foot's screws, of
     the form `foot_form` ("" or `COUNTERSUNK`), have their heads at `foot_heads` (4, 3) and the stack `foot`. `joints`
     are further screws with their threads, `items` other purchased items, and `connections` the joints between its
-    parts. `table` is the hardware's table from which it was planned. In the guide, `heading` is the
-    heading of its step, `fits` states what it is for, and `steps` follow the one that screws it to the mount. A wedge changes how the device stands: `planned_from_stand`
-    (3, 3) is the rotation to the frame in which the mount's foot is level. `rig_from_stand` (3, 3) is the rotation to
-    the rig frame.
+    parts. `table` is the hardware's table from which it was planned. In the guide, `heading` is the heading of its
+    step, `fits` states what it is for, and `steps` follow the sentence that screws it to the mount. On a wedge a device
+    stands differently: `planned_from_stand` (3, 3) is the rotation from the frame in which it stands to the one in
+    which the mount's foot is level. `rig_from_stand` (3, 3) is the rotation to the rig frame.
     """
 
     table: Any

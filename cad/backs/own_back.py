@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from io import BytesIO
 from itertools import product
@@ -9,22 +10,24 @@ from pathlib import Path
 
 import manifold3d
 import numpy as np
-from build123d import Compound, Location, Part, Plane, Solid
+from build123d import Compound, GeomType, Location, Part, Plane, Solid
 from OCP.BRep import BRep_Builder
+from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepTools import BRepTools
 from OCP.TopoDS import TopoDS_Shape
 from OCP.TopTools import TopTools_FormatVersion
 from scipy.spatial import ConvexHull
 
-from mirrorcam.cad.backs.adapter import Adapter, Fastener, MountFace
-from mirrorcam.cad.backs.adapter_file import read_adapter
+from mirrorcam.cad.backs.adapter import Fastener, MountFace
+from mirrorcam.cad.backs.adapter_file import open_adapter
 from mirrorcam.cad.backs.back import RGB, Back, BackPart, Load, Stand
 from mirrorcam.cad.backs.blocks import countersunk_hole, head_cuts
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.part_solids import Cut, cut_solid
 from mirrorcam.cad.parts.truss import Foot, foot_stack
 from mirrorcam.cad.plan.back_table import FileBack
-from mirrorcam.cad.plan.dimension import Hole, Length, holes
+from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
+from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.seats import Frustum
@@ -41,6 +44,8 @@ EXIT_MM, SCREW_EXPLODE_MM = 25.0, 30.0
 UPRIGHT_COSINE = 0.9
 # Length of the holes for heads and screwdriver below the heads: longer than any part that fits a printer.
 SINK_MM = 400.0
+# Smallest angle of a round hole's wall, in rad: half a turn, rounded.
+HALF_TURN = 3.14
 # Tolerances of contact with the desk, and of the volume that light may share with the part, for its mesh's rounding.
 ON_DESK_MM, IN_LIGHT_MM3 = 0.05, 1e-2
 # Tolerance of the mesh that stands for the part in planning.
@@ -53,23 +58,18 @@ POINTS, JUST_MM = 8, 0.1
 class OwnPlan:
     """A part of your own in the stand frame, mm: its solid as BREP text, and its bounding box on the bed.
 
-    `corners` (8, 3) are the corners of that box; `cuts` are the holes of the foot's screws, which the solid has.
+    `corners` (8, 3) are the corners of that box, and `dimensions` are for its drawing.
     """
 
     name: str
     brep: str
     corners: FloatArray
-    cuts: tuple[Cut, ...]
+    dimensions: tuple[Length | Hole, ...]
 
     @property
     def hulls(self) -> tuple[Frustum, ...]:
         """None: `plan_own` compares the solid itself with the light."""
         return ()
-
-    @property
-    def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes of the foot's screws."""
-        return holes(self.cuts)
 
 
 def make_own(plan: OwnPlan) -> Part:
@@ -79,25 +79,37 @@ def make_own(plan: OwnPlan) -> Part:
     return Part(Compound.cast(shape).solids(), label=plan.name)
 
 
+def file_of(table: FileBack) -> Path:
+    """The file of a table; raises InputError if it has none."""
+    if table.file is None:
+        raise InputError("[back] is a file of your own, which only the command line may name: expected --adapter FILE")
+    return table.file
+
+
+def require_own(table: FileBack) -> None:
+    """Raise InputError for a file that cannot be opened, before anything is planned."""
+    open_adapter(file_of(table))
+
+
 def face_of(
     table: FileBack, foot: Foot, load: Load, light: tuple[Frustum, ...], hardware: Hardware
 ) -> tuple[MountFace, FloatArray]:
     """The face of a mount's foot in its own frame, and the origin (3,) of that frame in the stand frame."""
     origin = foot.screws.mean(axis=0)
-    look = np.radians(table.look_deg)
-    to_face = -origin
+    look, centre = np.radians(table.look_deg), load.centre - origin
     return (
         MountFace(
             screws_mm=tuple((float(x), float(y)) for x, y, _ in foot.screws - origin),
             thread=hardware.screw.thread,
             grip_mm=table.grip_mm,
+            head_mm=2.0 * head_space_mm(hardware),
             low_mm=(-foot.half_width_mm, foot.back_y_mm - float(origin[1])),
             high_mm=(foot.half_width_mm, foot.front_y_mm - float(origin[1])),
             look=(0.0, float(np.cos(look)), float(np.sin(look))),
             load_g=load.mass_g,
-            load_mm=tuple(float(value) for value in load.centre - origin),
+            load_mm=(float(centre[0]), float(centre[1]), float(centre[2])),
             light_volumes=tuple(
-                Frustum(volume.base @ foot.rig_from_stand + to_face, volume.top @ foot.rig_from_stand + to_face)
+                Frustum(volume.base @ foot.rig_from_stand - origin, volume.top @ foot.rig_from_stand - origin)
                 for volume in light
             ),
         ),
@@ -111,32 +123,40 @@ def plan_own(table: FileBack, foot: Foot, load: Load, light: tuple[Frustum, ...]
     `light` are the volumes in the rig frame that no part may enter. Raises InputError if the file gives no part that
     can carry the device.
     """
-    if table.file is None:
-        raise InputError("back file: the command line must name its file, expected --adapter FILE")
     face, origin = face_of(table, foot, load, light, hardware)
-    adapter = read_adapter(table.file, face)
+    file = file_of(table)
+    adapter = open_adapter(file)(face)
     up = _unit(adapter.print_up)
     (solid,) = adapter.part.solids()
-    _require_under_heads(table.file, solid, face, hardware)
+    _require_under_heads(file, solid, face, hardware)
     solid = solid.moved(Location(tuple(origin)))
+    drilled = _drilled(solid)
     heads = foot.screws - table.grip_mm * ABOVE
     cuts, form = _screw_cuts(heads, table.grip_mm, up, hardware)
     cut = solid - [cut_solid(hole) for hole in cuts]
     if len(cut.solids()) != 1:
-        raise InputError(f"{table.file}: the holes of the screws cut the part into {len(cut.solids())} pieces")
+        raise InputError(f"{file}: the holes of the screws cut the part into {len(cut.solids())} pieces")
     (solid,) = cut.solids()
     bed_from_stand = _bed(up)
     points, mesh = _meshed(solid)
-    _require_dark(table.file, mesh, face, origin)
+    _require_dark(file, mesh, face, origin)
     stand, planned_from_stand = (
-        (None, np.eye(3))
-        if adapter.stands_on is None
-        else _stand(table, adapter.stands_on, points - origin, origin)
+        (None, np.eye(3)) if adapter.stands_on is None else _stand(table, adapter.stands_on, points - origin, origin)
     )
-    plan = OwnPlan(OWN, _brep(solid), _corners(solid, bed_from_stand), cuts)
+    lengths = (length(np.array(start) + origin, np.array(end) + origin) for start, end in adapter.lengths)
+    dimensions: tuple[Length | Hole, ...] = (*lengths, *drilled, *holes(cuts))
     return Back(
         table=table,
-        parts=(BackPart(OWN, adapter.title, plan, bed_from_stand, EXPLODE, RGB),),
+        parts=(
+            BackPart(
+                OWN,
+                adapter.title,
+                OwnPlan(OWN, _brep(solid), _corners(solid, bed_from_stand), dimensions),
+                bed_from_stand,
+                EXPLODE,
+                RGB,
+            ),
+        ),
         foot=foot_stack(hardware),
         foot_heads=heads,
         heading=f"screw on the {adapter.title.lower()}",
@@ -148,8 +168,28 @@ def plan_own(table: FileBack, foot: Foot, load: Load, light: tuple[Frustum, ...]
     )
 
 
-def _unit(vector: object) -> FloatArray:
-    direction = np.array(tuple(vector), dtype=np.float64)  # type: ignore[call-overload]
+def _drilled(solid: Solid) -> tuple[Hole, ...]:
+    """The round holes of a solid, for its drawing; fillets, which span less than half a turn, are none."""
+    found: dict[tuple[float, ...], Hole] = {}
+    for face in solid.faces().filter_by(GeomType.CYLINDER):
+        surface, axis, radius = BRepAdaptor_Surface(face.wrapped), face.axis_of_rotation, face.radius
+        if axis is None or radius is None or not face.is_circular_concave:
+            continue
+        if surface.LastUParameter() - surface.FirstUParameter() < HALF_TURN:
+            continue
+        along = np.array(tuple(axis.direction))
+        start = np.array(tuple(axis.position)) + surface.FirstVParameter() * along
+        depth = surface.LastVParameter() - surface.FirstVParameter()
+        # Some programs write a hole as two half cylinders.
+        found.setdefault(
+            tuple(np.round([*start, radius], 3)),
+            Hole(start, along, round(2.0 * radius, 3), cut_mm=depth),
+        )
+    return tuple(found.values())
+
+
+def _unit(vector: Iterable[float]) -> FloatArray:
+    direction = np.array(tuple(vector), dtype=np.float64)
     return np.asarray(direction / np.linalg.norm(direction))
 
 
@@ -160,9 +200,7 @@ def _bed(up: FloatArray) -> FloatArray:
     return np.array([x, np.cross(up, x), up])
 
 
-def _screw_cuts(
-    heads: FloatArray, grip_mm: float, up: FloatArray, hardware: Hardware
-) -> tuple[tuple[Cut, ...], str]:
+def _screw_cuts(heads: FloatArray, grip_mm: float, up: FloatArray, hardware: Hardware) -> tuple[tuple[Cut, ...], str]:
     """The holes of the foot's screws for a print orientation, and the form of the screws.
 
     Printed upright, a counterbore would have a ceiling in the air, so that the screws are countersunk. Lying holes get
@@ -178,10 +216,11 @@ def _screw_cuts(
 def _require_under_heads(file: Path, solid: Solid, face: MountFace, hardware: Hardware) -> None:
     """Raise InputError if there is no material between the mount and a screw's head."""
     radius = hardware.screw.head_mm / 2.0
-    angles = 2.0 * np.pi / POINTS * np.arange(POINTS)
+    turns = 2.0 * np.pi / POINTS * np.arange(POINTS)
+    circle = radius * np.column_stack([np.cos(turns), np.sin(turns)])
     for x, y in face.screws_mm:
         for z in (-JUST_MM, JUST_MM - face.grip_mm):
-            if not all(solid.is_inside((x + radius * c, y + radius * s, z)) for c, s in zip(np.cos(angles), np.sin(angles), strict=True)):
+            if not all(solid.is_inside((x + dx, y + dy, z)) for dx, dy in circle):
                 raise InputError(
                     f"{file}: no material under the head of the screw at x = {x:g}, y = {y:g} mm, expected it within "
                     f"{radius:g} mm of the screw from z = 0 (the mount) to -{face.grip_mm:g} mm"
@@ -206,9 +245,7 @@ def _require_dark(file: Path, mesh: manifold3d.Manifold, face: MountFace, origin
             raise InputError(f"{file}: light enters the part ({shared:.1f} mm3), expected none: see face.light")
 
 
-def _stand(
-    table: FileBack, desk: Plane, points: FloatArray, face_origin: FloatArray
-) -> tuple[Stand, FloatArray]:
+def _stand(table: FileBack, desk: Plane, points: FloatArray, face_origin: FloatArray) -> tuple[Stand, FloatArray]:
     """The base of a part on a desk, and the rotation (3, 3) from the frame in which it stands to its own.
 
     Desk and corners (n, 3) are in the frame of the mount's face, whose origin (3,) is in the stand frame.
@@ -221,7 +258,9 @@ def _stand(
         raise InputError(f"{table.file}: the part reaches {-heights.min():.2f} mm below stands_on, expected 0 mm")
     base = ((points[heights < ON_DESK_MM] + face_origin) @ planned_from_stand)[:, :2]
     if len(base) < 3 or np.linalg.matrix_rank(base - base[0], tol=1.0) < 2:
-        raise InputError(f"{table.file}: the part has no face on stands_on, expected one (nearest: {heights.min():.2f} mm)")
+        raise InputError(
+            f"{table.file}: the part has no face on stands_on, expected one (nearest: {heights.min():.2f} mm)"
+        )
     hull = base[ConvexHull(base).vertices]
     z_mm = float((np.array(tuple(desk.origin)) + face_origin) @ up)
     return Stand(hull, z_mm, table.tip_deg), planned_from_stand

@@ -209,10 +209,10 @@ def plan_arca(table: ArcaBack, foot: Foot, load: Load, hardware: Hardware) -> Ba
         foot_heads=heads,
         heading="screw on the dovetail",
         steps=(
-            "Put it into the clamp, its long side along the jaws, and close them. No standard defines this dovetail, and "
-            f"clamps vary: it is drawn {table.width_mm:g} mm wide with sides of 45°, less {table.fit_mm:g} mm on each side. "
-            "If the clamp does not close, or does not hold, change `fit_mm` under `[back]` in a hardware file and print it "
-            "again.",
+            "Put it into the clamp, its long side along the jaws, and close them. No standard defines this dovetail, "
+            f"and clamps vary: it is drawn {table.width_mm:g} mm wide with sides of 45°, less {table.fit_mm:g} mm on "
+            "each side. If the clamp does not close, or does not hold, change `fit_mm` under `[back]` in a hardware "
+            "file and print it again.",
         ),
         critical_sections=(
             CriticalSection("over the slope", np.array([0.0, y, top]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck_half)),
@@ -284,8 +284,8 @@ def plan_profile(table: ProfileBack, foot: Foot, load: Load, hardware: Hardware)
         heading="screw the device to a profile",
         fits=f"It fits aluminium profiles of {table.profile_mm:g} mm with slots of 6 mm (type I).",
         steps=(
-            "Hang the T-nuts on the M5 screws by two turns, lay the plate on the profile and the nuts into its slot, and "
-            "tighten the screws from above with a 4 mm hex key: the nuts turn across the slot.",
+            "Hang the T-nuts on the M5 screws by two turns, lay the plate on the profile and the nuts into its slot, "
+            "and tighten the screws from above with a 4 mm hex key: the nuts turn across the slot.",
         ),
         foot_form=COUNTERSUNK,
         items=tuple(items),

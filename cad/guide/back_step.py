@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back import Back, carried_load
 from mirrorcam.cad.backs.blocks import TRIPOD
@@ -32,12 +30,13 @@ def back_sentences(device: Device) -> list[str]:
         load = carried_load(device.mount, device.clip, device.hardware)
         heavier = "scene" if load.centre[1] > device.mount.foot.screws[:, 1].min() else "back"
         sentences.append(
-            f"{tripod_sentence(back, nut)} The device is heavier towards the {heavier}: turn a leg of the tripod that way."
+            f"{tripod_sentence(back, nut)} The device is heavier towards the {heavier}: turn a leg of the tripod that "
+            "way."
         )
     if back.robot:
         sentences += [
-            "[robot/mirrorcam.xacro](robot/mirrorcam.xacro) gives the arm's software the mass and shape of the device and "
-            f"the frames of the camera and its views; it is attached to the link `{back.robot.parent}`, "
+            "[robot/mirrorcam.xacro](robot/mirrorcam.xacro) gives the arm's software the mass and shape of the "
+            f"device and the frames of the camera and its views; it is attached to the link `{back.robot.parent}`, "
             f"{back.robot.attached}.",
             "Move the arm slowly through its range once, with a hand on the stop button, and watch the cable.",
         ]
@@ -48,9 +47,7 @@ def tripod_note(back: Back) -> str:
     """The paragraph about a tripod after the step; "" if the step itself is about it."""
     nut = tripod_nut_of(back)
     if nut is None:
-        return (
-            "This back has no nut for a tripod. To stand the device on one, build it with `--adapter tripod`."
-        )
+        return "This back has no nut for a tripod. To stand the device on one, build it with `--adapter tripod`."
     return f"For a tripod: {tripod_sentence(back, nut)}" if back.stand else ""
 
 
@@ -66,9 +63,9 @@ def tripod_sentence(back: Back, nut: PurchasedItem) -> str:
     floor = float(nut.rig_from_item[:3, 3] @ axis) - nut.length_mm - lowest
     screw_mm = back.table.nut.screw_mm
     return (
-        f"Screw the tripod's 1/4 in screw into the nut: {round(floor, 2):g} mm of plastic lies under the nut, so that a screw "
-        f"that protrudes by {screw_mm:g} mm holds with {screw_mm - floor:.1f} mm of its thread. Tighten it by hand, with no "
-        "lever."
+        f"Screw the tripod's 1/4 in screw into the nut: {round(floor, 2):g} mm of plastic lies under the nut, so that "
+        f"a screw that protrudes by {screw_mm:g} mm holds with {screw_mm - floor:.1f} mm of its thread. Tighten it by "
+        "hand, with no lever."
     )
 
 

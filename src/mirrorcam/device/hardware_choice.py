@@ -34,9 +34,9 @@ class HardwareChoice(Value):
     )
     adapter: Annotated[Adapter | Path | None, Parameter(metavar="KIND|FILE")] = Field(
         default=None,
-        description="what carries the device: a desk, a tripod, an arm and others (docs/cad.md), or a Python or STEP file "
-        "with a part of your own (docs/own_back.md). "
-        + UNSET.format("none"),
+        description="what carries the device: a desk, a tripod, an arm and others (docs/cad.md), or a Python or STEP "
+        "file "
+        "with a part of your own (docs/own_back.md). " + UNSET.format("none"),
     )
     mounting: Literal["glue", "screws"] | None = Field(
         default=None,
@@ -73,8 +73,9 @@ class HardwareChoice(Value):
             hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors=self.mounting))
         if self.adapter and self.adapter != hardware.back.kind:
             back = back_of(str(self.adapter))
-            same = isinstance(back, FileBack) and isinstance(hardware.back, FileBack)
-            hardware = hardware.replaced(back=hardware.back.replaced(file=back.file) if same else back)
+            if isinstance(back, FileBack) and hardware.back.kind == back.kind:
+                back = hardware.back.replaced(file=back.file)
+            hardware = hardware.replaced(back=back)
         if self.look_deg is not None:
             hardware = hardware.replaced(back=hardware.back.replaced(look_deg=self.look_deg))
         return hardware
