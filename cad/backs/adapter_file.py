@@ -127,7 +127,8 @@ def _holes(path: Path, named: list[tuple[str, Face]], plane: Plane) -> FloatArra
     axes = [face.axis_of_rotation for name, face in named if name.startswith(SCREW)]
     found = [plane.to_local_coords(axis.position) for axis in axes if axis is not None]
     # Some programs write a hole as two half cylinders.
-    points = np.unique(np.round([(point.X, point.Y) for point in found], 3), axis=0)
+    points = np.array([(point.X, point.Y) for point in found]).reshape(-1, 2)
+    points = points[np.unique(points.round(3), axis=0, return_index=True)[1]]
     if len(points) != SCREWS:
         raise InputError(f"{path}: {len(points)} round holes have a name that begins with {SCREW!r}, expected {SCREWS}")
     return points

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, PART_OFFSET_MM, Bounds
 from mirrorcam.core.errors import InputError
@@ -242,7 +243,7 @@ class FileBack(BackTable):
     title: ClassVar[str] = "a back of your own"
     parts: ClassVar[tuple[str, ...]] = ("adapter_own",)
     kind: Literal["file"] = "file"
-    file: Path | None = Field(default=None, exclude=True, description="set by the command line only")
+    file: Annotated[Path | None, SkipJsonSchema()] = Field(default=None, exclude=True)
     tip_deg: float = Bounds(1.0, 45.0).field(10.0, "smallest tilt in any direction at which the device falls over")
     nut: TripodNut = TripodNut()
 

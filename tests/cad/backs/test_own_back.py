@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from build123d import Box, Compound, Cylinder, Face, Part, Plane, Pos, Shape
+from build123d import Box, Compound, Cylinder, Face, Part, Plane, Pos
 from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
 from OCP.Interface import Interface_Static
 from OCP.STEPCAFControl import STEPCAFControl_Writer
@@ -23,7 +23,7 @@ from OCP.XCAFApp import XCAFApp_Application
 from OCP.XCAFDoc import XCAFDoc_DocumentTool
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.adapter import Adapter, Fastener, MountFace
+from mirrorcam.cad.backs.adapter import Adapter, MountFace
 from mirrorcam.cad.backs.adapter_file import open_adapter
 from mirrorcam.cad.backs.back import Back, carried_load
 from mirrorcam.cad.backs.own_back import face_of
@@ -39,7 +39,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
 ROOT = Path(__file__).parents[3]
-WEDGE = ROOT / "examples" / "wedge.py"
+WEDGE = ROOT / "examples" / "backs" / "wedge.py"
 IMPORTS = "from build123d import *\nfrom mirrorcam import Adapter, Fastener\n"
 PLATE = "Pos(0, 0, -5) * Box(60, 40, 10)"
 
@@ -146,7 +146,7 @@ def test_only_the_command_line_names_a_file(tmp_path: Path) -> None:
         back_of(str(tmp_path / "missing.py"))
 
 
-def step_file(path: Path, part: Shape, names: dict[str, list[Face]]) -> Path:
+def step_file(path: Path, part: Part, names: dict[str, list[Face]]) -> Path:
     """Write a part with named faces by Open CASCADE's own writer."""
     document = TDocStd_Document(TCollection_ExtendedString("part"))
     XCAFApp_Application.GetApplication_s().InitDocument(document)
@@ -155,8 +155,8 @@ def step_file(path: Path, part: Shape, names: dict[str, list[Face]]) -> Path:
     for name, faces in names.items():
         for face in faces:
             TDataStd_Name.Set_s(shapes.AddSubShape(label, face.wrapped), TCollection_ExtendedString(name))
-    Interface_Static.SetIVal_s("write.stepcaf.subshapes.name", 1)
     writer = STEPCAFControl_Writer()
+    assert Interface_Static.SetIVal_s("write.stepcaf.subshapes.name", 1)
     assert writer.Transfer(document)
     writer.Write(str(path))
     return path
