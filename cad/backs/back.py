@@ -229,6 +229,11 @@ class Back:
         return float(np.degrees(np.arcsin(up @ [0.0, np.cos(look), np.sin(look)])))
 
 
+def in_sentence(title: str) -> str:
+    """A title within a sentence: its first letter is small unless it begins an abbreviation."""
+    return f"{title[0].lower()}{title[1:]}" if title[1:2].islower() else title
+
+
 def in_rig(back: Back, rig_from_stand: FloatArray) -> Back:
     """An adapter planned in the stand frame, in the rig frame; `rig_from_stand` (3, 3) is the foot's rotation."""
     frame = rigid(rig_from_stand, np.zeros(3))

@@ -20,7 +20,7 @@ from scipy.spatial import ConvexHull
 
 from mirrorcam.cad.backs.adapter import Fastener, MountFace
 from mirrorcam.cad.backs.adapter_file import open_adapter
-from mirrorcam.cad.backs.back import RGB, Back, BackPart, Load, Stand
+from mirrorcam.cad.backs.back import RGB, Back, BackPart, Load, Stand, in_sentence
 from mirrorcam.cad.backs.blocks import countersunk_hole, head_cuts
 from mirrorcam.cad.parts.camera_box import ABOVE
 from mirrorcam.cad.parts.part_solids import Cut, cut_solid
@@ -159,7 +159,7 @@ def plan_own(table: FileBack, foot: Foot, load: Load, light: tuple[Frustum, ...]
         ),
         foot=foot_stack(hardware),
         foot_heads=heads,
-        heading=f"screw on the {adapter.title.lower()}",
+        heading=f"screw on the {in_sentence(adapter.title)}",
         foot_form=form,
         items=tuple(_item(fastener, origin) for fastener in adapter.fasteners),
         stand=stand,

@@ -11,7 +11,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import RGB, SIDE_DOWN, UPRIGHT, Back, BackPart, CriticalSection, Load, Stand, Support
+from mirrorcam.cad.backs.back import (
+    RGB,
+    SIDE_DOWN,
+    UPRIGHT,
+    Back,
+    BackPart,
+    CriticalSection,
+    Load,
+    Stand,
+    Support,
+    in_sentence,
+)
 from mirrorcam.cad.backs.blocks import (
     ALONG_X,
     ALONG_Y,
@@ -85,7 +96,7 @@ def back_of_plate(
         parts=(BackPart(name, title, plan, UPRIGHT, EXPLODE, RGB),),
         foot=foot_stack(hardware),
         foot_heads=plate.heads,
-        heading=f"screw on the {title.lower()}",
+        heading=f"screw on the {in_sentence(title)}",
         foot_form=COUNTERSUNK,
         items=(tripod_nut(plate.nut_mouth, plate.thickness_mm, table.nut, name, EXPLODE),),
     )

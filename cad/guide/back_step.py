@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.back import Back, carried_load
+from mirrorcam.cad.backs.back import Back, carried_load, in_sentence
 from mirrorcam.cad.backs.blocks import TRIPOD
 from mirrorcam.cad.plan.part_plan import PurchasedItem
 
@@ -11,13 +11,15 @@ from mirrorcam.cad.plan.part_plan import PurchasedItem
 def back_sentences(device: Device) -> list[str]:
     """The numbered sentences of the step, in Markdown."""
     back = device.back
-    title = back.parts[0].title.lower()
+    title = in_sentence(back.parts[0].title)
     nut = tripod_nut_of(back)
     sentences = []
     if nut is not None:
+        under_mount = float(nut.exit_moves_mm[0] @ device.mount.foot.up_in_rig) > 0.0
         sentences.append(
-            f"Lay the {nut.size} nut into its pocket in the {title}."
-            + (" It is only needed for a tripod, but cannot be put in later." if back.stand else "")
+            f"Lay the {nut.size} nut into its pocket in the {'upper face of the ' if under_mount else ''}{title}."
+            + (" It stays there: the mount covers it." if under_mount else "")
+            + (" It is only needed for a tripod, but cannot be put in later." if under_mount and back.stand else "")
         )
     end = f", its longer end towards the {longer_end(back)}" if back.stand else ""
     sentences += [f"Screw the {title} to the foot of the mount from below{end}.", *back.steps]
@@ -48,7 +50,7 @@ def tripod_note(back: Back) -> str:
     nut = tripod_nut_of(back)
     if nut is None:
         return "This back has no nut for a tripod. To stand the device on one, build it with `--adapter tripod`."
-    return f"For a tripod: {tripod_sentence(back, nut)}" if back.stand else ""
+    return f"For a tripod, {in_sentence(tripod_sentence(back, nut))}" if back.stand else ""
 
 
 def tripod_nut_of(back: Back) -> PurchasedItem | None:
