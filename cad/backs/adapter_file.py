@@ -12,6 +12,7 @@ import numpy as np
 from build123d import Compound, Face, GeomType, Plane, Shape
 from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.STEPControl import STEPControl_Reader
+from OCP.TopLoc import TopLoc_Location
 
 from mirrorcam.cad.backs.adapter import Adapter, MountFace
 from mirrorcam.core.errors import InputError
@@ -109,8 +110,13 @@ def _read_step(path: Path) -> tuple[Shape[Any], list[tuple[str, Face]]]:
         raise InputError(f"{path}: is no STEP file with a solid, expected one (AP203, AP214 or AP242)")
     shape = Compound.cast(reader.OneShape())
     transferred = reader.WS().TransferReader()
-    entities = [(transferred.EntityFromShapeResult(face.wrapped, 1), face) for face in shape.faces()]
-    return shape, [(entity.Name().ToCString().strip(), face) for entity, face in entities if entity is not None]
+    named = []
+    for face in shape.faces():
+        # Names belong to faces as they are in the file, before the placement of their solid.
+        entity = transferred.EntityFromShapeResult(face.wrapped.Located(TopLoc_Location()), 1)
+        if entity is not None:
+            named.append((entity.Name().ToCString().strip(), face))
+    return shape, named
 
 
 def _plane(path: Path, named: list[tuple[str, Face]], name: str) -> Plane:

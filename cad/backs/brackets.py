@@ -167,7 +167,8 @@ def plan_iso9409(table: Iso9409Back, foot: Foot, load: Load, hardware: Hardware)
         back,
         fits=f"The arm must have a flange ISO 9409-1-50-4-M6: four M6 threads on a circle of {table.circle_mm:g} mm, "
         f"with a recess of {table.centre_mm:g} mm at its centre. Threads must be at least "
-        f"{table.screw_mm - table.plate_mm:g} mm deep. The large screws hide the small ones: put the small ones in first.",
+        f"{table.screw_mm - table.plate_mm:g} mm deep. The large screws hide the small ones: put the small ones in "
+        "first.",
         steps=(
             f"Push the centring ring into the bracket, flush with its front. A pin of {table.pin_mm:g} mm (ISO 2338) "
             "in the hole beside it, if the flange has one, keeps the device from rotating; its position depends on "
