@@ -1,7 +1,7 @@
 """A back of your own: a wedge, on which the device stands on a desk and looks 15 deg up.
 
 Usage: mirrorcam cad layout.json --adapter wedge.py
-Lengths in mm, x to the right, y to the scene, z up; the origin is on the mount's face, between its four screws.
+Lengths in mm; x to the right, y to the scene, z up; origin between the mount's four screws.
 """
 
 from math import cos, radians, sin, tan
@@ -17,7 +17,7 @@ WALL = 2.0  # between the holes of the screws and the front
 
 
 def adapter(face: MountFace) -> Adapter:
-    # The foot of the perpendicular from the centre of mass to the desk, and the base on all sides of it.
+    # The base surrounds the point of the desk under the centre of mass.
     _, load_y, load_z = face.load_mm
     height = load_z + 2.0 * THIN
     middle, margin = load_y - height * tan(UP), height * TIP
@@ -39,5 +39,5 @@ def adapter(face: MountFace) -> Adapter:
         print_up=(1.0, 0.0, 0.0),  # on its side, where both inclined faces print exactly
         stands_on=Plane((0.0, back, -THIN), z_dir=(0.0, sin(UP), cos(UP))),
         lengths=(((half_width, back, 0.0), (half_width, back, -THIN)),),
-        steps=("Stick four rubber feet under the corners of the wedge: it is light, and a desk is smooth.",),
+        steps=("Stick four rubber feet under the corners of the wedge: a desk is smooth.",),
     )

@@ -196,4 +196,4 @@ def test_the_device_on_the_wedge_is_built_and_passes(default_layout: Layout, tmp
     assert checks["device.look_deg"].value == pytest.approx(15.0)
     assert checks["device.tips_at_deg"].value > 10.0
     assert (tmp_path / "source" / "wedge.py").read_bytes() == WEDGE.read_bytes()
-    assert "MC-04 Wedge" in (tmp_path / "bom.md").read_text(encoding="utf-8")
+    assert "| MC-04 | Wedge |" in (tmp_path / "bom.md").read_text(encoding="utf-8")
