@@ -32,6 +32,8 @@ PAIR_FOCAL_PX, PAIR_STEP_MM = 1000.0, 100.0
 MAX_PAIR_PX = 80.0
 NOISES = ((5.0, 0.0), (20.0, 0.0), (20.0, 1.0))
 """Standard deviations of white noise, grey levels, and of its blur, px: decoding and compression blur noise."""
+WIDE = -1.0, 4.0
+"""A wide search, as multiples of a scene's range: cameras do not know their scenes."""
 CAMERAS: tuple[SensorName, ...] = ("c920", "webcam", "poor")
 ROOM_NOISE_GREY = 0.5, 20.0
 """Least and most noise of a room, grey levels."""
@@ -88,8 +90,8 @@ class Case:
             changed[index] = decoded[..., ::-1]
         return self._with("photographed", f"by {sensor}", LightField.of(views, changed, views.weights))
 
-    def within(self, name: str, start: float, end: float) -> Case:
-        """Return the case searched over a part of its range of inverse depth only, from fraction `start` to `end`."""
+    def within(self, kind: str, name: str, start: float, end: float) -> Case:
+        """Return the case searched over another range of inverse depth, from fraction `start` to `end` of its own."""
         reference = self.light_field.reference_depth_mm
         near, far = self.near_mm or DEFAULT_NEAR * reference, self.far_mm or DEFAULT_FAR * reference
         low, width = 1.0 / far, 1.0 / near - 1.0 / far
@@ -97,7 +99,7 @@ class Case:
         return replace(
             self,
             name=f"{self.name}, {name}",
-            kind="wrong range",
+            kind=kind,
             near_mm=1.0 / high,
             far_mm=1.0 / low if low > 0 else float("inf"),
         )
@@ -171,8 +173,9 @@ def variants(case: Case, seed: int) -> Iterator[Case]:
         yield case.noisy(grey, seed + number, blur_px)
     for number, sensor in enumerate(CAMERAS):
         yield case.photographed(sensor, seed + number)
-    yield case.within("range too near", 0.6, 1.0)
-    yield case.within("range too far", 0.0, 0.4)
+        yield case.photographed(sensor, seed + number).within("wide range", "wide range", *WIDE)
+    yield case.within("wrong range", "range too near", 0.6, 1.0)
+    yield case.within("wrong range", "range too far", 0.0, 0.4)
     if case.light_field.rows == case.light_field.cols == 3:
         yield case.exchanged(seed)
         for rows, cols in ((1, 2), (1, 3), (2, 2)):
