@@ -154,13 +154,9 @@ def read_case(text: str, step: int) -> Case:
 def _read_pair(folder: Path, names: tuple[str, str, str], units: float) -> Case:
     left, right, stored = (cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED) for name in names)
     assert left is not None and right is not None and stored is not None
-    pictures: Any = np.stack([np.ascontiguousarray(picture[..., ::-1]) for picture in (left, right)])[None]
-    positions_mm = np.array([[[0.0, 0.0, 0.0], [PAIR_STEP_MM, 0.0, 0.0]]])
-    # The left picture is the reference: the truth is its disparity.
-    parallel = Views.parallel(positions_mm, left.shape[1::-1], PAIR_FOCAL_PX, np.inf)
-    views = replace(parallel, positions_mm=positions_mm)
+    pair: Any = [np.ascontiguousarray(picture[..., ::-1]) for picture in (left, right)]
+    light_field = LightField.from_views(pair, step_mm=PAIR_STEP_MM, focal_px=PAIR_FOCAL_PX)
     truth = np.where(stored > 0, stored / np.float32(units), np.nan).astype(np.float32)
-    light_field = LightField.of(views, pictures, np.ones(pictures.shape[:4], np.float32))
     return Case(
         folder.name, "real pair", light_field, truth, PAIR_FOCAL_PX * PAIR_STEP_MM / MAX_PAIR_PX, np.inf, 1.0 / units
     )
