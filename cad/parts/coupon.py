@@ -240,7 +240,7 @@ def _pads(layout: Layout, hardware: Hardware) -> list[Frustum]:
 def _screw_block(x_mm: float, hardware: Hardware) -> tuple[Frustum, list[Frustum | Bore | Hexagon]]:
     """A block with horizontal holes for inserts or nuts, as in the parts, and notches in its upper edge."""
     screw, pitch, width = hardware.screw, _thread_pitch_mm(hardware), _block_mm(hardware)
-    threads = stack(hardware.mount.skin_mm, hardware)
+    threads = stack(hardware.mount.grip_mm, hardware)
     top = PLATE_MM + pitch + 2.0 * screw.insert_wall_mm
     solid = _box((x_mm, 0.0, 0.0), (x_mm + width, threads.wall_mm, top))
     scene, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])

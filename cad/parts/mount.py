@@ -42,7 +42,7 @@ from mirrorcam.cad.plan.cuts import clearance_around_pin_mm
 from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_space_mm, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.prisms import box, overlap_mm, prism_along_x, volume_mm3
+from mirrorcam.cad.plan.prisms import box, overlap_mm, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.cad.plan.stiffness import Section, beam_compliance
 from mirrorcam.core.errors import InputError
@@ -171,6 +171,8 @@ GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
 # Extent of the thicker skin round the slots: slightly more than a washer.
 SLOT_MARGIN_MM = 5.0
+# Extent of the thicker skin round the heads of the holder's screws.
+HEAD_MARGIN_MM = 2.0
 # Steps of the candidate widths and depths, and candidate factors of the thicknesses.
 WIDTH_STEP_MM, DEPTH_STEP_MM = 8.0, 2.0
 THICKNESS_FACTORS = (1.0, 1.5, 2.0)
@@ -248,9 +250,9 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     profile, placement = _lightest(holder, clip, load_g, load_at, hardware)
     section, half_width = profile.section, profile.section.width_mm / 2.0
     tilt_deg, shift_um = bending(profile, holder, clip, load_g, load_at, hardware)
-    grip = hardware.mount.skin_mm
+    grip = hardware.mount.grip_mm
     pieces, webs = truss(profile.inner, profile.outer, section, hardware)
-    pieces += [_rib(clip), _slide_skin(clip, half_width)]
+    pieces += [_rib(clip), _slide_skin(clip, half_width), *_head_skin(profile, holder, hardware)]
     webs += joint_blocks(placement, section.skin_mm, half_width, hardware)
     light = tuple(
         volume
@@ -401,11 +403,9 @@ def bending(
 
 
 def _load(layout: Layout, holder: HolderPlan, hardware: Hardware) -> tuple[float, FloatArray]:
-    """Mass in g, and centre (3,), of the mirrors and the holder as if it were solid; an upper bound."""
-    slab, *others = holder.bulk
-    volume = volume_mm3(slab) + sum(volume_mm3(solid) for solid in others)
+    """Mass in g, and centre (3,), of the mirrors and the holder as if printed without infill; an upper bound."""
     glass = sum(Polygon(m.outline_in_plane_mm).area * m.thickness_mm for m in layout.mirrors)
-    mass = (hardware.printer.plastic_g_per_cm3 * volume + GLASS_G_PER_CM3 * glass) / 1000.0
+    mass = (hardware.printer.plastic_g_per_cm3 * holder.volume_mm3 + GLASS_G_PER_CM3 * glass) / 1000.0
     return mass, np.asarray(holder.corners_in_rig.mean(axis=0))
 
 
@@ -415,6 +415,21 @@ def _rib(clip: ClipPlan) -> Frustum:
     y, low = clip.slide_y_mm, clip.bottom_mm - clip.travel_mm
     corners = np.array([(-height - root, y - root, low), (height + root, y - root, low), (0.0, y + height, low)])
     return Frustum(corners, corners + (clip.top_mm + clip.travel_mm - low) * ABOVE)
+
+
+def _head_skin(profile: Profile, holder: HolderPlan, hardware: Hardware) -> list[Frustum]:
+    """The thicker parts of the skin on the holder's back, round both rows of the holder's screws."""
+    start, end = profile.inner[-2:]
+    along = (end - start) / np.linalg.norm(end - start)
+    depth = hardware.mount.grip_mm * np.array([-along[1], along[0]])
+    half_width = profile.section.width_mm / 2.0
+    margin = (head_space_mm(hardware) + HEAD_MARGIN_MM) * along
+    pieces = []
+    for row in head_screws(holder)[[0, 2], 1:]:
+        centre = start + ((row - start) @ along) * along
+        ends = np.array([centre - margin, centre + margin])
+        pieces.append(prism_along_x(np.vstack([ends, ends[::-1] + depth]), -half_width, half_width))
+    return pieces
 
 
 def _slide_skin(clip: ClipPlan, half_width: float) -> Frustum:

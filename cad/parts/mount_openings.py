@@ -53,9 +53,9 @@ def openings(
     up = UP - (UP @ normal) * normal
     up /= np.linalg.norm(up)
     for hole in transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)])):
-        clearance, through = screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0
+        clearance, through = screw.clearance_hole_mm / 2.0, mount.grip_mm + 2.0
         cuts.append(Bore(hole - normal, normal, clearance, through, up, roof_deg=ROOF_IN_SKINS_DEG))
-        start = hole + mount.skin_mm * normal
+        start = hole + mount.grip_mm * normal
         cuts.append(Bore(start, normal, driver_radius, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
     cuts += _carrier_driver_cuts(holder, up, half_width, 2.0 * depth, hardware)
     slide_y = clip.slide_y_mm
@@ -65,7 +65,7 @@ def openings(
         start = screw_point - clip.slide.grip_mm * SCENE
         cuts.append(Bore(start, -SCENE, driver_radius, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
     for screw_point in foot_screws(clip, depth, hardware):
-        cuts += thread(screw_point, ABOVE, UP, stack(mount.skin_mm, hardware), plate, screw)
+        cuts += thread(screw_point, ABOVE, UP, stack(mount.grip_mm, hardware), plate, screw)
     cuts += _cable_cuts(slide_y, foot_z_mm(clip, depth, hardware) + plate, section, hardware)
     cuts += _scale_marks(clip, half_width, hardware)
     if abs(normal[0]) > 1e-6:

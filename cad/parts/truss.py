@@ -41,7 +41,7 @@ def foot_z_mm(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> float:
 
 def foot_plate_mm(depth_mm: float, hardware: Hardware) -> float:
     """Thickness of the foot's plate, which holds the adapter's screws, in a mount of given depth."""
-    return max(stack(hardware.mount.skin_mm, hardware).wall_mm, depth_mm / DEPTH_TO_PLATE_RATIO)
+    return max(stack(hardware.mount.grip_mm, hardware).wall_mm, depth_mm / DEPTH_TO_PLATE_RATIO)
 
 
 def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
@@ -50,7 +50,7 @@ def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
     Their tips may protrude from the foot's plate into the hollow above it. Raises InputError if no screw on the list
     engages.
     """
-    in_mount, screw = stack(hardware.mount.skin_mm, hardware), hardware.screw
+    in_mount, screw = stack(hardware.mount.grip_mm, hardware), hardware.screw
     length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
     max_depth = screw.insert_depth_mm if screw.kind == "insert" else in_mount.wall_mm + 1.0
     return stack_into(grip_mm, (in_mount.begins_mm, in_mount.begins_mm + length), max_depth, in_mount.wall_mm, screw)

@@ -32,6 +32,8 @@ _Size = Annotated[float, PART_MM.limits]
 
 _positive = PART_MM.field
 
+Speeds = Literal["ordinary", "careful"]
+
 
 class Fits(Value):
     """Gaps between parts, on each side, for all printed parts."""
@@ -46,12 +48,17 @@ class Printer(Value):
     """The printer's limits, and its plastic."""
 
     bed_mm: tuple[_Size, _Size, _Size] = Field(default=(220.0, 220.0, 250.0), description="largest part, z up")
-    wall_mm: float = _positive(1.2, "thinnest wall that prints: three lines of a 0.4 mm nozzle")
+    wall_mm: float = _positive(0.9, "thinnest wall that prints: two lines of a 0.4 mm nozzle, each 0.45 mm wide")
     floor_mm: float = _positive(0.6, "thinnest level floor that prints: three layers")
     overhang_deg: float = Bounds(1.0, 89.0).field(
         45.0, "largest angle of an overhang from upright that prints without support"
     )
     bridge_mm: float = _positive(10.0, "longest flat ceiling between two walls")
+    speeds: Speeds = Field(
+        default="ordinary",
+        description="speeds and acceleration of the print profile, and of the stated times: of printers sold since "
+        "about 2020, or careful ones for older printers",
+    )
     plastic: Name = Field(default="PLA", description="printed plastic")
     plastic_g_per_cm3: float = Bounds(0.01, 30.0).field(1.24, "density of the plastic")
     plastic_strength_mpa: float = Bounds(0.1, 1e4).field(
@@ -148,7 +155,7 @@ class HolderDimensions(Value):
         "infill in their place",
     )
     ceiling_mm: float = _positive(6.0, "width of the flat top of a hollow, which bridges")
-    web_mm: float = _positive(1.6, "thickness of the webs between hollows, and of the outer wall")
+    web_mm: float = _positive(0.9, "thickness of the webs between hollows, and of the outer wall")
     bond_mm: float = Bounds(0.02, 1.0).field(
         0.2,
         "thickness of the glue between a mirror and its seat, set by the height of the seat's three pads: at least one "
@@ -158,14 +165,14 @@ class HolderDimensions(Value):
     groove_mm: float = _positive(1.0, "width of a groove for surplus glue")
     groove_depth_mm: float = _positive(0.6, "depth of a groove below the seat")
     groove_pitch_mm: float = _positive(7.0, "pitch of the grooves")
-    shade_mm: float = _positive(1.6, "thickness of the baffle's walls against stray light")
+    shade_mm: float = _positive(0.9, "thickness of the baffle's walls against stray light")
     hood_mm: float = PART_GAP_MM.field(
         0.0,
         "height of the baffle over the highest mirror where it blocks no light, as a hood against light and dust from "
         "the sides; 0: only as high as the camera sees past the mirrors",
     )
     shade_out_mm: float = PART_GAP_MM.field(
-        1.4, "how far the baffle stands outside the rims: if less than its thickness, no slit remains"
+        0.8, "how far the baffle stands outside the rims: if less than its thickness, no slit remains"
     )
     shade_step_mm: float = _positive(5.0, "length of the baffle's straight pieces")
     dust_cover: bool = Field(default=True, description="print a cap for the mirrors, where it fits the bed")
@@ -176,9 +183,10 @@ class HolderDimensions(Value):
 class MountDimensions(Value):
     """The mount between camera and mirror holder: two skins with a truss of webs between them."""
 
-    skin_mm: float = _positive(1.6, "thickness of both skins, on which screw heads rest")
+    skin_mm: float = _positive(0.9, "smallest thickness of both skins")
+    grip_mm: float = _positive(1.6, "thickness of the skin under the heads of the holder's screws")
     slide_skin_mm: float = _positive(4.0, "thickness of the skin round the screws of the clip")
-    web_mm: float = _positive(1.2, "thickness of the webs between the skins")
+    web_mm: float = _positive(0.9, "smallest thickness of the webs between the skins")
     deepest_mm: float = _positive(80.0, "largest depth of the mount, from skin to skin")
     clearance_mm: float = _positive(1.0, "gap between mount and mirror holder, except at its back")
     tilt_deg: float = Bounds(1e-4, 45.0).field(
@@ -297,12 +305,15 @@ HARDWARE = Hardware()
 
 @dataclass(frozen=True)
 class PrintSettings:
-    """Nozzle, layer height, number of perimeters (lines of a wall) and percentage of infill."""
+    """Nozzle, layer height, number of perimeters (lines of a wall) and percentage of infill.
+
+    Two perimeters are OrcaSlicer's default for the printers whose speeds are compared in `cad/write/slicer.py`.
+    """
 
     nozzle_mm: float = 0.4
     layer_mm: float = 0.2
-    perimeters: int = 3
-    infill_percent: int = 20
+    perimeters: int = 2
+    infill_percent: int = 10
 
 
 PRINT_SETTINGS = PrintSettings()

@@ -22,7 +22,12 @@ def test_a_groove_may_cross_a_cut_but_is_not_beside_a_parallel_one(default_layou
     corners = np.vstack([volume.base, volume.top])
     low, high = float((corners @ axes[0]).min()), float((corners @ axes[0]).max())
     wall = HARDWARE.printer.wall_mm
-    for place, near in ((low - wall - 0.01, False), (low - wall + 0.01, True), (high + 0.9, True), (high + 1.3, False)):
+    for place, near in (
+        (low - wall - 0.01, False),
+        (low - wall + 0.01, True),
+        (high + wall - 0.01, True),
+        (high + wall + 0.01, False),
+    ):
         assert runs_along_cut(mirror, groove, axes, ((place,), ()), HARDWARE) == near
     assert not runs_along_cut(mirror, groove, axes, ((), (float((corners @ axes[1]).mean()),)), HARDWARE)
 

@@ -283,7 +283,7 @@ def test_a_body_that_cannot_be_held_is_refused_with_the_measure(changes: dict[st
 
 def test_a_screw_that_nobody_sells_is_refused() -> None:
     short = HARDWARE.replaced(screw=HARDWARE.screw.replaced(lengths_mm=(8.0, 12.0)))
-    with pytest.raises(InputError, match=r"needs an M3 screw of 20\.\d mm, longer than any on the list"):
+    with pytest.raises(InputError, match=r"needs an M3 screw of 19\.\d mm, longer than any on the list"):
         plan_clip(short)
 
 
