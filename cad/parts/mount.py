@@ -25,7 +25,7 @@ from mirrorcam.cad.parts.mount_openings import (
     leaves_unprintable_web_ends,
     openings,
 )
-from mirrorcam.cad.parts.mount_stiffness import mount_compliance
+from mirrorcam.cad.parts.mount_stiffness import HEAD_MM, mount_compliance
 from mirrorcam.cad.parts.truss import (
     FOOT_DEPTH_MM,
     FOOT_X_MM,
@@ -171,8 +171,6 @@ GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
 # Extent of the thicker skin round the slots: slightly more than a washer.
 SLOT_MARGIN_MM = 5.0
-# Extent of the thicker skin round the heads of the holder's screws.
-HEAD_MARGIN_MM = 2.0
 # Steps of the candidate widths and depths, and candidate factors of the thicknesses.
 WIDTH_STEP_MM, DEPTH_STEP_MM = 8.0, 2.0
 THICKNESS_FACTORS = (1.0, 1.5, 2.0)
@@ -423,11 +421,11 @@ def _head_skin(profile: Profile, holder: HolderPlan, hardware: Hardware) -> list
     along = (end - start) / np.linalg.norm(end - start)
     depth = hardware.mount.grip_mm * np.array([-along[1], along[0]])
     half_width = profile.section.width_mm / 2.0
-    margin = (head_space_mm(hardware) + HEAD_MARGIN_MM) * along
+    length = float((end - start) @ along)
     pieces = []
     for row in head_screws(holder)[[0, 2], 1:]:
-        centre = start + ((row - start) @ along) * along
-        ends = np.array([centre - margin, centre + margin])
+        position = float((row - start) @ along)
+        ends = np.array([start + np.clip(position + side * HEAD_MM, 0.0, length) * along for side in (-1.0, 1.0)])
         pieces.append(prism_along_x(np.vstack([ends, ends[::-1] + depth]), -half_width, half_width))
     return pieces
 

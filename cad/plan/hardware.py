@@ -125,11 +125,15 @@ class CompressionSpring(Value):
 class HolderDimensions(Value):
     """Dimensions of the mirror holder that do not follow from the layout."""
 
-    mirrors: Literal["glue", "screws"] = Field(
-        default="glue",
-        description="how mirrors are mounted: glued to the holder, or each glued to a carrier that three sprung screws "
-        "from behind draw to the holder and tilt",
+    mirrors: Literal["tape", "glue", "screws"] = Field(
+        default="tape",
+        description="how mirrors are mounted: on the three pads of their seats by double-sided tape, glued to their "
+        "seats, or each glued to a carrier that three sprung screws from behind draw to the holder and tilt",
     )
+    tape_mm: float = Bounds(0.02, 1.0).field(
+        0.2, "thickness of the tape: a film with adhesive on both sides, not foam, which creeps and sets no distance"
+    )
+    tape_pad_mm: float = _positive(5.0, "diameter of the pads under tape, and width of the squares of tape")
     adjust_deg: float = Bounds(0.1, 3.0).field(
         1.0, "range of tilt of a mirror on screws, plus or minus, about any axis"
     )
@@ -158,10 +162,9 @@ class HolderDimensions(Value):
     web_mm: float = _positive(0.9, "thickness of the webs between hollows, and of the outer wall")
     bond_mm: float = Bounds(0.02, 1.0).field(
         0.2,
-        "thickness of the glue between a mirror and its seat, set by the height of the seat's three pads: at least one "
-        "layer of the printer",
+        "height of a seat's three pads, which is the thickness of the glue, if any: at least one layer of the printer",
     )
-    pad_mm: float = _positive(2.0, "diameter of the pads, which carry the mirror")
+    glue_pad_mm: float = _positive(2.0, "diameter of the pads of a mirror that is glued")
     groove_mm: float = _positive(1.0, "width of a groove for surplus glue")
     groove_depth_mm: float = _positive(0.6, "depth of a groove below the seat")
     groove_pitch_mm: float = _positive(7.0, "pitch of the grooves")
@@ -179,12 +182,22 @@ class HolderDimensions(Value):
     pin_mm: tuple[_Size, _Size] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
     depth_without_spec_mm: float = _positive(500.0, "working distance of a layout without a spec")
 
+    @property
+    def pad_mm(self) -> float:
+        """Diameter of the pads, which carry the mirror."""
+        return self.tape_pad_mm if self.mirrors == "tape" else self.glue_pad_mm
+
+    @property
+    def on_pads_mm(self) -> float:
+        """Distance of a mirror's back from the pads: the thickness of the tape; 0 without."""
+        return self.tape_mm if self.mirrors == "tape" else 0.0
+
 
 class MountDimensions(Value):
     """The mount between camera and mirror holder: two skins with a truss of webs between them."""
 
     skin_mm: float = _positive(0.9, "smallest thickness of both skins")
-    grip_mm: float = _positive(1.6, "thickness of the skin under the heads of the holder's screws")
+    grip_mm: float = _positive(3.0, "thickness of the skin round the holder's screws, which it bends least")
     slide_skin_mm: float = _positive(4.0, "thickness of the skin round the screws of the clip")
     web_mm: float = _positive(0.9, "smallest thickness of the webs between the skins")
     deepest_mm: float = _positive(80.0, "largest depth of the mount, from skin to skin")

@@ -36,10 +36,11 @@ class HardwareChoice(Value):
         description="what carries the device: a desk, a tripod, an arm and others (docs/cad.md). "
         + UNSET.format("none"),
     )
-    mounting: Literal["glue", "screws"] | None = Field(
+    mounting: Literal["tape", "glue", "screws"] | None = Field(
         default=None,
-        description="mounting of the mirrors: glued to the holder, or each on a carrier that three sprung screws tilt. "
-        + UNSET.format("glue"),
+        description="mounting of the mirrors: by tape or glue on the holder, or each on a carrier that three sprung "
+        "screws tilt. "
+        + UNSET.format("tape"),
     )
 
     def read(self, layout: Layout | None = None) -> Hardware:

@@ -46,7 +46,7 @@ class Recipe:
     small: bool
     adapter: str = "none"
     """Kind of the back to which the device is attached."""
-    mounting: Literal["glue", "screws"] = "glue"
+    mounting: Literal["tape", "glue", "screws"] = "tape"
     """How the mirrors are mounted."""
 
 
