@@ -31,6 +31,7 @@ from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.device_names import CLIP, HOLDER, UNMOUNTED, carrier_name
 from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, diameter_mm, thread_of
+from mirrorcam.cad.plan.hardware import MIRROR_DENSITIES
 from mirrorcam.cad.plan.part_plan import FORMING, BuiltPart, MassProperties, PurchasedItem, Rgb
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.core.values import FloatArray
@@ -62,7 +63,7 @@ STANDARDS = {
     "compression spring": "spring steel, DIN 2098 or similar",
 }
 # Densities in g/cm3: acrylic (PMMA, 1.18 to 1.19 in data sheets), float glass (EN 572-1), brass CuZn39Pb3, steel.
-MIRROR_DENSITIES, BRASS_DENSITY, STEEL_DENSITY = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
+BRASS_DENSITY, STEEL_DENSITY = 8.47, 7.85
 MIRROR_EXPLODE_MM = 35.0
 CAMERA_EXPLODE_MM = 15.0
 BOARD_EXPLODE_MM = 40.0

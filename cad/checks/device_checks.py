@@ -19,7 +19,6 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.components import (
     BRASS_DENSITY,
-    MIRROR_DENSITIES,
     STEEL_DENSITY,
     combined,
     item_names,
@@ -37,7 +36,7 @@ from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
 from mirrorcam.cad.checks.tape_mounting import check_tape
 from mirrorcam.cad.holder.stray_light import stray_light
 from mirrorcam.cad.plan.device_names import CARRIER, CLIP, COVER, HOLDER, UNMOUNTED
-from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hardware import MIRROR_DENSITIES, Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
@@ -168,7 +167,7 @@ def _check_mirrors(made: DeviceAsMade) -> dict[str, Metric]:
     return {
         **check_cuts(made.sheets, layout, hardware.cutting),
         **check_seats(faces, layout, hardware, made.device.holder.planned_cover),
-        **check_tape(layout, made.device.holder, MIRROR_DENSITIES[hardware.cutting.material], hardware),
+        **check_tape(layout, made.device.holder, hardware),
         **check_drop(made.outlines, layout, list(made.valid_parts.values()), hardware.fit.free_mm),
     }
 

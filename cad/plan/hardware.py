@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
+from shapely import Polygon
 
 from mirrorcam.cad.plan.back_table import AnyBack, DeskBack
 from mirrorcam.cad.plan.prices import Prices
@@ -22,6 +23,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_stock import Material, material_of
 
 # Relative difference of the tangents of the half fields of view up to which two cameras count as the same model.
@@ -133,7 +135,9 @@ class HolderDimensions(Value):
     tape_mm: float = Bounds(0.02, 1.0).field(
         0.2, "thickness of the tape: a film with adhesive on both sides, not foam, which creeps and sets no distance"
     )
-    tape_pad_mm: float = _positive(5.0, "diameter of the pads under tape, and width of the squares of tape")
+    tape_pad_mm: float = _positive(
+        5.0, "diameter of the pads under tape, and width of the squares of tape; by default wider under heavy mirrors"
+    )
     adjust_deg: float = Bounds(0.1, 3.0).field(
         1.0, "range of tilt of a mirror on screws, plus or minus, about any axis"
     )
@@ -191,6 +195,14 @@ class HolderDimensions(Value):
     def on_pads_mm(self) -> float:
         """Distance of a mirror's back from the pads: the thickness of the tape; 0 without."""
         return self.tape_mm if self.mirrors == "tape" else 0.0
+
+    @property
+    def bonded_share(self) -> float:
+        """Share of a pad's area that tape reaches: the depth of the adhesive under its film over the height of a stair.
+
+        A pad that is inclined to the layers prints as stairs, on whose edges the film rests.
+        """
+        return min(1.0, self.tape_mm / 2.0 / PRINT_SETTINGS.layer_mm)
 
 
 class MountDimensions(Value):
@@ -307,10 +319,30 @@ class Hardware(Value):
     )
 
     def for_mirrors_of(self, layout: Layout) -> Hardware:
-        """The hardware with the material of a layout's mirrors, unless a material is given."""
-        if "material" in self.cutting.model_fields_set:
-            return self
-        return self.replaced(cutting=self.cutting.replaced(material=material_of(layout)))
+        """The hardware with the material of a layout's mirrors, and pads that bear them, unless these are given."""
+        cutting, holder = self.cutting, self.holder
+        if "material" not in cutting.model_fields_set:
+            cutting = cutting.replaced(material=material_of(layout))
+        if "tape_pad_mm" not in holder.model_fields_set:
+            # Three octagons bear the heaviest mirror on the share that is bonded.
+            density = MIRROR_DENSITIES[cutting.material]
+            weight_n = max(mirror_weight_n(mirror, density) for mirror in layout.mirrors)
+            area_mm2 = weight_n / (TAPE_STRESS_KPA / 1000.0) / holder.bonded_share / 3.0
+            width = math.ceil(2.0 * math.sqrt(area_mm2 * math.sqrt(2.0))) / 2.0
+            holder = holder.replaced(tape_pad_mm=max(holder.tape_pad_mm, width))
+        return self.replaced(cutting=cutting, holder=holder)
+
+
+MIRROR_DENSITIES: dict[Material, float] = {"acrylic": 1.19, "glass": 2.5}
+"""Densities of mirrors in g/cm3."""
+TAPE_STRESS_KPA = 1.7
+"""Stress that acrylic tape bears for years: 4 square inches per pound, 3M's guideline for VHB."""
+
+
+def mirror_weight_n(mirror: Mirror, density_g_per_cm3: float) -> float:
+    """Weight of a mirror."""
+    volume_mm3 = Polygon(mirror.outline_in_plane_mm).area * mirror.thickness_mm
+    return float(density_g_per_cm3 * volume_mm3 * 1e-6 * 9.80665)
 
 
 HARDWARE = Hardware()

@@ -18,7 +18,6 @@ from build123d import Part
 from numpy.typing import NDArray
 from shapely import Polygon, points
 
-from mirrorcam.cad.assembly.components import MIRROR_DENSITIES
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.elasticity.condensed_solid import LOADS, Carried, CondensedSolid, Solid
 from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
@@ -28,7 +27,7 @@ from mirrorcam.cad.holder.pads import PADS, pad_shapes
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
 from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
-from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hardware import MIRROR_DENSITIES, Hardware
 from mirrorcam.cad.plan.seats import pad_height_mm, seat_height_mm
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.core.errors import InputError
