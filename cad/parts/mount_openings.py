@@ -10,7 +10,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.truss import Webs, foot_plate_mm, foot_screws, foot_z_mm
+from mirrorcam.cad.parts.truss import FOOT_GRIP_MM, Webs, foot_plate_mm, foot_screws, foot_z_mm
 from mirrorcam.cad.plan.fasteners import (
     OUTSIDE_MM,
     ROOF_DEG,
@@ -65,7 +65,7 @@ def openings(
         start = screw_point - clip.slide.grip_mm * SCENE
         cuts.append(Bore(start, -SCENE, driver_radius, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
     for screw_point in foot_screws(clip, depth, hardware):
-        cuts += thread(screw_point, ABOVE, UP, stack(mount.grip_mm, hardware), plate, screw)
+        cuts += thread(screw_point, ABOVE, UP, stack(FOOT_GRIP_MM, hardware), plate, screw)
     cuts += _cable_cuts(slide_y, foot_z_mm(clip, depth, hardware) + plate, section, hardware)
     cuts += _scale_marks(clip, half_width, hardware)
     if abs(normal[0]) > 1e-6:

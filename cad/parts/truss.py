@@ -28,6 +28,8 @@ from mirrorcam.core.values import FloatArray
 FOOT_X_MM = 17.0
 FOOT_Y_MM = (4.5, 14.0)
 FOOT_DEPTH_MM = 20.0
+# The threads in the foot are as deep as under a skin of this thickness.
+FOOT_GRIP_MM = 1.6
 # The foot's plate transmits the full moment of the mirrors from the outer skin to the screws near the inner one. At
 # this ratio of the mount's depth to the plate's thickness, the plate bends less than the truss above it.
 DEPTH_TO_PLATE_RATIO = 3.0
@@ -41,7 +43,7 @@ def foot_z_mm(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> float:
 
 def foot_plate_mm(depth_mm: float, hardware: Hardware) -> float:
     """Thickness of the foot's plate, which holds the adapter's screws, in a mount of given depth."""
-    return max(stack(hardware.mount.grip_mm, hardware).wall_mm, depth_mm / DEPTH_TO_PLATE_RATIO)
+    return max(stack(FOOT_GRIP_MM, hardware).wall_mm, depth_mm / DEPTH_TO_PLATE_RATIO)
 
 
 def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
@@ -50,7 +52,7 @@ def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
     Their tips may protrude from the foot's plate into the hollow above it. Raises InputError if no screw on the list
     engages.
     """
-    in_mount, screw = stack(hardware.mount.grip_mm, hardware), hardware.screw
+    in_mount, screw = stack(FOOT_GRIP_MM, hardware), hardware.screw
     length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
     max_depth = screw.insert_depth_mm if screw.kind == "insert" else in_mount.wall_mm + 1.0
     return stack_into(grip_mm, (in_mount.begins_mm, in_mount.begins_mm + length), max_depth, in_mount.wall_mm, screw)

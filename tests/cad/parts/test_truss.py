@@ -16,6 +16,7 @@ from mirrorcam.cad.parts.mount import MountPlan, plan_mount, profiles
 from mirrorcam.cad.parts.mount_openings import driver_holes_top_mm
 from mirrorcam.cad.parts.truss import (
     FOOT_DEPTH_MM,
+    FOOT_GRIP_MM,
     foot_plate_mm,
     foot_screws,
     foot_stack,
@@ -41,7 +42,7 @@ def test_the_clip_at_its_lowest_leaves_the_window_for_the_cable_over_the_foots_p
 def test_the_screws_of_a_back_hold_in_the_threads_of_the_plate(kind: str, grip_mm: float) -> None:
     hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
     held = foot_stack(grip_mm, hardware)
-    assert held.wall_mm == stack(hardware.mount.grip_mm, hardware).wall_mm <= foot_plate_mm(FOOT_DEPTH_MM, hardware)
+    assert held.wall_mm == stack(FOOT_GRIP_MM, hardware).wall_mm <= foot_plate_mm(FOOT_DEPTH_MM, hardware)
     least = hardware.screw.engaged_mm if kind == "insert" else hardware.screw.nut_height_mm
     assert held.engaged_mm >= least - 1e-9
     # There is plastic under an insert, and the hollow of the truss over a nut.
@@ -66,7 +67,7 @@ def test_four_screws_enter_the_foots_lower_face_mirror_images_in_x() -> None:
 def test_a_deep_mount_has_a_thick_plate_that_reaches_further_down() -> None:
     clip, depths = plan_clip(HARDWARE), (FOOT_DEPTH_MM, 45.0, 60.0)
     plates = [foot_plate_mm(depth, HARDWARE) for depth in depths]
-    assert plates == pytest.approx([stack(HARDWARE.mount.grip_mm, HARDWARE).wall_mm, 15.0, 20.0])
+    assert plates == pytest.approx([stack(FOOT_GRIP_MM, HARDWARE).wall_mm, 15.0, 20.0])
     tops = [foot_z_mm(clip, depth, HARDWARE) + plate for depth, plate in zip(depths, plates, strict=True)]
     assert tops == pytest.approx([tops[0]] * 3)
 
