@@ -15,6 +15,7 @@ from mirrorcam.cad.guide.device_page import write_page
 from mirrorcam.cad.guide.device_pictures import pictures_of
 from mirrorcam.cad.guide.live_view import write_live_view
 from mirrorcam.cad.guide.picture_views import write_picture
+from mirrorcam.cad.guide.side_view import write_side_view
 from mirrorcam.cad.mirrors.sheet_files import write_sheets
 from mirrorcam.cad.mirrors.stock_sheets import sheet_metrics
 from mirrorcam.cad.part_files import make_part
@@ -44,8 +45,8 @@ def write_files(
     part_calls: list[Call] = [
         (make_part, (plan, device.hardware.printer, out, results, device.hardware.screw)) for plan in plans
     ]
-    # Besides parts and pictures: sheets, checks, plates, assembly, live view, assembly drawing.
-    done, total = 0, len(part_calls) + 6 + len(PICTURES) + elastic
+    # Besides parts and pictures: sheets, checks, plates, assembly, live view, assembly drawing, side view.
+    done, total = 0, len(part_calls) + 7 + len(PICTURES) + elastic
 
     def step() -> None:
         nonlocal done
@@ -59,7 +60,7 @@ def write_files(
         preload=(__name__,),
     )
     components = components_of(device, parts)
-    write_glb(out / "assembly.glb", components)
+    write_glb(out / "assembly.glb", components, device.back.rig_from_stand)
     pictures = pictures_of(device, parts, components)
     picture_calls: list[Call] = [(write_picture, (out, picture)) for picture in pictures]
     revision = value_digest([device.layout.identity, *(plan.identity for plan in plans)])[:12]
@@ -72,7 +73,8 @@ def write_files(
             (write_plates, (out, device_parts, device.hardware.printer)),
             (write_assembly, (out / "assembly.step", device, parts)),
             (write_live_view, (out, device.layout, components)),
-            (write_assembly_drawing, (out / "drawings", device.layout, components, revision)),
+            (write_side_view, (out / "drawings", device, components)),
+            (write_assembly_drawing, (out / "drawings", device.level_from_rig, components, revision)),
             *picture_calls,
             *elastic_calls,
         ],

@@ -7,15 +7,21 @@ docs/images/compared.png. The same program gives the same figures.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 
 from benchmarks.cameras_compared.cameras import FIELD_MM, cameras
 from benchmarks.cameras_compared.measures import Measured, measure
-from benchmarks.cameras_compared.page import BANDS_MM, COLUMNS, draw, row, write_page
+from benchmarks.cameras_compared.page import BANDS_MM, COLUMNS, SURE, draw, row, write_page
 from benchmarks.cameras_compared.pictures import DOTS, SENSOR
-from benchmarks.depth_scenes.__main__ import SCENES, SEED
-from benchmarks.depth_scenes.rendered_scene import RenderedScene
+from benchmarks.depth_scenes.foliage import foliage
+from benchmarks.depth_scenes.gloss import gloss
+from benchmarks.depth_scenes.rendered_scene import RenderedScene, Scene
+from benchmarks.depth_scenes.rods import rods
+from benchmarks.depth_scenes.slant import slant
 from benchmarks.records import ROOT, TIMES, Rows
 
+SCENES: dict[str, Callable[[int], Scene]] = {"slant": slant, "foliage": foliage, "gloss": gloss, "rods": rods}
+SEED = 1
 SHOWN = "gloss"
 STATED_ERROR, STATED_AT_MM = 0.02, 2000.0
 """Depth error of the D435, as its data sheet states it."""
@@ -40,6 +46,8 @@ def main() -> None:
     stated = (STATED_ERROR * (sum(band) / 2.0) ** 2 / STATED_AT_MM for band in BANDS_MM)
     values = {
         "scene": SHOWN,
+        "scenes": ", ".join(f"`{name}`" for name in SCENES),
+        "sure": f"{SURE:g}",
         "field": f"{FIELD_MM[0]:.0f} {TIMES} {FIELD_MM[1]:.0f}",
         "noise": f"{SENSOR.full_well_electrons:,.0f} electrons at white, {SENSOR.read_noise_grey:g} grey levels read",
         "dots": f"{DOTS:,}",

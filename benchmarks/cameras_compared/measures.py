@@ -42,8 +42,8 @@ class Measured:
 
     Attributes
     ----------
-    true_mm, depth_mm, sigma_mm, bound_mm
-        True and measured depth (v, u) of the reference view, its stated standard deviation, and the bound.
+    true_mm, depth_mm, sigma_mm, confidence, bound_mm
+        True and measured depth (v, u) of the reference view, stated standard deviation and confidence, and the bound.
     refocus_db, viewpoint_db
         PSNR of the refocused picture, and of the view midway to the outermost one.
     picture, refocused
@@ -53,6 +53,7 @@ class Measured:
     true_mm: Float32
     depth_mm: Float32
     sigma_mm: Float32
+    confidence: Float32
     bound_mm: FloatArray
     refocus_db: float
     viewpoint_db: float
@@ -83,6 +84,7 @@ def measure(scene: RenderedScene, camera: ComparedCamera, seed: int) -> Measured
         true_mm,
         depth.depth_mm,
         depth.sigma_mm,
+        depth.confidence,
         depth_bound_mm(camera, light[reference], true_mm),
         _psnr_db(views, refocused, wide_aperture(scene, views, middle, APERTURE_MM)),
         _psnr_db(views, viewpoint, wide_aperture(scene, views, half_way, 0.0)),

@@ -18,6 +18,8 @@ from mirrorcam.core.disk.files import write_text
 BANDS_MM = ((300.0, 400.0), (400.0, 500.0), (500.0, 600.0))
 WRONG = 0.02
 """Relative error beyond which a depth is wrong."""
+SURE = 0.9
+"""Stated confidence from which a depth counts as sure: below, its sigma includes that it may be wrong."""
 
 Results = Sequence[tuple[ComparedCamera, Mapping[str, Measured]]]
 
@@ -29,16 +31,21 @@ def pooled(camera: ComparedCamera, measured: Mapping[str, Measured], name: str) 
 
 def row(camera: ComparedCamera, measured: Mapping[str, Measured]) -> list[str]:
     """Return the cells of a camera."""
-    maps = ("true_mm", "depth_mm", "sigma_mm", "bound_mm")
-    true, depth, sigma, bound = (pooled(camera, measured, name) for name in maps)
-    error = np.abs(depth - true)
+    maps = ("true_mm", "depth_mm", "sigma_mm", "confidence", "bound_mm")
+    true, depth, sigma, confidence, bound = (pooled(camera, measured, name) for name in maps)
+    error, is_sure = np.abs(depth - true), confidence >= SURE
     depths = []
     for low, high in BANDS_MM:
         band = (true >= low) & (true < high)
-        values = (np.nanmedian(error[band]), np.nanmedian(sigma[band]), np.median(bound[band]))
-        depths.append("{:.2f} ({:.2f}), {:.2f}".format(*values))
+        sure = band & is_sure
+        if not sure.any():
+            depths.append("none sure")
+            continue
+        values = (np.median(values[sure]) for values in (error, sigma, bound))
+        depths.append("{:.2f} ({:.2f}), {:.2f}; {:.0f} %".format(*values, 100.0 * sure.sum() / band.sum()))
     within = (true >= BANDS_MM[0][0]) & (true < BANDS_MM[-1][1])
-    wrong = np.mean(~(error[within] <= WRONG * true[within]))
+    is_wrong = ~(error <= WRONG * true)
+    wrong = [100.0 * is_wrong[chosen].mean() for chosen in (within, within & is_sure)]
     refocus, viewpoint = (
         np.mean([getattr(result, name) for result in measured.values()]) for name in ("refocus_db", "viewpoint_db")
     )
@@ -50,7 +57,7 @@ def row(camera: ComparedCamera, measured: Mapping[str, Measured]) -> list[str]:
         pair(camera.baseline_mm[0], TIMES, camera.baseline_mm[1]),
         pair(camera.field_mm[0], TIMES, camera.field_mm[1]),
         *depths,
-        f"{100.0 * wrong:.1f}",
+        "{:.1f}; {:.1f}".format(*wrong),
         f"{refocus:.1f}",
         f"{viewpoint:.1f}",
         camera.price,
@@ -64,8 +71,8 @@ COLUMNS = (
     "pixels a view",
     "baseline and reach of a new viewpoint, mm",
     "common field at 400 mm, mm",
-    *(f"depth at {low:.0f} to {high:.0f} mm: error (sigma), bound, mm" for low, high in BANDS_MM),
-    "wrong depth, %",
+    *(f"sure depth at {low:.0f} to {high:.0f} mm: error (sigma), bound, mm; share" for low, high in BANDS_MM),
+    "wrong depth, %: of all; of the sure",
     "refocus, dB",
     "new viewpoint, dB",
     "price",

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from mirrorcam.cad.assembly.components import item_title, standard_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.plan.device_names import CARRIER, CLIP, HOLDER, MOUNT
-from mirrorcam.cad.plan.fasteners import diameter_mm
+from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.part_plan import PurchasedItem
+from mirrorcam.cad.plan.threads import diameter_mm
 
-CAMERA = "camera"
 # Regular expressions for the names of pieces.
 MIRROR, ADAPTER, CARRIERS = r"mirror_\d+(?:-\d+)?", r"adapter_\w+", rf"{CARRIER}\d+(?:-\d+)?"
 
@@ -145,10 +144,11 @@ def is_piece_of(name: str, kind: str) -> bool:
     return re.fullmatch(rf"(?:{kind})(?:_\d+)?", name) is not None
 
 
-# Width across flats of the hexagon socket by thread diameter, mm: ISO 4762, table 1, and ISO 10642, table 1.
+# Width across flats of the hexagon socket by thread diameter, mm: table 1 of ISO 4762 and ISO 10642; ASME B18.3.
 SOCKETS_MM = {
-    "ISO 4762": {2.0: 1.5, 3.0: 2.5, 4.0: 3.0, 5.0: 4.0, 6.0: 5.0},
+    "ISO 4762": {2.0: 1.5, 2.5: 2.0, 3.0: 2.5, 4.0: 3.0, 5.0: 4.0, 6.0: 5.0},
     "ISO 10642": {3.0: 2.0, 4.0: 2.5, 5.0: 3.0, 6.0: 4.0},
+    "ASME B18.3": {6.35: 3.97},
 }
 
 
@@ -174,17 +174,22 @@ def tools_of(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]
             Tool("goggles and cut-resistant gloves", "to break glass"),
             Tool("paint marker", "to label the mirrors"),
         ]
+    thread = device.hardware.screw.thread
     if any(item.kind == "insert" for item in items):
-        tools.append(Tool("soldering iron with a tip for M3 inserts", "at about 220 °C in PLA"))
-    if any((item.kind, item.size) == ("nut", "M3") for item in items) and not taped:
+        tools.append(Tool(f"soldering iron with a tip for {thread} inserts", "at about 220 °C in PLA"))
+    if any((item.kind, item.size) == ("nut", thread) for item in items) and not taped:
         tools.append(Tool("tweezers", "to place nuts"))
     tools += [
         Tool("tweezers", "to place tape") if taped else Tool("5 ml syringe", "to lay beads of glue"),
         Tool("cotton gloves", "to handle mirrors"),
         *_keys(items),
     ]
-    if any(standard_of(item_title(item)).startswith("for plastics") for item in items if item.kind == "screw"):
-        tools.append(Tool("small screwdriver", "for the screws of the camera's board"))
+    if any(
+        "hexagon" not in standard_of(item_title(item)) and "socket" not in standard_of(item_title(item))
+        for item in items
+        if item.kind == "screw"
+    ):
+        tools.append(Tool("small screwdriver", "for the screws of the camera"))
     if not isinstance(device.holder, ScrewedHolderPlan):
         tools.append(Tool("dental floss", "to remove a mirror"))
     return tuple(tools)
@@ -196,7 +201,7 @@ def also_needed(device: Device) -> tuple[Tool, ...]:
         Tool("calibration board, printed on paper", "`mirrorcam board --out board.pdf` makes the page, at 100 %"),
         Tool("flat stiff plate of the same size, glass or aluminium", "to glue the board on"),
     ]
-    if device.hardware.camera.held_by.kind == "lips" and device.hardware.camera.held_by.display:
+    if device.clip.tray is not None and not device.hardware.camera.has_cable:
         needed.append(Tool("dot of felt, 1 mm thick", "between the display and the screw"))
     return tuple(needed)
 
@@ -208,9 +213,10 @@ def _keys(items: Sequence[PurchasedItem]) -> list[Tool]:
         standard = standard_of(item_title(item)).partition(",")[0]
         if item.kind != "screw" or standard not in SOCKETS_MM:
             continue
-        diameter = diameter_mm(item.size.partition(" ")[0])
+        thread = item_title(item).partition(" x ")[0]
+        diameter = diameter_mm(thread)
         names = screws.setdefault(SOCKETS_MM[standard][diameter], [])
-        name = f"M{diameter:g} ({standard})"
+        name = f"{thread} ({standard})"
         if name not in names:
             names.append(name)
     return [Tool(f"{size:g} mm hex key", f"screws {', '.join(sorted(screws[size]))}") for size in sorted(screws)]

@@ -15,21 +15,21 @@ import numpy as np
 
 from mirrorcam.cad.assembly.device_plan import Device, connections
 from mirrorcam.cad.backs.back import BackJoint
-from mirrorcam.cad.backs.plan_backs import MAKERS
-from mirrorcam.cad.holder.adjuster import SCREW, SUNK_MM, UNDER_NUT_MM
+from mirrorcam.cad.backs.plan_backs import make_adapter
+from mirrorcam.cad.holder.adjuster import SUNK_MM, UNDER_NUT_MM
 from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.mount import rotation_2d
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
 from mirrorcam.cad.parts.truss import foot_plate_mm
-from mirrorcam.cad.plan.device_names import CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
-from mirrorcam.cad.plan.fasteners import COUNTERSUNK, X_AXIS, Stack, exit_move, frame_along
-from mirrorcam.cad.plan.part_plan import FORMING, NamedFace, PartPlan, PurchasedItem, Rgb
+from mirrorcam.cad.plan.device_names import CAMERA, CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
+from mirrorcam.cad.plan.fasteners import X_AXIS, Stack, exit_move, frame_along
+from mirrorcam.cad.plan.part_plan import NamedFace, PartPlan, PurchasedItem, Rgb
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import seat_height_mm
+from mirrorcam.cad.plan.threads import COUNTERSUNK
 from mirrorcam.cad.splitting import Pieces, split
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 # Print orientations of a part: rows are the bed's x, y and z in the rig frame.
@@ -96,7 +96,7 @@ def _unsplit(device: Device) -> Iterator[PartPlan]:
     for number, back in enumerate(device.back.parts, start=4):
         base_z = float((back.plan.corners @ back.bed_from_rig[2]).min())
         pose = with_base_at(back.bed_from_rig, base_z)
-        yield part(number, back.name, back.title, back.plan, MAKERS[type(back.plan)], pose, back.rgb)
+        yield part(number, back.name, back.title, back.plan, make_adapter, pose, back.rgb)
     yield part(6, COUPON, "Fit coupon", coupon, make_coupon, with_base_at(Z_UP, coupon.centre[2]), (0.72, 0.66, 0.82))
     if cover:
         yield part(7, COVER, "Dust cover", cover, make_cover, face_down(cover.rig_from_front), (0.80, 0.76, 0.62))
@@ -111,7 +111,6 @@ def purchased_items(device: Device) -> tuple[PurchasedItem, ...]:
     head_z = -mount.rig_from_head[:3, 2]
     holes = np.column_stack([mount.holes_in_head_mm, np.full(4, -mount.head.grip_mm)])
     slots = device.holder.slot_directions if device.holder.slots else X_AXIS
-    down = np.array([0.0, 0.0, -1.0])
     slide = clip.slide_points - clip.slide.grip_mm * TO_SCENE
     head, foot = (MOUNT, HOLDER), (back.parts[0].name, MOUNT)
     return (
@@ -125,7 +124,9 @@ def purchased_items(device: Device) -> tuple[PurchasedItem, ...]:
             slots,
         ),
         *_screws(device, slide, -TO_SCENE, clip.slide, (MOUNT, CLIP), slide_nut_exits_mm),
-        *_screws(device, back.foot_heads, down, back.foot, foot, foot_nut_exits_mm, size=back.foot_size),
+        *_screws(
+            device, back.foot_heads, -mount.foot.up_in_rig, back.foot, foot, foot_nut_exits_mm, form=back.foot_form
+        ),
         *(item for joint in back.joints for item in _joint_screws(device, joint)),
         *back.items,
         *_camera_screws(device),
@@ -157,7 +158,7 @@ def _screws(
     joins: tuple[str, str],
     nut_exits_mm: Callable[[Device, FloatArray], FloatArray],
     corners: FloatArray = X_AXIS,
-    size: str = "M3",
+    form: str = "",
 ) -> Iterator[PurchasedItem]:
     """Screws with their heads, or the washers under them, at points (n, 3), and their inserts or nuts.
 
@@ -168,9 +169,11 @@ def _screws(
     outer, inner = (explode_moves(device)[name] for name in joins)
     for head in heads:
         if stack.washer_mm > 0.0:
-            yield PurchasedItem("washer", "M3", stack.washer_mm, frame_along(head, out), outer + 23.0 * out, joins)
+            yield PurchasedItem(
+                "washer", screw.thread, stack.washer_mm, frame_along(head, out), outer + 23.0 * out, joins
+            )
         under_head = frame_along(head + stack.washer_mm * out, out)
-        yield PurchasedItem("screw", size, stack.length_mm, under_head, outer + 25.0 * out, joins)
+        yield PurchasedItem("screw", f"{screw.thread}{form}", stack.length_mm, under_head, outer + 25.0 * out, joins)
     mouths = heads - stack.grip_mm * out
     if screw.kind == "insert":
         moves = insert_exit_mm(out)
@@ -190,25 +193,27 @@ def _thread(
     screw = device.hardware.screw
     length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
     return PurchasedItem(
-        screw.kind, "M3", length, rig_from_item, part_move + exit_moves_mm.sum(axis=0), joins, exit_moves_mm
+        screw.kind, screw.thread, length, rig_from_item, part_move + exit_moves_mm.sum(axis=0), joins, exit_moves_mm
     )
 
 
 def _camera_screws(device: Device) -> Iterator[PurchasedItem]:
-    """The fasteners of the camera in its clip: sprung screws on a body, or a board's own screws."""
+    """The fasteners of the camera in its clip: sprung screws on a body, screws in its threads, or a board's screws."""
     clip, hardware = device.clip, device.hardware
     clip_move = np.array(EXPLODE[CLIP])
-    held_by = hardware.camera.held_by
-    if not isinstance(held_by, Lips):
-        for head in clip.board_screws:
-            size = f"M{held_by.screw_mm:g}{FORMING}"
-            yield PurchasedItem(
-                "screw", size, held_by.screw_length_mm, frame_along(head, UP), clip_move + 20.0 * UP, (CLIP,)
-            )
-    for sprung in clip.nest.screws if clip.nest else ():
+    for screw in clip.screws:
+        joins = (CLIP, CAMERA) if screw.engaged_mm else (CLIP,)
+        frame = frame_along(screw.head, screw.out)
+        yield PurchasedItem("screw", screw.size, screw.length_mm, frame, clip_move + 20.0 * screw.out, joins)
+    for sprung in clip.tray.screws if clip.tray else ():
         out = -sprung.axis
         yield PurchasedItem(
-            "screw", "M3", sprung.length_mm, frame_along(sprung.head, out), clip_move + 25.0 * out, (CLIP,)
+            "screw",
+            hardware.screw.thread,
+            sprung.length_mm,
+            frame_along(sprung.head, out),
+            clip_move + 25.0 * out,
+            (CLIP,),
         )
         seat = sprung.tip + (sprung.mouth_mm - sprung.thread_mm) * out
         insert = hardware.screw.kind == "insert"
@@ -232,7 +237,7 @@ def _carrier_items(device: Device) -> Iterator[PurchasedItem]:
             top = head - SUNK_MM * outward
             yield PurchasedItem(
                 "screw",
-                f"{SCREW}{COUNTERSUNK}",
+                f"{adjuster.thread}{COUNTERSUNK}",
                 adjuster.length_mm,
                 frame_along(top, outward),
                 holder_move + 25.0 * outward,
@@ -324,9 +329,9 @@ def slide_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
 
 def foot_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     """Exit moves (n, 2, 3) of the nuts in the mount's foot: off its plate into the truss, then to the nearer side."""
-    corners, screw = corners_of(device.mount.pieces), device.hardware.screw
-    plate = device.mount.foot_z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware)
+    corners, screw, foot = corners_of(device.mount.pieces), device.hardware.screw, device.mount.foot
+    plate, up = foot.z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware), foot.up_in_rig
     # The origin of a nut is at its face towards the screw.
-    off_plate = [(plate - seat[2] + screw.nut_height_mm / 4.0) * UP for seat in seats]
+    off_plate = [(plate - seat @ up + screw.nut_height_mm / 4.0) * up for seat in seats]
     sides = [exit_move(corners, seat, np.sign(seat[0]) * RIGHT) for seat in seats]
     return np.stack([off_plate, sides], axis=1)

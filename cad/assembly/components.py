@@ -29,13 +29,13 @@ from build123d import (
 
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.plan.device_names import CLIP, HOLDER, UNMOUNTED, carrier_name
-from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, diameter_mm, thread_of
+from mirrorcam.cad.plan.device_names import CAMERA, CLIP, HOLDER, UNMOUNTED, carrier_name
 from mirrorcam.cad.plan.hardware import MIRROR_DENSITIES
 from mirrorcam.cad.plan.part_plan import FORMING, BuiltPart, MassProperties, PurchasedItem, Rgb
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
+from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, THREADS, diameter_mm, thread_of
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody
+from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Threads
 from mirrorcam.optics.geometry.mirror import Mirror
 
 Kind = Literal["part", "mirror", "camera", "screw", "washer", "spring", "insert", "nut", "pin"]
@@ -61,6 +61,12 @@ STANDARDS = {
     "nut": "ISO 4032",
     "pin": "ISO 2338 or a piece of rod",
     "compression spring": "spring steel, DIN 2098 or similar",
+}
+# Standards of countersunk screws that ISO 10642 lacks.
+SUNK_STANDARDS = {
+    "M2": "ISO 7046, cross recess",
+    "M2.5": "ISO 7046, cross recess",
+    "1/4-20 UNC": "ASME B18.3, hexagon socket",
 }
 # Densities in g/cm3: acrylic (PMMA, 1.18 to 1.19 in data sheets), float glass (EN 572-1), brass CuZn39Pb3, steel.
 BRASS_DENSITY, STEEL_DENSITY = 8.47, 7.85
@@ -145,7 +151,7 @@ def camera_component(device: Device, clip: Component) -> Component:
     camera = device.hardware.camera
     mesh = tessellated(camera_solid(camera))
     mass = mass_of(mesh, camera.mass_g / (mesh.volume / 1000.0))
-    to_scene = camera.held_by.kind == "lips"
+    to_scene = camera.held_by.kind != "board"
     move = (0.0, camera.height_mm + CAMERA_EXPLODE_MM, 0.0) if to_scene else (0.0, 0.0, BOARD_EXPLODE_MM)
     return Component("camera", "camera", "", camera.name, CAMERA_RGB, clip.explode_mm + move, mesh, mass)
 
@@ -177,12 +183,15 @@ def item_components(items: Sequence[PurchasedItem]) -> tuple[Component, ...]:
 
 
 def item_names(items: Sequence[PurchasedItem]) -> tuple[str, ...]:
-    """Names of fasteners, numbered by kind: "screw_01"; "screw_forming_13" for a thread-forming screw."""
+    """Names of fasteners, numbered by kind: "screw_01".
+
+    A thread-forming screw is "screw_forming_13", one in a camera's own thread "screw_camera_12".
+    """
     counts: Counter[str] = Counter()
     names = []
     for item in items:
         counts[item.kind] += 1
-        form = "forming_" if item.size.endswith(FORMING) else ""
+        form = "forming_" if item.size.endswith(FORMING) else "camera_" if CAMERA in item.joins else ""
         names.append(f"{item.kind}_{form}{counts[item.kind]:02d}")
     return tuple(names)
 
@@ -196,13 +205,16 @@ def item_title(item: PurchasedItem) -> str:
         return f"{item.size}{' hexagon' if item.size.endswith('UNC') else ''} {item.kind}"
     if item.kind == "spring":
         return f"{item.size} compression spring"
-    thread, _, form = item.size.partition(" ")
+    thread = next((name for name in THREADS if f"{item.size} ".startswith(f"{name} ")), item.size)
+    form = item.size.removeprefix(thread).strip()
     name = "heat-set insert" if item.kind == "insert" else f"{form} {item.kind}".strip()
     return f"{thread} x {item.length_mm:g} {name}"
 
 
 def standard_of(title: str) -> str:
     """The standard of a purchased item by its title, or a description if there is none."""
+    if title.endswith("countersunk screw") and (special := SUNK_STANDARDS.get(title.partition(" x ")[0])):
+        return special
     return next(standard for name, standard in STANDARDS.items() if title.endswith(name))
 
 
@@ -297,6 +309,11 @@ def camera_solid(camera: CameraBody) -> Part:
         if isinstance(camera.held_by, BoardHoles):
             with Locations(*((*hole, front) for hole in camera.held_by.holes_mm)):
                 Hole(camera.held_by.hole_mm / 2.0)
+        if isinstance(camera.held_by, Threads):
+            radius, depth = thread_of(camera.held_by.thread).diameter_mm / 2.0, camera.held_by.thread_depth_mm
+            for x, behind in camera.held_by.threads_mm:
+                with Locations((x, centre[1] - camera.height_mm / 2.0, front - behind)):
+                    Cylinder(radius, 2.0 * depth, rotation=(90.0, 0.0, 0.0), mode=Mode.SUBTRACT)
     return _solid(body)
 
 

@@ -13,18 +13,20 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
 from mirrorcam.cad.mirrors.stock_sheets import require_cuttable
-from mirrorcam.cad.parts.camera_box import ABOVE, body_box
+from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
 from mirrorcam.cad.parts.dust_cover import CoverPlan, plan_cover
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
 from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
-from mirrorcam.cad.plan.fasteners import THREADS
+from mirrorcam.cad.plan.fasteners import with_holes_for_screws
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
 from mirrorcam.cad.plan.part_plan import Connection
 from mirrorcam.cad.plan.prisms import box, overlap_mm, require_clear_of_light, shifted
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
+from mirrorcam.cad.plan.threads import THREADS
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
@@ -48,6 +50,12 @@ class Device:
     back: Back
     coupon: CouponPlan
     cover: CoverPlan | None
+
+    @property
+    def level_from_rig(self) -> FloatArray:
+        """The rotation (3, 3) from the rig frame to right, down and forward as the device stands."""
+        right, forward, up = self.back.rig_from_stand.T
+        return np.array([right, -up, forward])
 
     @property
     def mirror_carriers(self) -> tuple[CarrierPlan, ...]:
@@ -76,6 +84,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         If the device cannot be made: a part would block light, a part cannot be printed, or a mirror cannot be cut. The
         message gives the dimension.
     """
+    hardware = with_holes_for_screws(hardware)
     require_same_camera(layout.camera, hardware.camera)
     _require_known_screws(hardware)
     require_cuttable(layout, hardware.cutting)
@@ -91,8 +100,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     mount = plan_mount(layout, holder, clip, hardware)
     back = plan_back(clip, mount, hardware)
     for part in back.parts:
-        low, high = part.plan.corners.min(axis=0), part.plan.corners.max(axis=0)
-        require_clear_of_light(part.title.lower(), (box(tuple(low), tuple(high)),), layout, light)
+        require_clear_of_light(part.title.lower(), (part.plan.bounds,), layout, light)
     for support in back.supports:
         require_clear_of_light(support.name, support.solids, layout, light)
     return Device(
@@ -170,9 +178,9 @@ def connections(device: Device) -> tuple[Connection, ...]:
     """The joints between the parts, starting from the holder."""
     mount, clip, back = device.mount, device.clip, device.back
     back_frame = device.holder.rig_from_mount
-    downwards = np.diag([1.0, -1.0, -1.0])
-    foot = rigid(downwards, mount.foot.mean(axis=0))
-    back_foot = rigid(downwards, back.foot_heads.mean(axis=0) + back.foot.grip_mm * ABOVE)
+    downwards = mount.foot.rig_from_stand @ np.diag([1.0, -1.0, -1.0])
+    foot = rigid(downwards, mount.foot.screws_in_rig.mean(axis=0))
+    back_foot = rigid(downwards, back.foot_heads.mean(axis=0) + back.foot.grip_mm * mount.foot.up_in_rig)
     # x along the slide, z towards the clip.
     slide_axes = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]).T
     slide = rigid(slide_axes, mount.slide)

@@ -15,18 +15,17 @@ from mirrorcam.cad.plan.fasteners import (
     NUT_FIT_MM,
     OUTSIDE_MM,
     ROOF_DEG,
-    SUNK_HEAD,
     Bore,
     Countersink,
     Hexagon,
     frame_along,
     head_space_mm,
-    thread_of,
 )
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
 from mirrorcam.core.values import FloatArray
 
 # The facets of a printed cone overhang slightly more than the cone, and slicers round by a degree or two: at 44 deg,
@@ -114,7 +113,7 @@ def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: floa
 
 
 def head_cuts(heads: FloatArray, grip_mm: float, up: FloatArray | None, hardware: Hardware) -> Iterator[Bore]:
-    """Holes along z for M3 screws whose heads rest at points (n, 3), and the space for heads and screwdriver below.
+    """Holes along z for screws whose heads rest at points (n, 3), and the space for heads and screwdriver below.
 
     `up` (3,) points up on the bed if the holes are printed horizontally, and is None if they are vertical.
     """

@@ -27,18 +27,19 @@ from mirrorcam.cad.backs.back import (
     Load,
     RobotLink,
     Support,
+    link_at,
 )
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, Disc, faceted, ring
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.mount import MountPlan
-from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, foot_stack
+from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, Foot, foot_stack
 from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back, VesaBack
 from mirrorcam.cad.plan.dimension import length
-from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, frame_along, thread_of
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Hexagon, frame_along
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem
 from mirrorcam.cad.plan.prisms import box, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
@@ -47,7 +48,7 @@ RIB_MM = 5.0
 
 @dataclass(frozen=True)
 class Bracket:
-    """A bracket in the rig frame, mm: its plan, and the positions of the plate and of the foot's screws.
+    """A bracket in the stand frame, mm: its plan, and the positions of the plate and of the foot's screws.
 
     `back_centre` (3,) is the centre of the plate's rear face, y = `front_mm` its front; the screws' heads are at
     `heads`.
@@ -67,7 +68,7 @@ def plan_bracket(
     rib_x_mm: float,
     cuts: tuple[Frustum | Bore | Hexagon, ...],
     grip_mm: float,
-    mount: MountPlan,
+    foot: Foot,
     hardware: Hardware,
     extra_dimensions: tuple[tuple[FloatArray, FloatArray], ...] = (),
 ) -> Bracket:
@@ -78,11 +79,11 @@ def plan_bracket(
     is the centre of its rear face. The shelf is `grip_mm` thick, with the screws' heads under it.
     """
     half, down, thickness = plate_mm
-    foot_z, slide = mount.foot_z_mm, float(mount.slide[1])
+    foot_z, slide = foot.z_mm, foot.front_y_mm
     front = slide - FOOT_DEPTH_MM
     back, centre_z = front - thickness, foot_z - below_mm
     centre, outer_x = np.array([0.0, back, centre_z]), rib_x_mm + RIB_MM
-    heads = mount.foot - grip_mm * ABOVE
+    heads = foot.screws - grip_mm * ABOVE
     rib = np.array(
         [(front - 1.0, centre_z - down / 2.0), (front - 1.0, foot_z), (slide, foot_z), (slide, foot_z - grip_mm)]
     )
@@ -140,7 +141,7 @@ EXPLODE = np.array([0.0, -60.0, -45.0])
 SECOND_EXPLODE = np.array([0.0, -110.0, -45.0])
 
 
-def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_iso9409(table: Iso9409Back, foot: Foot, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket for a flange ISO 9409-1-50-4-M6, and a ring that centres the bracket."""
     offset = table.circle_mm / 2.0 / np.sqrt(2.0)
     points = np.array([(x, z) for x in (-offset, offset) for z in (-offset, offset)])
@@ -152,7 +153,7 @@ def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Har
     )
     half = table.flange_mm / 2.0 + 2.0
     bracket = plan_bracket(
-        BRACKET, table.below_mm, (half, half, thickness), half - 5.0, cuts, table.grip_mm, mount, hardware
+        BRACKET, table.below_mm, (half, half, thickness), half - 5.0, cuts, table.grip_mm, foot, hardware
     )
     face = bracket.back_centre
     radius, ring_depth = recess_radius - RING_GAP_MM, table.centre_deep_mm
@@ -169,13 +170,13 @@ def plan_iso9409(table: Iso9409Back, mount: MountPlan, load: Load, hardware: Har
             parent=table.link,
             xyz_mm=(0.0, 0.0, 0.0),
             rpy=(0.0, -np.pi / 2.0, 0.0),
-            origin_in_rig=face,
+            rig_from_link=link_at(face),
             arms="any with a flange ISO 9409-1-50-4-M6, such as UR3e, UR5e, UR10e and UR16e",
         ),
     )
 
 
-def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_gen3(table: Gen3Back, foot: Foot, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket for a Kinova Gen3, and a spacer disc inside the rim round its face."""
     x, z = table.holes_mm
     points = np.array([(a, b) for a in (-x, x) for b in (-z, z)])
@@ -184,7 +185,7 @@ def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware)
     half = x + 11.0
     cuts = _holes(points, clearance, thickness)
     bracket = plan_bracket(
-        BRACKET, table.below_mm, (half, 36.0, thickness), half - 5.0, cuts, table.grip_mm, mount, hardware
+        BRACKET, table.below_mm, (half, 36.0, thickness), half - 5.0, cuts, table.grip_mm, foot, hardware
     )
     face = bracket.back_centre - disc_thickness * ALONG_Y
     holes = (replace(hole, mouth=hole.mouth + face) for hole in _holes(points, clearance, disc_thickness))
@@ -202,7 +203,7 @@ def plan_gen3(table: Gen3Back, mount: MountPlan, load: Load, hardware: Hardware)
             parent=table.link,
             xyz_mm=(0.0, 0.0, 0.0),
             rpy=(np.pi / 2.0, -np.pi / 2.0, 0.0),
-            origin_in_rig=face,
+            rig_from_link=link_at(face),
             arms="Kinova Gen3 with 6 or 7 joints",
         ),
     )
@@ -232,7 +233,7 @@ def _flange_back(
             BackPart(BRACKET, "Flange bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),
             BackPart(rear_part.name, title, rear_part, BACK_DOWN, SECOND_EXPLODE, SECOND_RGB),
         ),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=bracket.heads,
         items=tuple(
             PurchasedItem("screw", size, table.screw_mm, frame_along(head, ALONG_Y), screw_explode, (BRACKET,))
@@ -267,7 +268,7 @@ def _holes(points: FloatArray, radius_mm: float, thickness_mm: float) -> tuple[B
 EDGE_MM, SHELF_GAP_MM, RIB_X_MM = 8.0, 14.0, 26.0
 
 
-def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_vesa(table: VesaBack, foot: Foot, load: Load, hardware: Hardware) -> Back:
     """Lay out the bracket for VESA, with a window in its plate."""
     m4, offset, thickness = thread_of("M4"), table.square_mm / 2.0, table.plate_mm
     points = [(x, z) for x in (-offset, offset) for z in (-offset, offset)]
@@ -293,7 +294,7 @@ def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware)
         RIB_X_MM,
         tuple(cuts),
         table.grip_mm,
-        mount,
+        foot,
         hardware,
         extra_dimensions,
     )
@@ -312,7 +313,7 @@ def plan_vesa(table: VesaBack, mount: MountPlan, load: Load, hardware: Hardware)
     return Back(
         table=table,
         parts=(BackPart(NAME, "VESA bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=bracket.heads,
         items=tuple(items),
         supports=(Support("arm", (arm,)),),

@@ -1,6 +1,6 @@
 """Kinova's second generation: a split clamp round the arm's last shell, its upper half (saddle) under the mount's foot.
 
-The wrist runs along y below the camera, parallel to the views for a fold of 90 deg. Both halves are profiles in the x-z
+The wrist runs along y of the stand frame below the camera, parallel to level views. Both halves are profiles in the x-z
 plane, extruded along y; they print with the clamp's face on the bed.
 """
 
@@ -23,12 +23,12 @@ from mirrorcam.cad.backs.back import (
     Load,
     RobotLink,
     Support,
+    link_at,
 )
 from mirrorcam.cad.backs.blocks import ALONG_X
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE
-from mirrorcam.cad.parts.mount import MountPlan
-from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, FOOT_X_MM, foot_stack
-from mirrorcam.cad.plan.back_table import Gen2Back
+from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM, FOOT_X_MM, Foot, foot_stack
+from mirrorcam.cad.plan.back_table import CAP_EAR_MM, Gen2Back
 from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import (
     NUT_FIT_MM,
@@ -51,7 +51,6 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 SADDLE, CAP = Gen2Back.parts
 UP = np.array([0.0, -1.0, 0.0])
-CAP_EAR_MM = 5.0
 EAR_OFFSET_MM = 0.3
 
 ARMS = "MICO and JACO with two fingers: m1n4s200, m1n6s200, j2n6s200, j2s6s200 of kinova-ros"
@@ -78,7 +77,7 @@ SAGITTA_MM = 0.02
 
 @dataclass(frozen=True)
 class RingPlan:
-    """Half of the clamp in the rig frame, mm: half a ring about x = 0, z = `axis_z_mm`, with its pieces.
+    """Half of the clamp in the stand frame, mm: half a ring about x = 0, z = `axis_z_mm`, with its pieces.
 
     `above` is true for the upper half. The ring spans `band_mm` (2,) along y and has the inner radius `radius_mm`.
     `ears` (2, 3) are the points where the clamp's screws pass through its face towards the other half.
@@ -141,9 +140,9 @@ class ClampPlan:
     clamp_heads: FloatArray
 
 
-def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_gen2(wrist: Gen2Back, foot: Foot, load: Load, hardware: Hardware) -> Back:
     """Lay out the clamp as an adapter: the device is over the wrist and looks along it."""
-    plan = plan_clamp(wrist, mount, hardware)
+    plan = plan_clamp(wrist, foot, hardware)
     saddle, cap = plan.saddle, plan.cap
     joins = (CAP, SADDLE)
     corners = saddle.corners
@@ -189,7 +188,7 @@ def plan_gen2(wrist: Gen2Back, mount: MountPlan, load: Load, hardware: Hardware)
             parent=wrist.link,
             xyz_mm=(0.0, 0.0, -wrist.along_mm),
             rpy=(0.0, np.pi / 2.0, 0.0),
-            origin_in_rig=np.array([0.0, centre_y, saddle.axis_z_mm]),
+            rig_from_link=link_at(np.array([0.0, centre_y, saddle.axis_z_mm])),
             arms=ARMS,
         ),
     )
@@ -221,18 +220,18 @@ def _round_solid(radii_mm: tuple[float, float], y_mm: tuple[float, float], axis_
     return Frustum(*ends)
 
 
-def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPlan:
+def plan_clamp(wrist: Gen2Back, foot: Foot, hardware: Hardware) -> ClampPlan:
     """Lay out the clamp below the mount's foot; it is the same for all layouts."""
-    foot, clamp = foot_stack(wrist.grip_mm, hardware), stack(CAP_EAR_MM + wrist.gap_mm, hardware)
-    position = _clamp_position(wrist, mount, hardware)
+    screwed, clamp = foot_stack(hardware), stack(CAP_EAR_MM + wrist.gap_mm, hardware)
+    position = _clamp_position(wrist, foot, hardware)
     spans, ears = _ears(wrist, position, hardware)
-    heads = mount.foot - wrist.grip_mm * ABOVE
+    heads = foot.screws - wrist.grip_mm * ABOVE
     clamp_heads = ears - (CAP_EAR_MM + wrist.gap_mm) * ABOVE
     (back, front), face, half = position.band_mm, wrist.gap_mm / 2.0, FOOT_X_MM + position.boss_radius_mm + 1.0
     saddle_z, cap_z = position.axis_z_mm + face, position.axis_z_mm - face
     saddle_pieces = (
         box((-half, back, position.axis_z_mm + 0.6 * position.radius_mm), (half, front, position.foot_z_mm)),
-        box((-half, float(mount.slide[1]) - FOOT_DEPTH_MM, position.plate_z_mm), (half, front, position.foot_z_mm)),
+        box((-half, foot.front_y_mm - FOOT_DEPTH_MM, position.plate_z_mm), (half, front, position.foot_z_mm)),
         *(box((low, back, saddle_z), (high, front, saddle_z + clamp.wall_mm)) for low, high in spans),
     )
     cap_pieces = tuple(box((low, back, cap_z - CAP_EAR_MM), (high, front, cap_z)) for low, high in spans)
@@ -244,7 +243,7 @@ def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPl
         saddle=RingPlan(SADDLE, True, *common, saddle_pieces, saddle_cuts, ears),
         cap=RingPlan(CAP, False, *common, cap_pieces, cap_cuts, ears - wrist.gap_mm * ABOVE),
         clamp=clamp,
-        foot=foot,
+        foot=screwed,
         foot_heads=heads,
         clamp_heads=clamp_heads,
     )
@@ -252,7 +251,7 @@ def plan_clamp(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> ClampPl
 
 @dataclass(frozen=True)
 class _ClampPosition:
-    """The clamp's position in the rig frame, mm: the wrist's radius and axis, and the clamp's band (2,) along y.
+    """The clamp's position in the stand frame, mm: the wrist's radius and axis, and the clamp's band (2,) along y.
 
     Its plate is between z = `plate_z_mm` and the mount's foot; `boss_radius_mm` is the outer radius round a screw.
     """
@@ -270,10 +269,10 @@ def _boss_radius_mm(hardware: Hardware) -> float:
     return hardware.screw.insert_hole_mm / 2.0 + hardware.screw.insert_wall_mm
 
 
-def _clamp_position(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> _ClampPosition:
+def _clamp_position(wrist: Gen2Back, foot: Foot, hardware: Hardware) -> _ClampPosition:
     """The clamp's position; raises InputError if its plate would be too thin for its screws."""
     screw = hardware.screw
-    foot_z = mount.foot_z_mm
+    foot_z = foot.z_mm
     radius = wrist.diameter_mm / 2.0
     axis_z = foot_z - wrist.riser_mm - radius
     plate_z = axis_z + radius + wrist.joint_mm
@@ -282,7 +281,7 @@ def _clamp_position(wrist: Gen2Back, mount: MountPlan, hardware: Hardware) -> _C
         raise InputError(
             f"adapter's plate is {thickness:.1f} mm thick, expected {needed:.1f} mm for its screws: raise riser_mm"
         )
-    band = float(mount.slide[1]) + np.array([0.0, wrist.band_mm])
+    band = foot.front_y_mm + np.array([0.0, wrist.band_mm])
     return _ClampPosition(radius, axis_z, band, plate_z, foot_z, _boss_radius_mm(hardware))
 
 

@@ -7,24 +7,16 @@ import numpy as np
 from mirrorcam.cad.backs.back import RGB, SECOND_RGB, TOP_DOWN, Back, BackPart, CriticalSection, Load, Support
 from mirrorcam.cad.backs.blocks import ALONG_X, ALONG_Y, BlocksPlan, countersunk_slot, head_cuts
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.mount import MountPlan
-from mirrorcam.cad.parts.truss import foot_stack
+from mirrorcam.cad.parts.truss import Foot, foot_stack
 from mirrorcam.cad.plan.back_table import MonitorBack
 from mirrorcam.cad.plan.dimension import length
-from mirrorcam.cad.plan.fasteners import (
-    COUNTERSUNK,
-    NUT_FIT_MM,
-    OUTSIDE_MM,
-    Bore,
-    Countersink,
-    Hexagon,
-    frame_along,
-    thread_of,
-)
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, Bore, Countersink, Hexagon, frame_along, head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem
 from mirrorcam.cad.plan.prisms import box
+from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
 HOOK, JAW = MonitorBack.parts
@@ -41,21 +33,22 @@ HOOK_EXPLODE, JAW_EXPLODE = np.array([0.0, 0.0, -45.0]), np.array([0.0, -30.0, -
 SCREW_MM, TAB_WIDTH_MM = 16.0, 15.5
 
 
-def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_monitor(table: MonitorBack, foot: Foot, load: Load, hardware: Hardware) -> Back:
     """Lay out both parts for a monitor under the load; raises InputError if the jaw does not fit its thickness."""
     thinnest, thickest = table.range_mm
     if not thinnest <= table.thick_mm <= thickest:
         raise InputError(f"monitor is {table.thick_mm:g} mm thick, expected {thinnest:g} to {thickest:g} mm")
-    foot_z, m4 = mount.foot_z_mm, thread_of("M4")
+    foot_z, m4 = foot.z_mm, thread_of("M4")
     low_z = foot_z - table.plate_mm
-    pad_z, x = low_z - PAD_MM, mount.half_width_mm + MOUNT_GAP_MM
+    pad_z, x = low_z - PAD_MM, foot.half_width_mm + MOUNT_GAP_MM
     half = x + SCREW_TO_SIDE_MM
-    screen_y = float(load.centre[1]) + LOAD_TO_SCREEN_MM
+    heads = foot.screws - table.grip_mm * ABOVE
+    screen_y = _screen_y_mm(float(load.centre[1]), heads, thinnest, hardware)
     first, last = (screen_y - thick - LEG_MM - TO_SCREW_MM for thick in (thinnest, thickest))
-    back_y = min(last - TAB_MM, float(mount.slide[1]) - mount.section.depth_mm)
-    heads = mount.foot - table.grip_mm * ABOVE
+    back_y = min(last - TAB_MM, foot.back_y_mm)
+    front_y = max(screen_y + HOOK_MM, foot.front_y_mm)
     hook_pieces = (
-        box((-half, back_y, low_z), (half, screen_y + HOOK_MM, foot_z)),
+        box((-half, back_y, low_z), (half, front_y, foot_z)),
         box((-half, screen_y - thinnest + 1.0, pad_z), (half, screen_y + HOOK_MM, low_z)),
         box((-half, screen_y, pad_z - table.hook_mm), (half, screen_y + HOOK_MM, low_z)),
     )
@@ -71,6 +64,7 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
         length(screen, screen - table.hook_mm * ABOVE),
         length(step, step - PAD_MM * ABOVE),
         length(step, np.array([-half, screen_y, low_z])),
+        *([length(screen, np.array([-half, front_y, pad_z]), "", ALONG_Y)] if front_y > screen_y + HOOK_MM else []),
     )
     jaw_y = screen_y - table.thick_mm
     screw_y = jaw_y - LEG_MM - TO_SCREW_MM
@@ -116,15 +110,17 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
             BackPart(HOOK, "Monitor hook", hook, TOP_DOWN, HOOK_EXPLODE, RGB),
             BackPart(JAW, "Monitor jaw", jaw, TOP_DOWN, JAW_EXPLODE, SECOND_RGB),
         ),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=heads,
         items=tuple(items),
         connections=(Connection("jaw", HOOK, JAW, slide, slide),),
         supports=(Support("monitor", (monitor,)),),
         critical_sections=(
             CriticalSection(
-                "plate before the mount",
-                np.array([0.0, float(mount.slide[1]), foot_z - table.plate_mm / 2.0]),
+                "plate between screen and mount",
+                np.array(
+                    [0.0, float(np.clip(screen_y, foot.back_y_mm, foot.front_y_mm)), foot_z - table.plate_mm / 2.0]
+                ),
                 ALONG_Y,
                 ALONG_X,
                 (width, table.plate_mm),
@@ -132,3 +128,16 @@ def plan_monitor(table: MonitorBack, mount: MountPlan, load: Load, hardware: Har
             CriticalSection("jaw", np.array([0.0, jaw_y, pad_z]), ABOVE, ALONG_X, (width, LEG_MM), table.jaw_mm),
         ),
     )
+
+
+def _screen_y_mm(load_y: float, heads: FloatArray, thinnest: float, hardware: Hardware) -> float:
+    """y of the screen: in front of the load, so that the device hangs on the monitor's back, or near it.
+
+    The hook and the pad behind it are clear of the space below the heads (4, 3) of the foot's screws.
+    """
+    nominal, space = load_y + LOAD_TO_SCREEN_MM, head_space_mm(hardware) + hardware.printer.wall_mm
+    before = float(heads[:, 1].max()) + space + thinnest - 1.0
+    behind = float(heads[:, 1].min()) - space - HOOK_MM
+    if nominal >= before or nominal <= behind:
+        return nominal
+    return min(before, behind, key=lambda y: abs(y - nominal))

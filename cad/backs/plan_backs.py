@@ -7,7 +7,7 @@ from typing import Any
 
 from build123d import BuildPart, BuildSketch, Circle, Locations, Mode, Part, Plane, Rectangle, Solid, extrude, insert
 
-from mirrorcam.cad.backs.back import Back, carried_load
+from mirrorcam.cad.backs.back import Back, RotatedPlan, carried_load, in_rig
 from mirrorcam.cad.backs.blocks import ALONG_Y, BlocksPlan
 from mirrorcam.cad.backs.brackets import plan_gen3, plan_iso9409, plan_vesa
 from mirrorcam.cad.backs.kinova_gen2 import RingPlan, plan_gen2
@@ -63,6 +63,14 @@ MAKERS: dict[type, Callable[[Any], Part]] = {RingPlan: make_ring, BlocksPlan: ma
 """The function that makes a solid from each type of plan."""
 
 
+@recipe("cad.backs.plan_backs.make_adapter")
+def make_adapter(plan: RotatedPlan) -> Part:
+    """A part of an adapter in the rig frame."""
+    part = MAKERS[type(plan.plan)](plan.plan)
+    x_axis, _, z_axis = (tuple(axis) for axis in plan.rig_from_stand.T)
+    return part.moved(Plane(origin=(0.0, 0.0, 0.0), x_dir=x_axis, z_dir=z_axis).location)
+
+
 PLANNERS: dict[str, Any] = {
     "none": plan_desk,
     "tripod": plan_tripod,
@@ -77,9 +85,10 @@ PLANNERS: dict[str, Any] = {
 
 
 def plan_back(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
-    """Plan the hardware's adapter under a mount, for the load that it carries.
+    """Plan the hardware's adapter under a mount, for the load that it carries, in the rig frame.
 
     Raises InputError with the dimension if it cannot be made.
     """
-    table = hardware.back
-    return PLANNERS[table.kind](table, mount, carried_load(mount, clip, hardware), hardware)
+    table, foot = hardware.back, mount.foot
+    back = PLANNERS[table.kind](table, foot, carried_load(mount, clip, hardware), hardware)
+    return in_rig(back, foot.rig_from_stand)

@@ -23,15 +23,15 @@ from mirrorcam.cad.backs.blocks import (
     tripod_nut,
 )
 from mirrorcam.cad.parts.camera_box import ABOVE
-from mirrorcam.cad.parts.mount import MountPlan
-from mirrorcam.cad.parts.truss import foot_stack
+from mirrorcam.cad.parts.truss import Foot, foot_stack
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
 from mirrorcam.cad.plan.dimension import Length, length
-from mirrorcam.cad.plan.fasteners import COUNTERSUNK, OUTSIDE_MM, Bore, frame_along, thread_of
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, frame_along
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.prisms import box, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
@@ -43,7 +43,7 @@ EXPLODE = np.array([0.0, 0.0, -45.0])
 
 @dataclass(frozen=True)
 class FootPlate:
-    """The position of a plate under the mount's foot, in the rig frame, mm.
+    """The position of a plate under the mount's foot, in the stand frame, mm.
 
     Its lower face is at `low_z_mm`, and the heads of its screws are at points (4, 3). `nut_mouth` (3,) is the centre of
     the nut's pocket in the upper face: between the rear screws, where the mount's foot covers the nut.
@@ -55,11 +55,11 @@ class FootPlate:
     nut_mouth: FloatArray
 
 
-def foot_plate(table: DeskBack | TripodBack, mount: MountPlan, hardware: Hardware) -> FootPlate:
+def foot_plate(table: DeskBack | TripodBack, foot: Foot, hardware: Hardware) -> FootPlate:
     """A plate thick enough for the nut and for the countersunk heads of the foot's screws."""
-    foot_z = mount.foot_z_mm
+    foot_z = foot.z_mm
     thickness = max(tripod_depth_mm(table.nut), table.grip_mm + hardware.fit.free_mm)
-    heads = mount.foot - table.grip_mm * ABOVE
+    heads = foot.screws - table.grip_mm * ABOVE
     return FootPlate(foot_z - thickness, thickness, heads, np.array([0.0, float(heads[:, 1].min()), foot_z]))
 
 
@@ -76,16 +76,16 @@ def back_of_plate(
     base = np.column_stack([outline, np.full(len(outline), plate.low_z_mm)])
     sink = plate.thickness_mm - table.grip_mm
     cuts = (
-        *(cut for head in plate.heads for cut in countersunk_hole(head, table.grip_mm, sink, "M3")),
+        *(cut for head in plate.heads for cut in countersunk_hole(head, table.grip_mm, sink, hardware.screw.thread)),
         *tripod_cuts(plate.nut_mouth, plate.thickness_mm, table.nut),
     )
     plan = BlocksPlan(name, (Frustum(base, base + plate.thickness_mm * ABOVE),), cuts, lengths)
     return Back(
         table=table,
         parts=(BackPart(name, title, plan, UPRIGHT, EXPLODE, RGB),),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=plate.heads,
-        foot_size=f"M3{COUNTERSUNK}",
+        foot_form=COUNTERSUNK,
         items=(tripod_nut(plate.nut_mouth, plate.thickness_mm, table.nut, name, EXPLODE),),
     )
 
@@ -93,40 +93,41 @@ def back_of_plate(
 (DESK,) = DeskBack.parts
 
 
-def plan_desk(table: DeskBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_desk(table: DeskBack, foot: Foot, load: Load, hardware: Hardware) -> Back:
     """Lay out a plate on which the device does not fall over at a tilt of `tip_deg` + `spare_deg`."""
-    plate = foot_plate(table, mount, hardware)
-    outline = _outline(table, mount, load, plate.low_z_mm)
+    plate = foot_plate(table, foot, hardware)
+    outline = _outline(table, foot, load, plate.low_z_mm)
     left, back = outline.min(axis=0)
     corner = np.array([left, back, plate.low_z_mm])
     chamfer = length(corner, corner + table.corner_mm * ALONG_X, "x 45°", before=f"{len(outline) // 2}x ")
     return replace(
         back_of_plate(table, DESK, "Desk foot", plate, outline, hardware, (chamfer,)),
-        critical_sections=(
-            _front_section(
-                float(mount.slide[1]), outline, plate.low_z_mm + plate.thickness_mm / 2.0, plate.thickness_mm
-            ),
-        ),
+        critical_sections=_edge_sections(foot, outline, plate),
         stand=Stand(outline, plate.low_z_mm, table.tip_deg),
     )
 
 
-def _front_section(slide_y: float, outline: FloatArray, z: float, thickness: float) -> CriticalSection:
-    """The plate's section at the front of the mount, which bends when the device leans on the plate's front edge."""
-    width, arm = float(np.ptp(outline[:, 0])), float(outline[:, 1].max()) - slide_y
-    return CriticalSection(
-        "plate before the mount", np.array([0.0, slide_y, z]), ALONG_Y, ALONG_X, (width, thickness), arm
+def _edge_sections(foot: Foot, outline: FloatArray, plate: FootPlate) -> tuple[CriticalSection, ...]:
+    """The plate's sections at the front and the rear of the mount, which bend when the device leans on those edges."""
+    width, z = float(np.ptp(outline[:, 0])), plate.low_z_mm + plate.thickness_mm / 2.0
+    low, high = float(outline[:, 1].min()), float(outline[:, 1].max())
+    edges = (("before", foot.front_y_mm, high - foot.front_y_mm), ("behind", foot.back_y_mm, foot.back_y_mm - low))
+    return tuple(
+        CriticalSection(
+            f"plate {place} the mount", np.array([0.0, y, z]), ALONG_Y, ALONG_X, (width, plate.thickness_mm), arm
+        )
+        for place, y, arm in edges
     )
 
 
-def _outline(table: DeskBack, mount: MountPlan, load: Load, low_z: float) -> FloatArray:
+def _outline(table: DeskBack, foot: Foot, load: Load, low_z: float) -> FloatArray:
     """The plate's outline (n, 2; x and y): under all of the mount's foot, and round the load for the required tilt."""
     margin = float((load.centre[2] - low_z) * np.tan(np.radians(table.tip_deg + table.spare_deg)))
     # No chamfer is nearer to the load than the sides.
     chamfer = table.corner_mm
-    half = max(mount.half_width_mm, abs(float(load.centre[0])) + margin)
-    back = min(float(mount.slide[1]) - mount.section.depth_mm - REAR_MM, float(load.centre[1]) - margin)
-    front = max(float(mount.slide[1]), float(load.centre[1]) + margin)
+    half = max(foot.half_width_mm, abs(float(load.centre[0])) + margin)
+    back = min(foot.back_y_mm - REAR_MM, float(load.centre[1]) - margin)
+    front = max(foot.edge_y_mm, float(load.centre[1]) + margin)
     corners = []
     for (x, y), reverse in (((half, front), 0), ((-half, front), 1), ((-half, back), 0), ((half, back), 1)):
         ends = [(x, y - np.sign(y - (front + back) / 2.0) * chamfer), (x - np.sign(x) * chamfer, y)]
@@ -141,11 +142,11 @@ HEAD_MM = (50.0, 20.0)
 FRONT_MM = 1.0
 
 
-def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_tripod(table: TripodBack, foot: Foot, load: Load, hardware: Hardware) -> Back:
     """Lay out a plate under all of the mount's foot."""
-    plate = foot_plate(table, mount, hardware)
-    half, front = mount.half_width_mm, float(mount.slide[1]) + FRONT_MM
-    back = float(mount.slide[1]) - mount.section.depth_mm - REAR_MM
+    plate = foot_plate(table, foot, hardware)
+    half, front = foot.half_width_mm, foot.front_y_mm + FRONT_MM
+    back = foot.back_y_mm - REAR_MM
     outline = np.array([(half, back), (half, front), (-half, front), (-half, back)])
     low_z, y = plate.low_z_mm, float(plate.nut_mouth[1])
     side, height = HEAD_MM[0] / 2.0, HEAD_MM[1]
@@ -169,11 +170,11 @@ def plan_tripod(table: TripodBack, mount: MountPlan, load: Load, hardware: Hardw
 (DOVETAIL,) = ArcaBack.parts
 
 
-def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_arca(table: ArcaBack, foot: Foot, load: Load, hardware: Hardware) -> Back:
     """Lay out the dovetail; raises InputError if its slope does not end between its lip and its top."""
-    half, foot_z = mount.half_width_mm, mount.foot_z_mm
+    half, foot_z = foot.half_width_mm, foot.z_mm
     lip_half, neck_half = table.width_mm / 2.0 - table.fit_mm, table.neck_mm / 2.0
-    heads = mount.foot - table.grip_mm * ABOVE
+    heads = foot.screws - table.grip_mm * ABOVE
     # The dovetail is under the centre of the screws.
     y, low = float(heads[:, 1].mean()), foot_z - table.height_mm
     edge = low + table.lip_mm
@@ -203,7 +204,7 @@ def plan_arca(table: ArcaBack, mount: MountPlan, load: Load, hardware: Hardware)
     return Back(
         table=table,
         parts=(BackPart(DOVETAIL, "Dovetail", plan, SIDE_DOWN, np.array([0.0, 0.0, -45.0]), RGB),),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=heads,
         critical_sections=(
             CriticalSection("over the slope", np.array([0.0, y, top]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck_half)),
@@ -222,15 +223,17 @@ HALF_PROFILE_MM = 120.0
 FLARE_MM = 0.6
 
 
-def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Hardware) -> Back:
+def plan_profile(table: ProfileBack, foot: Foot, load: Load, hardware: Hardware) -> Back:
     """Lay out the plate over a profile along x, with its slot under the rear screws of the mount's foot."""
-    foot_z, m5 = mount.foot_z_mm, thread_of("M5")
-    low_z, front = foot_z - table.plate_mm, float(mount.slide[1])
-    heads = mount.foot - table.grip_mm * ABOVE
-    y, x = float(heads[:, 1].min()), mount.half_width_mm + SCREW_GAP_MM
-    end, back = x + SCREW_TO_END_MM, front - mount.section.depth_mm
+    foot_z, m5 = foot.z_mm, thread_of("M5")
+    low_z, front = foot_z - table.plate_mm, foot.front_y_mm
+    heads = foot.screws - table.grip_mm * ABOVE
+    y, x = float(heads[:, 1].min()), foot.half_width_mm + SCREW_GAP_MM
+    end, back = x + SCREW_TO_END_MM, foot.back_y_mm
     sink = table.plate_mm - table.grip_mm
-    cuts = [cut for head in heads for cut in countersunk_hole(head, table.grip_mm, sink, "M3", FLARE_MM)]
+    cuts = [
+        cut for head in heads for cut in countersunk_hole(head, table.grip_mm, sink, hardware.screw.thread, FLARE_MM)
+    ]
     grip = table.plate_mm - table.sunk_mm
     explode, items = np.array([0.0, 0.0, -45.0]), []
     for side in (-x, x):
@@ -268,9 +271,9 @@ def plan_profile(table: ProfileBack, mount: MountPlan, load: Load, hardware: Har
     return Back(
         table=table,
         parts=(BackPart(PROFILE, "Profile plate", plan, UPRIGHT, explode, RGB),),
-        foot=foot_stack(table.grip_mm, hardware),
+        foot=foot_stack(hardware),
         foot_heads=heads,
-        foot_size=f"M3{COUNTERSUNK}",
+        foot_form=COUNTERSUNK,
         items=tuple(items),
         supports=(Support("profile", (profile,)),),
         critical_sections=(section,),

@@ -17,7 +17,7 @@ from mirrorcam.cad.holder.adjuster import DRIVER_MM
 from mirrorcam.cad.holder.carriers import CarrierPlan, rotation_about, tilt_per_turn_deg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import carrier_name
-from mirrorcam.cad.plan.fasteners import SUNK_HEAD, thread_of
+from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
 from mirrorcam.core.values import FloatArray, Metric
 
 DIRECTIONS = 8
@@ -124,7 +124,7 @@ def _max_mass_grams(device: Device, solids: Mapping[str, manifold3d.Manifold]) -
 def _driver_clash(holder: ScrewedHolderPlan, solids: Mapping[str, manifold3d.Manifold]) -> float:
     """Largest overlap of a screwdriver at a screw with the assembled device and its support."""
     obstacle = manifold3d.Manifold.compose([solid for name, solid in solids.items() if not name.startswith(FASTENERS)])
-    head_radius = SUNK_HEAD * thread_of("M3").diameter_mm / 2.0
+    head_radius = SUNK_HEAD * thread_of(holder.adjuster.thread).diameter_mm / 2.0
     blade = manifold3d.Manifold.cylinder(BLADE_MM, DRIVER_MM / 2.0, circular_segments=32)
     handle = manifold3d.Manifold.cylinder(HANDLE_MM[1], HANDLE_MM[0] / 2.0, circular_segments=32)
     driver = blade.translate((0.0, 0.0, -head_radius / 4.0)) + handle.translate((0.0, 0.0, BLADE_MM))

@@ -10,7 +10,7 @@ import manifold3d
 import numpy as np
 
 from mirrorcam.cad.parts.dust_cover import CoverPlan
-from mirrorcam.cad.plan.device_names import CARRIER, HOLDER
+from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, HOLDER
 from mirrorcam.core.values import FloatArray, Metric
 
 # Largest overlap of touching faces due to the rounding of numbers in files.
@@ -28,6 +28,8 @@ THREADS = ("insert", "nut")
 # Name of thread-forming screws, and their largest overlap with plastic: holes have about 0.8 of a screw's diameter.
 FORMING = "screw_forming"
 FORMED_MM = 0.25
+# Name of screws in a camera's own threads.
+IN_CAMERA = "screw_camera"
 # The shell of the robot's wrist, and the clamp round it, bored to its diameter.
 WRIST, CLAMP = "wrist", "adapter_"
 
@@ -101,7 +103,10 @@ def check_clashes(
         name
         for name in fasteners
         if name.startswith("screw")
-        and not any(_forms(name, other) or other.startswith(THREADS) or other in supports for other in touched[name])
+        and not any(
+            _forms(name, other) or _in_camera(name, other) or other.startswith(THREADS) or other in supports
+            for other in touched[name]
+        )
     ]
     # A pin touches both parts that it joins.
     loose = [len(touched[name]) < (2 if name.startswith("pin") else 1) for name in fasteners]
@@ -136,9 +141,14 @@ def _clearance(gap_mm: float, min_mm: float) -> Metric:
 def _forms(first: str, second: str) -> bool:
     """Return whether one of two solids is a thread-forming screw and the other a part."""
     return any(
-        inner.startswith(FORMING) and not (outer.startswith(FASTENERS) or outer == "camera" or is_mirror(outer))
+        inner.startswith(FORMING) and not (outer.startswith(FASTENERS) or outer == CAMERA or is_mirror(outer))
         for inner, outer in ((first, second), (second, first))
     )
+
+
+def _in_camera(screw: str, other: str) -> bool:
+    """Return whether a solid is a screw in a camera's own thread, and the other the camera."""
+    return screw.startswith(IN_CAMERA) and other == CAMERA
 
 
 def _pressed(first: str, second: str) -> bool:
@@ -151,7 +161,7 @@ def _pressed(first: str, second: str) -> bool:
             return True
         if inner.startswith(("insert", "pin")) and not outer.startswith(FASTENERS):
             return True
-        if inner.startswith("screw") and outer.startswith(THREADS):
+        if inner.startswith("screw") and (outer.startswith(THREADS) or _in_camera(inner, outer)):
             return True
     return False
 

@@ -26,23 +26,30 @@ from mirrorcam.cad.assembly.components import (
 )
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.adjustment import check_adjustment
-from mirrorcam.cad.checks.clashes import FASTENERS, FORMING, check_clashes, check_cover, is_mirror, overlap_mm3
+from mirrorcam.cad.checks.clashes import (
+    FASTENERS,
+    FORMING,
+    IN_CAMERA,
+    check_clashes,
+    check_cover,
+    is_mirror,
+    overlap_mm3,
+)
 from mirrorcam.cad.checks.cut_outlines import OutlineFit, check_cuts, mirror_fits, mirrors_as_cut, prism, read_cuts
 from mirrorcam.cad.checks.exported_mesh import is_manifold, read_stl, solid_of
 from mirrorcam.cad.checks.light_paths import check_light, check_step_views, check_surrounding_light
-from mirrorcam.cad.checks.load_checks import check_back, check_nest, check_rest
+from mirrorcam.cad.checks.load_checks import check_aim, check_back, check_nest, check_rest
 from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
 from mirrorcam.cad.checks.tape_mounting import check_tape
 from mirrorcam.cad.holder.stray_light import stray_light
-from mirrorcam.cad.plan.device_names import CARRIER, CLIP, COVER, HOLDER, UNMOUNTED
+from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, COVER, HOLDER, UNMOUNTED
 from mirrorcam.cad.plan.hardware import MIRROR_DENSITIES, Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 ASSEMBLY = "assembly.glb"
-CAMERA = "camera"
 # Limit of the fraction of pixels that see the surroundings past all parts. Their veiling glare is at most one of 255
 # grey levels if they are five times as bright as the scene, and the lens scatters 3 % of the light over the picture
 # (ISO 9358).
@@ -121,6 +128,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **_check_pieces(made, parts),
         **check_mass(total),
         **check_back(device.back, items, made.valid, total),
+        **check_aim(device.back, device.layout, hardware),
         **_check_stiffness(device),
         **check_nest(device.clip, device.layout, hardware),
         **check_rest(made.valid.get(CLIP), made.valid.get(CAMERA), hardware),
@@ -206,7 +214,7 @@ def _expected_names(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
     names = {*(part.name for part in printed), *(f"mirror_{name}" for name in device.layout.mirror_names), CAMERA}
     for item in purchased_items(device):
         counts[item.kind] += 1
-        kind = FORMING if item.size.endswith(" thread-forming") else item.kind
+        kind = FORMING if item.size.endswith(" thread-forming") else IN_CAMERA if CAMERA in item.joins else item.kind
         names.add(f"{kind}_{counts[item.kind]:02d}")
     return names
 

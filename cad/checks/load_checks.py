@@ -12,15 +12,16 @@ import manifold3d
 import numpy as np
 
 from mirrorcam.cad.assembly.components import item_names
-from mirrorcam.cad.backs.back import Back, Stand
+from mirrorcam.cad.backs.back import Back, Stand, above_desk_mm
 from mirrorcam.cad.backs.blocks import TRIPOD
 from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, body_box, min_contact_n
 from mirrorcam.cad.parts.clip import ClipPlan
+from mirrorcam.cad.parts.corner_clip import MIN_ENGAGED
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.device_names import CLIP
-from mirrorcam.cad.plan.fasteners import thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import MassProperties, PurchasedItem
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
@@ -44,8 +45,9 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
     Returns
     -------
     dict of str to Metric
-        The smallest force at any contact under that acceleration, the largest strain of a leaf spring, and the screws'
-        forces. For bodies and boards, the standard deviations of re-clamping.
+        The smallest force at any contact under that acceleration after 1000 h, with all tolerances against it, the
+        largest strain of a leaf spring, and the screws' forces. For bodies and boards, the standard deviations of
+        re-clamping.
     """
     repeats = repeatability(clip, layout, hardware)
     figures = {
@@ -58,13 +60,19 @@ def check_nest(clip: ClipPlan, layout: Layout, hardware: Hardware) -> dict[str, 
         f"{CLIP}.{name}": Metric(value=round(value, digits), unit=unit)
         for name, (value, unit, digits) in figures.items()
     }
-    if clip.nest is None:
+    engaged = [screw.engaged_mm / thread_of(screw.size).diameter_mm for screw in clip.screws if screw.engaged_mm]
+    if engaged:
+        reclamped[f"{CLIP}.camera_thread"] = Metric(
+            value=round(min(engaged), 2), unit="diameters", limit=MIN_ENGAGED, lower_is_better=False
+        )
+    if clip.tray is None:
         return reclamped
     printer, camera = hardware.printer, hardware.camera
     weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g
-    min_force = min_contact_n(clip.nest, body_box(camera).centre, weight, printer.plastic_mpa)
-    forces = [screw.leaf.force_n(printer.plastic_mpa) for screw in clip.nest.screws]
-    strain = max(screw.leaf.strain for screw in clip.nest.screws)
+    centre = body_box(camera).centre
+    min_force = min_contact_n(clip.tray, centre, weight, printer.plastic_mpa, printer.plastic_creep)
+    forces = [screw.leaf.force_n(printer.plastic_mpa) for screw in clip.tray.screws]
+    strain = max(screw.leaf.strain(printer.plastic_mpa) for screw in clip.tray.screws)
     return {
         f"{CLIP}.contact_n": Metric(value=round(min_force, 2), unit="N", limit=0.0, lower_is_better=False),
         f"{CLIP}.leaf_strain": Metric(value=round(strain, 5), unit="", limit=printer.plastic_strain),
@@ -140,23 +148,49 @@ def check_back(
     stress = max((section.stress_mpa(force, total.centre_in_rig_mm) for section in back.critical_sections), default=0.0)
     checks = {"device.back_stress_mpa": Metric(value=round(stress, 3), unit="MPa", limit=STRESS_MPA)}
     if back.stand is not None:
-        angle = tipping_angle_deg(back.stand, total.centre_in_rig_mm)
+        angle = tipping_angle_deg(back.stand, total.centre_in_rig_mm @ back.rig_from_stand)
         limit = back.stand.tip_deg
         checks["device.tips_at_deg"] = Metric(value=round(angle, 2), unit="deg", limit=limit, lower_is_better=False)
     for name, item in zip(item_names(items), items, strict=True):
         if item.kind == "nut" and item.size == TRIPOD:
-            turns = tripod_turns(back.table.nut.screw_mm, solids.get(name), solids.get(item.joins[0]))
+            nut, part = solids.get(name), solids.get(item.joins[0])
+            turns = tripod_turns(back.table.nut.screw_mm, nut, part, back.rig_from_stand[:, 2])
             checks["device.tripod_turns"] = Metric(
                 value=round(turns, 2), unit="", limit=MIN_TURNS, lower_is_better=False
             )
     return checks
 
 
+def check_aim(back: Back, layout: Layout, hardware: Hardware) -> dict[str, Metric]:
+    """Check that the middle ray of a device on a desk reaches every depth of the design before it meets the desk.
+
+    Parameters
+    ----------
+    back : Back
+        The plan of the adapter; only a free-standing device has a desk.
+    layout : Layout
+        Camera and mirrors.
+    hardware : Hardware
+        The depth of a layout without a spec.
+
+    Returns
+    -------
+    dict of str to Metric
+        The angle of the views above the horizon, or above the axis of an arm's flange; for a free-standing device, the
+        smallest height of the middle ray above the desk at the depths of the design.
+    """
+    checks = {"device.look_deg": Metric(value=round(back.table.look_deg, 2), unit="deg")}
+    height = above_desk_mm(back, layout, hardware)
+    if height is not None:
+        checks["device.above_desk_mm"] = Metric(value=round(height, 1), unit="mm", limit=0.0, lower_is_better=False)
+    return checks
+
+
 def tipping_angle_deg(stand: Stand, centre_mm: FloatArray) -> float:
     """The smallest tilt in deg, over any side of its base, at which a device falls over; negative if it cannot stand.
 
-    The centre of mass (3,) is above the side at a tilt of atan(d / h), with d its horizontal distance from the side and
-    h its height.
+    The centre of mass (3,), in the stand frame, is above the side at a tilt of atan(d / h), with d its horizontal
+    distance from the side and h its height.
     """
     starts, ends = stand.corners, np.roll(stand.corners, -1, axis=0)
     directions = (ends - starts) / np.linalg.norm(ends - starts, axis=1)[:, None]
@@ -167,10 +201,16 @@ def tipping_angle_deg(stand: Stand, centre_mm: FloatArray) -> float:
     return float(np.degrees(np.arctan2(distance, centre_mm[2] - stand.z_mm)))
 
 
-def tripod_turns(screw_mm: float, nut: manifold3d.Manifold | None, part: manifold3d.Manifold | None) -> float:
-    """Turns of a tripod's screw, `screw_mm` long, in the nut above a part's lower face; 0 if nut or part is missing."""
+def tripod_turns(
+    screw_mm: float, nut: manifold3d.Manifold | None, part: manifold3d.Manifold | None, up: FloatArray
+) -> float:
+    """Turns of a tripod's screw, `screw_mm` long, in the nut above a part's lower face; 0 if nut or part is missing.
+
+    The screw points along the unit vector `up` (3,).
+    """
     if nut is None or part is None:
         return 0.0
-    thread_start = nut.bounding_box()[2] - part.bounding_box()[2]
+    nut_low, part_low = (float((solid.to_mesh64().vert_properties[:, :3] @ up).min()) for solid in (nut, part))
+    thread_start = nut_low - part_low
     thread = thread_of(TRIPOD)
     return max(0.0, min(screw_mm - thread_start, thread.nut_height_mm)) / thread.pitch_mm

@@ -19,8 +19,8 @@ import numpy as np
 from mirrorcam.cad.assembly.build_steps import is_piece_of, parts_when_joined
 from mirrorcam.cad.assembly.components import item_names
 from mirrorcam.cad.checks.clashes import FASTENERS, PRESSED_MM, ROUNDING_MM, overlap_mm3
-from mirrorcam.cad.plan.fasteners import COUNTERSUNK, SUNK_HEAD, diameter_mm
 from mirrorcam.cad.plan.part_plan import PurchasedItem
+from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, diameter_mm
 from mirrorcam.core.values import FloatArray, Metric
 
 

@@ -24,7 +24,6 @@ from mirrorcam.cad.guide.labels import innermost_pixel, rows_near, uncrossed_ord
 from mirrorcam.cad.guide.shading import Rendering, Screen, ShadedBody, edges_of, merged_lines, render, visible_lines
 from mirrorcam.cad.plan.dimension import DrawingTable
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.layout import Layout
 
 STEM = "assembly"
 """File name of the assembly drawing, without extension."""
@@ -67,8 +66,11 @@ def listed_items(components: Sequence[Component]) -> tuple[ListedItem, ...]:
     return tuple(listed)
 
 
-def draw_assembly(layout: Layout, components: Sequence[Component], revision: str) -> DrawingSheet:
-    """Draw the assembly of a device from its components, viewed from the front; `revision` is for the title block."""
+def draw_assembly(level_from_rig: FloatArray, components: Sequence[Component], revision: str) -> DrawingSheet:
+    """Draw the assembly of a device from its components, viewed from the front; `revision` is for the title block.
+
+    `level_from_rig` (3, 3) has the rows right, down and forward as the device stands.
+    """
     listed = listed_items(components)
     sheet = DrawingSheet(*A3_MM)
     rows = tuple(
@@ -78,7 +80,7 @@ def draw_assembly(layout: Layout, components: Sequence[Component], revision: str
     table = DrawingTable("Parts list", ("item", "qty", "description", "number or standard"), rows, left_aligned=(2, 3))
     left, low = draw_tables(sheet, (table,), 60.0)
     bottom, top = BORDER_MM + BLOCK_MM, A3_MM[1] - BORDER_MM
-    axes = view_axes(layout, IN_FRONT)
+    axes = view_axes(level_from_rig, IN_FRONT)
     exploded = [(component, component.explode_mm) for component in components]
     margin = BALLOON_GAP_MM + 2.0 * BALLOON_MM + 2.0
     area = np.array([(BORDER_MM + margin, bottom + 6.0), (left - margin, top - 6.0)])
@@ -94,10 +96,10 @@ def draw_assembly(layout: Layout, components: Sequence[Component], revision: str
 
 
 def write_assembly_drawing(
-    folder: Path, layout: Layout, components: Sequence[Component], revision: str
+    folder: Path, level_from_rig: FloatArray, components: Sequence[Component], revision: str
 ) -> tuple[Path, Path]:
     """Write assembly.svg and assembly.pdf into `folder`."""
-    return draw_assembly(layout, components, revision).write(folder / STEM, f"{NUMBER} Assembly")
+    return draw_assembly(level_from_rig, components, revision).write(folder / STEM, f"{NUMBER} Assembly")
 
 
 def _line_view(

@@ -16,22 +16,27 @@ from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.backs.back import above_desk_mm, carried_load
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
 from mirrorcam.cad.guide.camera_measures import MEASUREMENTS
-from mirrorcam.cad.holder.carriers import PITCH_MM, tilt_per_turn_deg
+from mirrorcam.cad.guide.side_view import look_text
+from mirrorcam.cad.holder.carriers import tilt_per_turn_deg, travel_turns
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of, stock_kind
+from mirrorcam.cad.parts.camera_box import CONTACT_TURNS
 from mirrorcam.cad.parts.coupon import gauges_of
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.device_names import COUPON, COVER
 from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
 from mirrorcam.cad.plan.rectangles import coupon_mirror_mm, is_rectangular, is_sold_in_size
+from mirrorcam.cad.plan.stand import design_depths_mm
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.names import markdown_text
-from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
+from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import edges_mm
 
@@ -70,7 +75,8 @@ def write_guide(
         test_mm=coupon_mirror_mm(device.layout),
         sold=is_sold_in_size(device.layout),
         rectangular=is_rectangular(device.layout),
-        lips=hardware.camera.held_by.kind == "lips",
+        tray=device.clip.tray is not None,
+        straps=len(device.clip.straps_mm),
         nest=_nest_texts(device),
         inserts=hardware.screw.kind == "insert",
         parts=parts,
@@ -99,6 +105,7 @@ def write_guide(
         settings=PRINT_SETTINGS,
         covered=next((part.number for part in parts if part.name == COVER), ""),
         tightening=_tightening_rows(components, hardware),
+        look=_look_texts(device),
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
     )
     write_text(folder / "guide.md", text)
@@ -146,19 +153,36 @@ def _nest_texts(device: Device) -> dict[str, Any]:
     held_by = hardware.camera.held_by
     texts = {
         "contact_um": f"{1000.0 * CONTACT_MM:.0f}",
-        "play_mm": "" if isinstance(held_by, Lips) else f"{held_by.play_mm:.2f}",
+        "play_mm": f"{held_by.play_mm:.2f}" if isinstance(held_by, BoardHoles) else "",
         "shift_um": f"{1000.0 * repeats.shift_mm:.0f}",
         "turn_deg": f"{repeats.rotation_deg:.2f}",
         "image_px": f"{repeats.image_px:.1f}",
         "views_px": f"{repeats.between_views_px:.1f}",
     }
-    if clip.nest is None:
+    if clip.tray is None:
         return texts
-    back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.nest.screws)
-    contacts = {"v": bool(abs(clip.nest.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
-    for position, screw in zip(("back", "end"), clip.nest.screws, strict=True):
-        contacts[f"{position}_screw"] = f"M3 x {screw.length_mm:g} screw"
+    back, end = (screw.leaf.force_n(hardware.printer.plastic_mpa) for screw in clip.tray.screws)
+    contacts = {"v": bool(abs(clip.tray.normals[4, 0]) > 0.1), "back_n": f"{back:.0f}", "end_n": f"{end:.0f}"}
+    contacts["turns"] = f"{CONTACT_TURNS:g}"
+    for position, screw in zip(("back", "end"), clip.tray.screws, strict=True):
+        contacts[f"{position}_screw"] = f"{device.hardware.screw.thread} x {screw.length_mm:g} screw"
     return texts | contacts
+
+
+def _look_texts(device: Device) -> dict[str, Any]:
+    """Where the device looks as it stands, and to which side it is heavier and its desk foot longer."""
+    back, foot, layout = device.back, device.mount.foot, device.layout
+    load = carried_load(device.mount, device.clip, device.hardware)
+    texts = {
+        "text": look_text(back.table.look_deg),
+        "heavier": "scene" if load.centre[1] > foot.screws[:, 1].min() else "back",
+        "depth_mm": f"{design_depths_mm(layout, device.hardware)[-1]:g}",
+    }
+    if back.stand is None:
+        return texts
+    before, behind = back.stand.corners[:, 1].max() - foot.edge_y_mm, foot.back_y_mm - back.stand.corners[:, 1].min()
+    above = above_desk_mm(back, layout, device.hardware)
+    return texts | {"longer": "scene" if before > behind else "back", "above_mm": above}
 
 
 def _carrier_texts(device: Device) -> dict[str, Any]:
@@ -173,10 +197,10 @@ def _carrier_texts(device: Device) -> dict[str, Any]:
         "spring_n": f"{holder.adjuster.force_n:.0f}",
         "inset_mm": f"{dimensions.carrier_inset_mm:g}",
         "adjust_deg": f"{dimensions.adjust_deg:g}",
-        "travel_turns": f"{holder.adjuster.travel_mm / PITCH_MM:.1f}",
+        "travel_turns": f"{travel_turns(holder.adjuster):.1f}",
         "min_tilt_deg": f"{min(tilts):.1f}",
         "max_tilt_deg": f"{max(tilts):.1f}",
-        "pitch_mm": f"{PITCH_MM:g}",
+        "pitch_mm": f"{thread_of(holder.adjuster.thread).pitch_mm:g}",
     }
 
 

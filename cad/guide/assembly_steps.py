@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.cad.assembly.build_steps import CAMERA, is_piece_of
+from mirrorcam.cad.assembly.build_steps import is_piece_of
 from mirrorcam.cad.assembly.components import Component
-from mirrorcam.cad.plan.device_names import CARRIER, CLIP, HOLDER, MOUNT
+from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.core.figures.figure_texts import TIMES
 
 # Prefix of the names of an adapter's parts.
@@ -96,16 +96,15 @@ class Stages:
 
     @property
     def threads(self) -> list[Component]:
-        """Inserts and captive nuts that are inserted before parts are joined: all except those of the adapter."""
-        return [
-            component
-            for component in self.of_kind("insert", "nut")
-            if component.item is None or component.item.size == "M3"
-        ]
+        """Inserts and captive nuts that are inserted before parts are joined: of the same kind as the holder's."""
+        found = self.of_kind("insert", "nut")
+        holders = [thread for thread in found if joins_of(thread)[-1] == HOLDER]
+        kinds = {(thread.item.kind, thread.item.size) for thread in holders if thread.item}
+        return [thread for thread in found if thread.item is None or (thread.item.kind, thread.item.size) in kinds]
 
     @property
     def back_nuts(self) -> list[Component]:
-        """Nuts of sizes other than M3, by which the adapter is fastened to its support."""
+        """The adapter's own nuts, by which it is fastened to its support."""
         return [component for component in self.of_kind("nut") if component not in self.threads]
 
     @property

@@ -53,7 +53,7 @@ FIRST_END = "this end goes in first"
 
 def viewers(clip: ClipPlan) -> tuple[FloatArray, FloatArray]:
     """Directions (3,) in the rig frame towards the two viewers: above the lens, and behind the camera."""
-    mirrored = np.array([first_side(clip.nest) if clip.nest else -1.0, 1.0, 1.0]) * (-1.0, 1.0, 1.0)
+    mirrored = np.array([first_side(clip.tray) if clip.tray else -1.0, 1.0, 1.0]) * (-1.0, 1.0, 1.0)
     return np.array(ABOVE_SCENE) * mirrored, np.array(BELOW_SCENE) * mirrored
 
 
@@ -72,30 +72,33 @@ def notes_of(clip: ClipPlan) -> tuple[tuple[str, FloatArray], ...]:
     left, right, z = clip.tie_mm
     inner_y = clip.slide_y_mm + clip.slide.wall_mm
     notes = [("slot of the cable tie", np.array([x, inner_y, z])) for x in (left, right)]
+    notes += [("slot of a tie round the body", np.array([x, inner_y, z])) for *xs, z in clip.straps_mm for x in xs]
     if clip.nest is None:
         return tuple(notes)
     points = clip.nest.points
+    if clip.tray is None:
+        return (*notes, ("fence", points[3]), ("fence", points[4]), ("stop", points[5]))
     notes += [("front pad", point) for point in points[:3]]
-    if is_v(clip.nest):
+    if is_v(clip.tray):
         return (*notes, ("V", points[3]), ("V", points[4]), ("side pad", points[5]))
     return (*notes, ("side pad", points[3]), ("side pad", points[4]), ("end pad", points[5]))
 
 
 def screw_label(clip: ClipPlan, screw: Component) -> str:
-    """The title of a camera's screw, with its position if it belongs to a nest."""
-    if clip.nest is None:
+    """The title of a camera's screw, with its position if it is sprung."""
+    if clip.tray is None:
         return screw.title
     centre = np.asarray(screw.mesh.bounds).mean(axis=0)
-    nearest = int(np.argmin([np.linalg.norm((own.head + own.tip) / 2.0 - centre) for own in clip.nest.screws]))
+    nearest = int(np.argmin([np.linalg.norm((own.head + own.tip) / 2.0 - centre) for own in clip.tray.screws]))
     return f"{('back', 'corner')[nearest]} screw, {screw.title.removesuffix(' screw')}"
 
 
 def tilted(clip: ClipPlan, triangles: FloatArray) -> FloatArray:
-    """The triangles (n, 3, 3) of a camera tilted about its first end on its path into a nest; a board is unchanged."""
-    if clip.nest is None:
+    """The triangles (n, 3, 3) of a camera tilted about its first end on its path into a tray; others are unchanged."""
+    if clip.tray is None:
         return triangles
-    side = first_side(clip.nest)
-    pivot = end_point(clip.nest, triangles)
+    side = first_side(clip.tray)
+    pivot = end_point(clip.tray, triangles)
     rotation = Rotation.from_euler("z", -side * TILT_DEG, degrees=True).as_matrix()
     return np.asarray((triangles - pivot) @ rotation.T + pivot)
 
@@ -107,7 +110,8 @@ def end_point(nest: Nest, triangles: FloatArray) -> FloatArray:
     return np.array([corner[0], corners[:, 1].mean(), nest.points[3, 2]])
 
 
-# Directions to the viewer in view axes (right, down, forward): in the scene, facing the mirrors, or behind the device.
+# Directions to the viewer (right, down, forward as the device stands): in the scene, facing the mirrors, or behind the
+# device.
 IN_FRONT = (0.95, 0.12, 1.0)
 BELOW = (0.55, 0.75, 1.0)
 BEHIND = (-0.80, -0.35, -1.0)
@@ -132,7 +136,7 @@ def pictures_of(
     """All pictures of a device, in the order of the page; pictures of steps have the steps' names."""
     layout = device.layout
     viewers = (IN_FRONT, LEVEL, BELOW, BEHIND)
-    front, level, below, behind = (view_axes(layout, viewer) for viewer in viewers)
+    front, level, below, behind = (view_axes(device.level_from_rig, viewer) for viewer in viewers)
     labelled = tuple(in_place(component, name_of(component)) for component in components)
     unlabelled = tuple(in_place(component) for component in components)
     rays = tuple(central_ray(layout, index) for index in range(len(layout.mirrors)))
@@ -144,8 +148,8 @@ def pictures_of(
         DevicePicture("light", "The light: from the lens via every mirror to the scene", front, unlabelled, rays),
         DevicePicture("behind", "The device from behind", behind, unlabelled),
         DevicePicture("print", "The printed parts as they lie on the printer's bed", ISOMETRIC_AXES, _on_bed(parts)),
-        _inserts(layout, stages, behind, below),
-        _mirrors(layout, stages),
+        _inserts(device, stages, behind, below),
+        _mirrors(device, stages),
         DevicePicture("holder", "Mirror holder and mount", behind, _holder_on_mount(stages)),
         _camera(device, stages),
         DevicePicture("clip", "Clip and mount", level, _clip_on_mount(device, stages)),
@@ -153,11 +157,14 @@ def pictures_of(
     )
 
 
-def view_axes(layout: Layout, viewer_in_view: Sequence[float] | FloatArray) -> FloatArray:
-    """Rows right, up and towards the viewer (3, 3) in the rig frame, with the scene's up direction."""
-    towards = layout.view_from_rig.T @ np.asarray(viewer_in_view, dtype=np.float64)
+def view_axes(level_from_rig: FloatArray, viewer_in_level: Sequence[float] | FloatArray) -> FloatArray:
+    """Rows right, up and towards the viewer (3, 3) in the rig frame, with up as the device stands.
+
+    `level_from_rig` (3, 3) has the rows right, down and forward; so has the direction (3,) to the viewer.
+    """
+    towards = level_from_rig.T @ np.asarray(viewer_in_level, dtype=np.float64)
     towards /= np.linalg.norm(towards)
-    up = -layout.view_from_rig[1]
+    up = -level_from_rig[1]
     up = up - (up @ towards) * towards
     up /= np.linalg.norm(up)
     return np.array([np.cross(up, towards), up, towards])
@@ -176,12 +183,12 @@ def central_ray(layout: Layout, index: int) -> FloatArray:
     return np.array([np.zeros(3), centre, centre + length * direction / np.linalg.norm(direction)])
 
 
-def axes_towards(layout: Layout, viewer_in_rig: FloatArray) -> FloatArray:
+def axes_towards(device: Device, viewer_in_rig: FloatArray) -> FloatArray:
     """`view_axes` for a direction (3,) in the rig frame."""
-    return view_axes(layout, layout.view_from_rig @ viewer_in_rig)
+    return view_axes(device.level_from_rig, device.level_from_rig @ viewer_in_rig)
 
 
-def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArray) -> DevicePicture:
+def _inserts(device: Device, stages: Stages, behind: FloatArray, below: FloatArray) -> DevicePicture:
     """The parts from behind and from the front, with inserts and nuts, and separately the carriers."""
     title = "Where inserts and nuts go"
     carriers = stages.carriers
@@ -189,7 +196,7 @@ def _inserts(layout: Layout, stages: Stages, behind: FloatArray, below: FloatArr
     third = None
     if carriers:
         moves = [np.diff(exit_path(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
-        axes = axes_towards(layout, mean([move / np.linalg.norm(move) for move in moves]))
+        axes = axes_towards(device, mean([move / np.linalg.norm(move) for move in moves]))
         third = DevicePicture(
             "inserts", title, axes, _threads(stages, carriers), caption="The mirror carriers", labels_on_bodies=True
         )
@@ -223,12 +230,12 @@ def _label_with_count(part: Component, short: bool, count: int) -> str:
     return f"{part.number if short else name_of(part)}: {count}"
 
 
-def _mirrors(layout: Layout, stages: Stages) -> DevicePicture:
+def _mirrors(device: Device, stages: Stages) -> DevicePicture:
     """The mirrors in front of their seats, seen along their normals, and below in the same view the labelled seats."""
-    title = "Which mirror goes where"
+    title, layout = "Which mirror goes where", device.layout
     normal = mean([mirror.normal_in_rig for mirror in layout.mirrors])
     normal = normal / np.linalg.norm(normal)
-    axes = axes_towards(layout, normal + SEATS_FROM_BELOW * layout.view_from_rig[1])
+    axes = axes_towards(device, normal + SEATS_FROM_BELOW * device.level_from_rig[1])
     holder = tuple(in_place(component, pale=True) for component in stages.holder)
     fasteners = [
         displaced(component, component.explode_mm - mean([p.explode_mm for p in stages.holder]))
@@ -282,13 +289,13 @@ def _camera(device: Device, stages: Stages) -> DevicePicture:
     for camera in stages.camera:
         body = displaced(camera, shift, name_of(camera)).body
         camera_items.append(Item(replace(body, triangles=tilted(clip, body.triangles)), name_of(camera)))
-        if clip.nest is not None:
-            end = end_point(clip.nest, body.triangles)
-            seat = end_point(clip.nest, triangles_of(camera))
+        if clip.tray is not None:
+            end = end_point(clip.tray, body.triangles)
+            seat = end_point(clip.tray, triangles_of(camera))
             direction = (seat - end) / np.linalg.norm(seat - end)
             arrow = arrow_head((end + seat) / 2.0, direction)
             camera_items.append(Item(arrow, FIRST_END, np.array([end, seat])))
-    upper_axes, lower_axes = (axes_towards(device.layout, viewer) for viewer in viewers(clip))
+    upper_axes, lower_axes = (axes_towards(device, viewer) for viewer in viewers(clip))
     notes, title = notes_of(clip), "Camera and clip"
     # The lower view omits the camera, which would hide the clip.
     lower = DevicePicture(

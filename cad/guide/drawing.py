@@ -38,11 +38,11 @@ from mirrorcam.cad.guide.drawing_sheet import (
 )
 from mirrorcam.cad.guide.hole_callouts import (
     DEPTH,
-    INSERT,
-    NUT,
     PRESS_TOLERANCE,
     hole_groups,
     hole_tables,
+    insert_text,
+    nut_text,
     with_callouts,
 )
 from mirrorcam.cad.guide.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
@@ -72,11 +72,11 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
     """The holes for the mount's screws in the flat back."""
     rotation, origin = plan.rig_from_mount[:3, :3], plan.rig_from_mount[:3, 3]
-    screw = plan.screw
+    screw, depth = plan.screw, f"{DEPTH}{plan.hole_depth_mm:.4g}"
     if screw.kind == "insert":
-        diameter, text = screw.insert_hole_mm, f"{PRESS_TOLERANCE} {DEPTH}{plan.hole_depth_mm:.4g} {INSERT} (far side)"
+        diameter, text = screw.insert_hole_mm, f"{PRESS_TOLERANCE} {depth} {insert_text(screw)} (far side)"
     else:
-        diameter, text = screw.clearance_hole_mm, f"{DEPTH}{plan.hole_depth_mm:.4g} for M3, slot {NUT} (far side)"
+        diameter, text = screw.clearance_hole_mm, f"{depth} for {screw.thread}, slot {nut_text(screw)} (far side)"
     return tuple(
         Hole(origin + rotation[:, :2] @ hole, rotation[:, 2], diameter, text) for hole in plan.holes_in_mount_mm
     )

@@ -27,7 +27,6 @@ from mirrorcam.cad.plan.hardware import Fastening
 from mirrorcam.core.values import FloatArray
 
 THROUGH = "through"
-INSERT, NUT = "for M3 insert", "for M3 nut"
 DEPTH = "↧"
 """Depth symbol (ISO 129-1)."""
 
@@ -124,8 +123,20 @@ def _with_callout(hole: Hole, material: Material, screw: Fastening, tolerance: s
     deepest = max(ends, default=hole.cut_mm)
     depth_text = f"{DEPTH}{deepest:.2f}".rstrip("0").rstrip(".")
     purpose = _purpose(hole, screw, through=False)
-    text = _joined(hole.text, tolerance if purpose in (INSERT, NUT) else "", depth_text, purpose)
+    text = _joined(
+        hole.text, tolerance if purpose in (insert_text(screw), nut_text(screw)) else "", depth_text, purpose
+    )
     return replace(hole, text=text, centre_in_rig=origin + deepest * outward, axis_in_rig=-outward)
+
+
+def insert_text(screw: Fastening) -> str:
+    """The purpose of a hole for an insert: "for M3 insert"."""
+    return f"for {screw.thread} insert"
+
+
+def nut_text(screw: Fastening) -> str:
+    """The purpose of a pocket for a nut: "for M3 nut"."""
+    return f"for {screw.thread} nut"
 
 
 def _perpendicular_directions(axis: FloatArray) -> list[FloatArray]:
@@ -142,10 +153,10 @@ def _purpose(hole: Hole, screw: Fastening, *, through: bool) -> str:
         return abs(hole.diameter_mm - size_mm) < SAME_MM
 
     if hole.form == "hexagon":
-        return NUT if same(screw.nut_flats_mm + NUT_FIT_MM) else ""
+        return nut_text(screw) if same(screw.nut_flats_mm + NUT_FIT_MM) else ""
     if screw.kind == "insert" and not through and same(screw.insert_hole_mm):
-        return INSERT
-    return "for M3" if through and same(screw.clearance_hole_mm) else ""
+        return insert_text(screw)
+    return f"for {screw.thread}" if through and same(screw.clearance_hole_mm) else ""
 
 
 def _joined(*texts: str) -> str:

@@ -11,12 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG, SUNK_HEAD, thread_of
+from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG
 from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware
+from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
 from mirrorcam.core.errors import InputError
-
-SCREW = "M3"
-"""Thread of the screws, as of all others, for which the inserts and nuts are the same."""
 
 # Gap between the carrier's edge and the holder at the end of its travel.
 END_GAP_MM = 0.2
@@ -26,8 +24,8 @@ TIP_CLEARANCE_MM, SUNK_MM = 0.2, 0.3
 MIN_COMPRESSION_MM = 1.2
 # Radial clearance of a head in its cone, and the cone's half angle; the cone widens towards the back.
 HEAD_FIT_MM, CONE_DEG = 0.05, 44.0
-# Depth in the plate for a head and its cone, down to the wall under a spring.
-HEAD_DEPTH_MM = 2.5
+# Depth in the plate for a head and its cone, down to the wall under a spring, in diameters of the thread.
+HEAD_DEPTH = 2.5 / 3.0
 # Widths of the screwdriver's blade and of its holes in the mount, and the ends of these holes along the mount's x from
 # their centres: the holes are printed horizontally and have a roof.
 DRIVER_MM, DRIVER_HOLE_MM = 4.0, 4.6
@@ -40,12 +38,13 @@ UNDER_NUT_MM = 2.0
 class Adjuster:
     """The screws of the carriers, three for each and all alike; mm.
 
-    A screw of `length_mm` passes through the holder, `plate_mm` thick, and the gap of `gap_mm` to the carrier, and
-    engages `engaged_mm` in a hole `hole_mm` deep. A spring, compressed to `spring_mm` by `force_n`, lies in a recess of
-    depth `recess_mm` in the holder's front. With the screw loosened to the end of its travel, plus or minus
-    `travel_mm`, the spring's force is still `min_force_n`.
+    A screw of a `thread` and `length_mm` passes through the holder, `plate_mm` thick, and the gap of `gap_mm` to the
+    carrier, and engages `engaged_mm` in a hole `hole_mm` deep. A spring, compressed to `spring_mm` by `force_n`, lies
+    in a recess of depth `recess_mm` in the holder's front. With the screw loosened to the end of its travel, plus or
+    minus `travel_mm`, the spring's force is still `min_force_n`.
     """
 
+    thread: str
     length_mm: float
     plate_mm: float
     gap_mm: float
@@ -61,18 +60,18 @@ class Adjuster:
     @property
     def head_mm(self) -> float:
         """Largest diameter of the cone for a head, at the back."""
-        return head_diameter_mm()
+        return head_diameter_mm(self.thread)
 
     @property
     def cone_mm(self) -> float:
         """Depth of the cone, down to the clearance hole."""
-        half = thread_of(SCREW).clearance_mm / 2.0
+        half = thread_of(self.thread).clearance_mm / 2.0
         return float((self.head_mm / 2.0 - half) / np.tan(np.radians(CONE_DEG)))
 
 
-def head_diameter_mm() -> float:
+def head_diameter_mm(thread: str) -> float:
     """Diameter of the cone for a sunk head at the back's face."""
-    return SUNK_HEAD * thread_of(SCREW).diameter_mm + 2.0 * (HEAD_FIT_MM + SUNK_MM)
+    return SUNK_HEAD * thread_of(thread).diameter_mm + 2.0 * (HEAD_FIT_MM + SUNK_MM)
 
 
 def recess_diameter_mm(hardware: Hardware) -> float:
@@ -96,8 +95,8 @@ def travel_mm(radius_mm: float, hardware: Hardware) -> float:
 
 def min_plate_mm(travel: float, hardware: Hardware) -> float:
     """Minimum thickness of a holder with a spring's recess, a head's cone and a wall between them."""
-    spring = hardware.holder.spring
-    return spring.free_mm - MIN_COMPRESSION_MM - travel + HEAD_DEPTH_MM + hardware.printer.wall_mm
+    spring, diameter = hardware.holder.spring, thread_of(hardware.screw.thread).diameter_mm
+    return spring.free_mm - MIN_COMPRESSION_MM - travel + HEAD_DEPTH * diameter + hardware.printer.wall_mm
 
 
 def plan_adjuster(screws_radius_mm: float, edge_radius_mm: float, plate_mm: float, hardware: Hardware) -> Adjuster:
@@ -115,9 +114,16 @@ def plan_adjuster(screws_radius_mm: float, edge_radius_mm: float, plate_mm: floa
     Raises
     ------
     InputError
-        If no screw on the list is long enough, the spring is too short, or a tilted screw touches its hole.
+        If no screw on the list is long enough, the spring is too short or too narrow, or a tilted screw touches its
+        hole.
     """
     screw, spring = hardware.screw, hardware.holder.spring
+    thread = thread_of(screw.thread)
+    if (inside := spring.mean_mm - spring.wire_mm) <= thread.diameter_mm:
+        raise InputError(
+            f"spring {spring.size} is {inside:g} mm wide inside, expected more than the {screw.thread} screw in it: "
+            "give a wider holder.spring"
+        )
     travel = travel_mm(screws_radius_mm, hardware)
     # A multiple of the layer height, since the coupon has a printed gauge of this thickness.
     layer = PRINT_SETTINGS.layer_mm
@@ -127,8 +133,9 @@ def plan_adjuster(screws_radius_mm: float, edge_radius_mm: float, plate_mm: floa
     lengths = [length for length in screw.lengths_mm if length >= needed]
     if not lengths:
         raise InputError(
-            f"screws of carriers must be {needed:.1f} mm long for {hardware.holder.adjust_deg:g} deg either way, "
-            "longer than any on the list (screw.lengths_mm): expected smaller mirrors or a smaller holder.adjust_deg"
+            f"{screw.thread} screws of carriers must be {needed:.1f} mm long for {hardware.holder.adjust_deg:g} deg "
+            "either way, longer than any on the list (screw.lengths_mm): expected smaller mirrors or a smaller "
+            "holder.adjust_deg"
         )
     length = min(lengths)
     engaged = length + SUNK_MM - plate_mm - gap
@@ -138,7 +145,7 @@ def plan_adjuster(screws_radius_mm: float, edge_radius_mm: float, plate_mm: floa
             f"spring {spring.size} closes before a mirror has moved by {travel:.2f} mm either way, expected a longer "
             "holder.spring or a smaller holder.adjust_deg"
         )
-    hole_clearance = (thread_of(SCREW).clearance_mm - thread_of(SCREW).diameter_mm) / 2.0
+    hole_clearance = (thread.clearance_mm - thread.diameter_mm) / 2.0
     if plate_mm * np.tan(np.radians(hardware.holder.adjust_deg)) > hole_clearance:
         max_deg = np.degrees(np.arctan(hole_clearance / plate_mm))
         raise InputError(
@@ -147,6 +154,7 @@ def plan_adjuster(screws_radius_mm: float, edge_radius_mm: float, plate_mm: floa
         )
     thread_depth = engaged + travel + TIP_CLEARANCE_MM
     return Adjuster(
+        thread=screw.thread,
         length_mm=length,
         plate_mm=plate_mm,
         gap_mm=gap,

@@ -301,8 +301,9 @@ def mount_positions(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
             candidates.append((back, -a * b, holes))
     if not candidates:
         raise InputError(
-            f"mirror holder's back is {right - left:.1f} x {top - bottom:.1f} mm, expected space for four M3 inserts "
-            f"with {boss_mm:g} mm of material around their centres, at least {2.0 * half_gap:.1f} mm from each other"
+            f"mirror holder's back is {right - left:.1f} x {top - bottom:.1f} mm, expected space for four "
+            f"{hardware.screw.thread} inserts with {boss_mm:g} mm of material around their centres, at least "
+            f"{2.0 * half_gap:.1f} mm from each other"
         )
     return [MountFace(back, centre, holes) for back, _, holes in sorted(candidates, key=lambda item: item[:2])]
 

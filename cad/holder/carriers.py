@@ -22,13 +22,14 @@ from shapely.affinity import rotate, translate
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from mirrorcam.cad.holder.adjuster import SCREW, UNDER_NUT_MM, Adjuster, boss_mm, recess_diameter_mm
+from mirrorcam.cad.holder.adjuster import UNDER_NUT_MM, Adjuster, boss_mm, recess_diameter_mm
 from mirrorcam.cad.holder.glue import glue_mm3, groove_solid, grooves_of, planned_cover
 from mirrorcam.cad.holder.pads import min_altitude_mm, pad_shapes, pad_solid, plan_pads, widest_triangle
 from mirrorcam.cad.plan.dimension import Hole, holes
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, thread_of
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, outline_at, seat_distance_mm, seat_height_mm
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -116,9 +117,9 @@ def plan_areas(
 def _no_space(layout: Layout, index: int, expected: str, hardware: Hardware) -> str:
     width, height = np.ptp(layout.mirrors[index].outline_in_plane_mm, axis=0)
     return (
-        f"mirror {layout.mirror_names[index]} of {width:.1f} x {height:.1f} mm has no space behind it for three M3 "
-        f"screws with {boss_mm(hardware):.1f} mm of plastic round their axes, expected {expected}"
-        'holder.mirrors = "glue"'
+        f"mirror {layout.mirror_names[index]} of {width:.1f} x {height:.1f} mm has no space behind it for three "
+        f"{hardware.screw.thread} screws with {boss_mm(hardware):.1f} mm of plastic round their axes, expected "
+        f'{expected}holder.mirrors = "glue"'
     )
 
 
@@ -200,8 +201,8 @@ class CarrierPlan:
 
     The cuts are `grooves` (with the notch in its upper edge), `holes` and `nuts`. `rig_from_back` (4, 4) is the frame
     of its flat back: origin in the centre of its screws, z out of the back towards the holder. `screws_mm` (3, 2) are
-    the screws' axes in that frame. `planned_cover` is the fraction of the mirror's back that its seat covers,
-    `glue_mm3` the volume of the gap between them.
+    the screws' axes in that frame, `thread` is theirs. `planned_cover` is the fraction of the mirror's back that its
+    seat covers, `glue_mm3` the volume of the gap between them.
     """
 
     name: str
@@ -213,15 +214,21 @@ class CarrierPlan:
     nut_flats_mm: float
     rig_from_back: FloatArray
     screws_mm: FloatArray
+    thread: str
     planned_cover: float
     glue_mm3: float
+
+    @property
+    def pitch_mm(self) -> float:
+        """The pitch of its screws."""
+        return thread_of(self.thread).pitch_mm
 
     @property
     def dimensions(self) -> tuple[Hole, ...]:
         """The holes of the screws, and the pockets of their nuts."""
         axis = -self.rig_from_back[:3, 2]
         pockets = (
-            Hole(nut.top.mean(axis=0), -axis, round(self.nut_flats_mm, 3), "for M3 nut", None, "hexagon")
+            Hole(nut.top.mean(axis=0), -axis, round(self.nut_flats_mm, 3), f"for {self.thread} nut", None, "hexagon")
             for nut in self.nuts
         )
         return (*holes(self.holes), *pockets)
@@ -295,6 +302,7 @@ def plan_carrier(
         nut_flats_mm=_nut_flats_mm(hardware),
         rig_from_back=rigid(axes.T, area.centre @ axes[:2] + level_mm * normal),
         screws_mm=area.screws - area.centre,
+        thread=hardware.screw.thread,
         planned_cover=planned_cover(mirror, seat, grooves, pads),
         glue_mm3=glue_mm3(seat, pads, hardware),
     )
@@ -327,15 +335,12 @@ def _nut(mirror: Mirror, centre: FloatArray, level_mm: float, axes: FloatArray, 
     return Frustum(flat + (level_mm - UNDER_NUT_MM) * axes[2], top)
 
 
-PITCH_MM = thread_of(SCREW).pitch_mm
-
-
 def rig_from_carrier(carrier: CarrierPlan, turns: FloatArray) -> FloatArray:
     """The motion (4, 4) of a carrier, in the rig frame, for turns (3,) of its screws, clockwise seen from behind."""
     frame = carrier.rig_from_back
     # The plane of the back through the screws: z = height + gradient . (x, y).
     design = np.column_stack([np.ones(3), carrier.screws_mm])
-    height, *gradient = np.linalg.solve(design, PITCH_MM * np.asarray(turns, dtype=np.float64))
+    height, *gradient = np.linalg.solve(design, carrier.pitch_mm * np.asarray(turns, dtype=np.float64))
     normal = np.array([-gradient[0], -gradient[1], 1.0]) / np.sqrt(1.0 + gradient[0] ** 2 + gradient[1] ** 2)
     motion = np.eye(4)
     motion[:3, :3], motion[2, 3] = _smallest_rotation(np.array([0.0, 0.0, 1.0]), normal), height
@@ -373,13 +378,13 @@ def turns_to(virtual_centre: FloatArray, target: FloatArray, carrier: CarrierPla
     target_point = (target / 2.0 - frame[:3, 3]) @ frame[:3, :3]
     height = float(target_normal @ (target_point - rotation @ point)) / float(target_normal[2])
     normal = rotation[:, 2]
-    return np.asarray((height - carrier.screws_mm @ normal[:2] / normal[2]) / PITCH_MM)
+    return np.asarray((height - carrier.screws_mm @ normal[:2] / normal[2]) / carrier.pitch_mm)
 
 
 def tilt_per_turn_deg(carrier: CarrierPlan) -> float:
     """The largest tilt in deg per turn of a screw: the pitch over the smallest altitude of the triangle of screws."""
     altitude = float(min_altitude_mm(carrier.screws_mm[None])[0])
-    return float(np.degrees(np.arctan(PITCH_MM / altitude)))
+    return float(np.degrees(np.arctan(carrier.pitch_mm / altitude)))
 
 
 def rotation_about(axis: FloatArray, angle_rad: float) -> FloatArray:
@@ -389,7 +394,7 @@ def rotation_about(axis: FloatArray, angle_rad: float) -> FloatArray:
 
 def travel_turns(screw: Adjuster) -> float:
     """Largest number of turns of a screw from its nominal position, in either direction."""
-    return screw.travel_mm / PITCH_MM
+    return screw.travel_mm / thread_of(screw.thread).pitch_mm
 
 
 def tilt_and_shift(virtual_centre: FloatArray, target: FloatArray) -> tuple[float, float]:

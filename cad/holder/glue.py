@@ -20,10 +20,11 @@ from mirrorcam.optics.geometry.transforms import transform
 
 # An edge within this angle of a groove counts as parallel to it, and leaves a thin wall next to it.
 PARALLEL_DEG = 30.0
-# Grooves end this far outside the rims, or within the pocket of an adjacent mirror, at this fraction of the fit from
-# the column behind that mirror.
+# Grooves end this far outside the rims, or at this fraction of the fit from the column behind an adjacent mirror.
 PAST_RIM_MM = 0.2
 CLEARANCE_OF_FIT = 0.8
+# Thickness, beyond a wall's, of what remains between a groove and a slit, whose sides are oblique to the groove's end.
+OBLIQUE_MM = 0.2
 
 
 @dataclass(frozen=True)
@@ -40,17 +41,18 @@ class Groove:
 def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardware: Hardware) -> tuple[Groove, ...]:
     """Parallel grooves of one mirror, evenly spaced about the centre of its outline; none if it is narrow or on tape.
 
-    They pass through notches of the rims and out of the part, or up to the column behind the adjacent mirror. Air and
-    surplus glue can escape, and no thin wall remains at their ends. `normal` (3,) points out of the part's back.
+    They pass through notches of the rims and out of the filler round the mirror, or up to the column behind the
+    adjacent mirror. Air and surplus glue can escape, and no thin wall remains at their ends. `normal` (3,) points out
+    of the part's back.
     """
     dimensions, mirror = hardware.holder, mirrors[index]
     if dimensions.mirrors == "tape":
         return ()
     outline = Polygon(mirror.outline_in_plane_mm)
-    margin = hardware.fit.free_mm + dimensions.rim_mm + PAST_RIM_MM
-    enlarged = outline.buffer(margin, join_style="mitre", mitre_limit=2.0)
+    filler_mm = hardware.fit.free_mm + dimensions.rim_mm
+    margin = filler_mm + PAST_RIM_MM
+    filler, enlarged = (outline.buffer(mm, join_style="mitre", mitre_limit=2.0) for mm in (filler_mm, margin))
     columns = [_column(mirror, other, normal, hardware) for k, other in enumerate(mirrors) if k != index]
-    columns_area = union_all([column.buffer(CLEARANCE_OF_FIT * hardware.fit.free_mm) for column in columns])
     left, bottom, right, top = outline.bounds
     half = dimensions.groove_mm / 2.0
     steps = np.arange(0.5, 0.5 + (right - left) / dimensions.groove_pitch_mm)
@@ -60,7 +62,8 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardwa
         if strip.intersection(outline).is_empty or not _clear_of_edges(outline, strip, hardware):
             continue
         centre_y = strip.intersection(outline).centroid.y
-        blocked = columns_area.intersection(strip)
+        own = filler.intersection(strip)
+        blocked = union_all([_blocked(column, own, hardware).intersection(strip) for column in columns])
         ends_below = [part.bounds[3] for part in _parts(blocked) if part.bounds[3] < centre_y]
         ends_above = [part.bounds[1] for part in _parts(blocked) if part.bounds[1] > centre_y]
         shape = enlarged.intersection(
@@ -77,6 +80,16 @@ def _column(mirror: Mirror, other: Mirror, normal: FloatArray, hardware: Hardwar
     corners = outline_at(other, seat_height_mm(other, hardware)) - origin
     flat = corners - ((corners @ frame[:3, 2]) / (normal @ frame[:3, 2]))[:, None] * normal
     return Polygon(flat @ frame[:3, :2])
+
+
+def _blocked(column: Polygon, filler: Polygon, hardware: Hardware) -> BaseGeometry:
+    """The area that a groove spares round the column behind an adjacent mirror; `filler` is that along the groove.
+
+    Where the filler ends just in front of the column, a wall remains between the groove and the slit there.
+    """
+    clearance, slit_mm = CLEARANCE_OF_FIT * hardware.fit.free_mm, filler.distance(column)
+    is_slit = 0.0 < slit_mm < PAST_RIM_MM + clearance
+    return column.buffer(slit_mm + hardware.printer.wall_mm + OBLIQUE_MM if is_slit else clearance)
 
 
 def _parts(area: BaseGeometry) -> list[BaseGeometry]:

@@ -7,16 +7,16 @@ from itertools import combinations
 import numpy as np
 from build123d import Align, BuildPart, Cone, Cylinder, Face, Locations, Mode, Part, Plane, Shell, Solid, Wire, insert
 
-from mirrorcam.cad.holder.adjuster import SCREW
 from mirrorcam.cad.holder.back import BLUNT_RADIUS_MM, hole_mm, tip_mm
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.planar_csg import PlanarCsg, brep
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import HOLDER
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, thread_of
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import recipe
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -65,7 +65,7 @@ def make_screwed_holder(plan: ScrewedHolderPlan) -> Part:
     """A holder for carriers as one B-rep: its plate and baffle, minus light, slots and the holes of all screws."""
     csg = PlanarCsg()
     body = one_piece(csg.cut(body_of(csg, plan), plan.slots), plan.wall_mm)
-    screw, hole_radius = plan.adjuster, thread_of(SCREW).clearance_mm / 2.0
+    screw, hole_radius = plan.adjuster, thread_of(plan.adjuster.thread).clearance_mm / 2.0
     with BuildPart() as holder:
         insert(brep(csg, body))
         with Locations(back_plane(plan)):

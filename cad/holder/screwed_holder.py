@@ -34,10 +34,11 @@ from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, column_to_bac
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.plan.cuts import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.dimension import Datum, Hole
-from mirrorcam.cad.plan.fasteners import head_space_mm, thread_of
+from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.cad.plan.seats import keep_outs, outline_at, seat_height_mm
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
@@ -79,11 +80,11 @@ class ScrewedHolderPlan(HolderPlan):
     @property
     def screw_holes(self) -> tuple[Hole, ...]:
         """The holes of the carriers' screws for the drawing."""
-        axis, thread, screw = self.rig_from_mount[:3, 2], thread_of("M3"), self.adjuster
+        axis, screw = self.rig_from_mount[:3, 2], self.adjuster
         datum = Datum(self.rig_from_mount[:3, 3], "the middle of the mount's screws")
         cone = f"countersink Ø{screw.head_mm:.3g} x {2.0 * CONE_DEG:.0f}° (far side)"
-        text = f"through for M3, {cone}, counterbore Ø{screw.recess_wide_mm:.3g} ↧{screw.recess_mm:.3g}"
-        return tuple(Hole(head, axis, thread.clearance_mm, text, datum=datum) for head in self.heads)
+        text = f"through for {screw.thread}, {cone}, counterbore Ø{screw.recess_wide_mm:.3g} ↧{screw.recess_mm:.3g}"
+        return tuple(Hole(head, axis, thread_of(screw.thread).clearance_mm, text, datum=datum) for head in self.heads)
 
 
 def plan_screwed_holder(layout: Layout, hardware: Hardware) -> ScrewedHolderPlan:
@@ -146,7 +147,7 @@ def _blocked_area(mount: MountFace, footprint: Polygon, hardware: Hardware) -> B
     Those holes and the screwdriver's have roofs along x (`DRIVER_HOLE_ENDS_MM`), and a wall between them.
     """
     spaces = mount_areas(mount.holes_mm, footprint, mount.centre_mm, hardware)
-    areas = [space.buffer(head_diameter_mm() / 2.0) for space in spaces]
+    areas = [space.buffer(head_diameter_mm(hardware.screw.thread) / 2.0) for space in spaces]
     radius, (low, high) = head_space_mm(hardware), DRIVER_HOLE_ENDS_MM
     for hole in mount.centre_mm + mount.holes_mm:
         disc, roof_tip = Point(hole).buffer(radius), Point(hole[0] - radius * high / low, hole[1])

@@ -129,7 +129,7 @@ def _new_drawing() -> Drawing:
 
 
 def _with_classes(drawing: Drawing) -> Drawing:
-    """Add classes in sorted order, since ezdxf would add them in that of a set, which differs between processes."""
+    """Add classes in sorted order, since ezdxf would add them in a set's order, which differs between processes."""
     for name in sorted(drawing.entitydb.dxf_types_in_use()):
         drawing.classes.add_class(name)
     return drawing

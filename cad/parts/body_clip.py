@@ -23,14 +23,14 @@ from mirrorcam.cad.parts.camera_box import (
     Nest,
     SprungScrew,
     body_box,
-    leaf_thickness_mm,
     required_forces_n,
     tie_height_mm,
 )
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, ROOF_IN_SKINS_DEG, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
-from mirrorcam.cad.plan.prisms import box, prism_along_x, prism_along_z
+from mirrorcam.cad.plan.prisms import box, corners_of, prism_along_x, prism_along_z
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import THREADS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import CameraBody, Lips
@@ -40,7 +40,15 @@ PAD_MM, PAD_WIDTH_MM, PAD_LENGTH_MM = 0.8, 4.0, 8.0
 # An end rests on a V if its flat is shorter than FLAT_MM and its edges' radius is larger than ROUND_MM.
 FLAT_MM, ROUND_MM = 10.0, 4.0
 # Gap between the body and the leaf at its far end.
-LEAF_GAP_MM = 1.0
+LEAF_GAP_MM = 1.5
+# Radius of the fillets at the roots of leaves.
+FILLET_MM = 2.0
+# How far the fillets shorten a leaf, as if its root were there (benchmarks/clip_leaves.py).
+ROOT_MM = 0.3 * FILLET_MM
+# How much more the root at the wall's end yields than one in its middle: benchmarks/clip_leaves.py, finite elements.
+WALL_END_ROOT = 2.1
+# A cantilever thicker than a quarter of its length is no leaf spring.
+THICKEST_LEAF = 0.25
 # Length of holes past a screw's tip, which is near the plane of the leaf at a square corner.
 PAST_TIP_MM = 4.0
 # Overlap of joined pieces.
@@ -162,18 +170,41 @@ def back_leaf(tray: Tray, screw: SprungScrew, boss_radius: float, hardware: Hard
     top = float(screw.tip[2]) - hardware.clip.behind_mm
     low, half = float(screw.tip[2]) - screw.mouth_mm, screw.leaf.width_mm / 2.0
     leaf_z = top - screw.leaf.thickness_mm
+    # A leaf as thick as the boss is long leaves no slope.
+    slope = [(y - boss_radius - (leaf_z - low), leaf_z)] if leaf_z > low + 1e-9 else []
     boss = [
-        (y - boss_radius - (leaf_z - low), leaf_z),
+        *slope,
         (y - boss_radius, low),
         (y + boss_radius, low),
         (y + boss_radius, top),
         (y - boss_radius, top),
     ]
     x_range = sorted(tray.side * np.array([u - boss_radius, u + boss_radius]))
+    ends = sorted(tray.side * np.array([u - half, u + half]))
+    fillets = [
+        prism_along_x(fillet[:, ::-1], float(ends[0]), float(ends[1]))
+        for fillet in _fillets((leaf_z, top), tray.wall_mm)
+    ]
     return [
         tray.box((u - half, u + half), (tray.wall_mm - OVERLAP_MM, y + boss_radius), (leaf_z, top)),
         prism_along_x(np.array(boss), float(x_range[0]), float(x_range[1])),
+        *fillets,
     ]
+
+
+def _fillets(faces: tuple[float, float], wall: float) -> list[FloatArray]:
+    """Fillets at the root of a leaf between two faces, in coordinates across the leaf and along y (3, 2), y = `wall`.
+
+    Each is a pair of triangles inside the tangent arc.
+    """
+    foot, middle = wall - OVERLAP_MM, (1.0 - np.sqrt(0.5)) * FILLET_MM
+    fillets = []
+    for face, out in zip(faces, (-1.0, 1.0), strict=True):
+        inner, corner = face - out * OVERLAP_MM, face + out * FILLET_MM
+        bend = (face + out * middle, wall + middle)
+        fillets.append(np.array([(inner, foot), (corner, foot), (corner, wall), bend, (inner, wall + middle)]))
+        fillets.append(np.array([(inner, wall), bend, (face, wall + FILLET_MM), (inner, wall + FILLET_MM)]))
+    return fillets
 
 
 def far_leaf(tray: Tray, screw: SprungScrew, boss_radius: float) -> list[Frustum]:
@@ -191,8 +222,18 @@ def far_leaf(tray: Tray, screw: SprungScrew, boss_radius: float) -> list[Frustum
     thickness = screw.leaf.thickness_mm
     foot, outer, top = tray.wall_mm - OVERLAP_MM, inner + thickness, boss_y[0] + thickness
     excess = outer + top - float(mouth.sum())
+    if excess > thickness:
+        raise InputError(
+            f"camera clip's leaf at the body's end would be {thickness:.1f} mm thick, but hides its screw's boss above "
+            f"{thickness - (excess - thickness):.1f} mm"
+        )
     end = [(outer, top)] if excess <= 0.0 else [(outer, top - excess), (outer - excess, top)]
+    fillets = [
+        tray.prism([(u, y) for u, y in fillet], (level - half, level + half))
+        for fillet in _fillets((inner, outer), tray.wall_mm)
+    ]
     return [
+        *fillets,
         tray.prism([(inner, foot), (outer, foot), *end, (inner, top)], (level - half, level + half)),
         tray.prism(
             [(inner, boss_y[0]), (low[0], low[1]), (high[0], high[1]), (inner, boss_y[1])],
@@ -232,6 +273,8 @@ MIN_FORCE_N = 3.0
 WEIGHT_RESERVE = 1.1
 # Maximum and minimum width of the leaf behind the back.
 MAX_LEAF_MM, MIN_LEAF_MM = 20.0, 11.0
+# Minimum width of the leaf at the end of a thin body: it protrudes past its front and back.
+MIN_FAR_LEAF_MM = 10.0
 # Fraction of the back screw's force on the front pad far from the slide.
 FAR_PAD_FRACTION = 0.6
 
@@ -247,10 +290,9 @@ def hold_body(camera: CameraBody, lips: Lips, boss_radius_mm: float, hardware: H
     top = float(tray.high[2]) + hardware.clip.wall_mm
     pieces = [*stops(tray, nest, top, hardware.clip.wall_mm), *back_leaf(tray, back, boss_radius_mm, hardware)]
     pieces += far_leaf(tray, far, boss_radius_mm)
-    bottom = min(
-        float(back.tip[2]) - back.mouth_mm, float(tray.low[2]) - hardware.clip.behind_mm - tie_height_mm(hardware)
-    )
-    far_u = float(tray.high[0]) + LEAF_GAP_MM + far.leaf.thickness_mm
+    below_body = float(tray.low[2]) - hardware.clip.behind_mm - tie_height_mm(hardware)
+    bottom = min(float(corners_of(pieces)[:, 2].min()), below_body)
+    far_u = float(tray.high[0]) + LEAF_GAP_MM + far.leaf.thickness_mm + FILLET_MM
     ends = sorted(tray.side * np.array([tray.end_mm - hardware.clip.wall_mm, far_u]))
     return Cradle(
         pieces=tuple(pieces),
@@ -258,7 +300,6 @@ def hold_body(camera: CameraBody, lips: Lips, boss_radius_mm: float, hardware: H
         inner_y_mm=tray.wall_mm,
         x_mm=(float(ends[0]), float(ends[1])),
         z_mm=(bottom, top),
-        board_screws=np.zeros((0, 3)),
         nest=nest,
     )
 
@@ -328,11 +369,12 @@ def _back_screw(
     exit_z = gap + float(tray.level_mm - tray.low[2])
     exit_y = float(tray.high[1]) - y + 2.0 * boss_radius_mm
     leaf = Leaf(
-        y - tray.wall_mm,
+        y - tray.wall_mm - ROOT_MM,
         min(boss_radius_mm + boss_height - hardware.printer.wall_mm, 0.8 * (y - tray.wall_mm)),
         width,
         2.0,
         1.0,
+        THREADS[screw.thread].pitch_mm,
     )
     return SprungScrew(
         tip=tray.in_rig((u, y, float(tray.low[2]))),
@@ -363,7 +405,13 @@ def _far_screw(tray: Tray, boss_radius_mm: float, hardware: Hardware) -> SprungS
     )
     width = min(MAX_LEAF_MM, float(tray.high[2] - tray.low[2]) - PAD_MM)
     leaf = Leaf(
-        leaf_length, leaf_length + tray.wall_mm - boss_foot_y, max(width, 2.0 * boss_radius_mm), 3.0, 1.0 / np.sqrt(2.0)
+        leaf_length - ROOT_MM,
+        leaf_length + tray.wall_mm - boss_foot_y,
+        max(width, MIN_FAR_LEAF_MM),
+        3.0,
+        1.0 / np.sqrt(2.0),
+        THREADS[screw.thread].pitch_mm,
+        WALL_END_ROOT,
     )
     return SprungScrew(
         tip=tray.in_rig(corner),
@@ -395,19 +443,35 @@ def _screw_length_mm(mouth_mm: float, screw: Fastening) -> float:
     lengths = [length for length in screw.lengths_mm if length >= mouth_mm + SCREW_RESERVE_MM]
     if not lengths:
         raise InputError(
-            f"camera clip needs an M3 screw of {mouth_mm + SCREW_RESERVE_MM:.1f} mm, longer than any on the list"
+            f"camera clip needs an {screw.thread} screw of {mouth_mm + SCREW_RESERVE_MM:.1f} mm, longer than any in "
+            "lengths_mm under [screw]"
         )
     return min(lengths)
 
 
 def _with_forces(tray: Tray, nest: Nest, camera: CameraBody, hardware: Hardware) -> Nest:
-    """The nest with leaves thick enough for the camera's weight under the robot's acceleration."""
-    centre = tray.in_rig((tray.low + tray.high) / 2.0)
+    """The nest with leaves thick enough for the camera's weight under the robot's acceleration.
+
+    Raises InputError if a leaf would be too thick to bend, or strained too far.
+    """
+    printer, centre = hardware.printer, tray.in_rig((tray.low + tray.high) / 2.0)
     weight = camera.mass_g / 1000.0 * GRAVITY_N_PER_KG * hardware.clip.shaken_g * WEIGHT_RESERVE
     forces = np.maximum(required_forces_n(nest, centre, weight), MIN_FORCE_N)
-    modulus, wall = hardware.printer.plastic_mpa, hardware.printer.wall_mm
     screws = []
-    for screw, force in zip(nest.screws, forces, strict=True):
-        thickness = max(wall, float(np.ceil(10.0 * leaf_thickness_mm(float(force), screw.leaf, modulus)) / 10.0))
-        screws.append(replace(screw, leaf=replace(screw.leaf, thickness_mm=thickness)))
-    return replace(nest, screws=tuple(screws))
+    for name, screw, force in zip(("behind the body", "at its end"), nest.screws, forces, strict=True):
+        leaf = screw.leaf.with_least_force(float(force), printer.plastic_mpa, printer.plastic_creep)
+        thickness = max(printer.wall_mm, float(np.ceil(10.0 * leaf.thickness_mm) / 10.0))
+        leaf = replace(leaf, thickness_mm=thickness)
+        strain = leaf.strain(printer.plastic_mpa)
+        if thickness > leaf.length_mm * THICKEST_LEAF or strain > printer.plastic_strain:
+            raise InputError(
+                f"camera clip's leaf {name} would be {thickness:.1f} mm thick on {leaf.length_mm:.1f} mm and strained "
+                f"by {100.0 * strain:.2f} % to hold {camera.mass_g:g} g at {hardware.clip.shaken_g:g} g, expected at "
+                f"most a quarter of its length and {100.0 * printer.plastic_strain:g} %"
+            )
+        screws.append(replace(screw, leaf=leaf))
+    back, far = screws
+    # The back screw enters at the leaf's outer face if the leaf is thicker than its boss.
+    mouth = max(back.mouth_mm, hardware.clip.behind_mm + back.leaf.thickness_mm)
+    back = replace(back, mouth_mm=mouth, length_mm=_screw_length_mm(mouth, hardware.screw))
+    return replace(nest, screws=(back, far))

@@ -7,11 +7,11 @@ that bends when the screw is turned further after contact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mirrorcam.cad.plan.fasteners import Bore, Hexagon
+from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
@@ -19,17 +19,23 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import CameraBody
 
 GRAVITY_N_PER_KG = 9.80665
-# Pitch of an M3 screw (ISO 261), and its turns after it touches the body.
-PITCH_MM = 0.5
-CONTACT_TURNS = 0.75
+# Turns of a screw after it touches the body, and the error of a turn by hand.
+CONTACT_TURNS, TURN_ERROR = 0.5, 0.125
+# Tolerance of a leaf's thickness as printed, which its drawing states.
+LEAF_TOLERANCE_MM = 0.1
+# Rotation of the edge of a half-plane per bending moment on its edge, times E' t^2 per width (O'Donnell 1960, The
+# additional deflection of a cantilever due to the elasticity of the support, J. Appl. Mech. 27).
+ROOT_ROTATION = 16.67 / np.pi
+POISSON = 0.35
 
 
 @dataclass(frozen=True)
 class Leaf:
     """A cantilever of rectangular section, `length_mm` from its root to the screw, that bends in one plane.
 
-    The last `stiff_mm`, round the thread, are rigid. `cosine` is that of the angle between the screw's axis and the
-    direction of deflection.
+    The last `stiff_mm`, round the thread, are rigid. The wall at its root yields as an elastic half-plane, `root` times
+    as far: 1 in the middle of a wall, more at its end. `cosine` belongs to the angle between the screw's axis and
+    the direction of deflection; `pitch_mm` is the screw's pitch.
     """
 
     length_mm: float
@@ -37,37 +43,51 @@ class Leaf:
     width_mm: float
     thickness_mm: float
     cosine: float
+    pitch_mm: float
+    root: float = 1.0
 
     @property
-    def deflection_mm(self) -> float:
-        """Deflection of the leaf's end after `CONTACT_TURNS` turns of the screw beyond contact.
+    def _terms(self) -> tuple[float, float]:
+        """Deflection per force, times the modulus: the factors of 1 / t^3 and of 1 / t^2.
 
-        Only the leaf deforms: the screw's displacement along its axis is the deflection times the cosine.
+        The first is 4 (l^3 - s^3) / w, as of a cantilever with a rigid end (Young, Roark's Formulas for Stress and
+        Strain, table of beams, case 1a), the second the rotation of the root times its lever arm l.
         """
-        return CONTACT_TURNS * PITCH_MM / self.cosine
+        bending = 4.0 * (self.length_mm**3 - self.stiff_mm**3) / self.width_mm
+        return bending, self.root * ROOT_ROTATION * (1.0 - POISSON**2) * self.length_mm**2 / self.width_mm
 
-    @property
-    def _difference_of_cubes_mm3(self) -> float:
-        return self.length_mm**3 - self.stiff_mm**3
+    def force_n(self, modulus_mpa: float, turns: float = CONTACT_TURNS) -> float:
+        """The force along the screw after turns of it beyond contact.
 
-    def force_n(self, modulus_mpa: float) -> float:
-        """The force along the screw; normal to the leaf it is 3 E I d / (l^3 - s^3), with a rigid end of length s.
-
-        For s = 0 this is the end load of a cantilever, d = F l^3 / (3 E I) (Young, Roark's Formulas for Stress and
-        Strain, table of beams, case 1a).
+        Only leaf and root deform: the screw's displacement along its axis is the deflection times the cosine.
         """
-        moment = self.width_mm * self.thickness_mm**3 / 12.0
-        return 3.0 * modulus_mpa * moment * self.deflection_mm / self._difference_of_cubes_mm3 / self.cosine
+        bending, root = self._terms
+        compliance = (bending / self.thickness_mm**3 + root / self.thickness_mm**2) / modulus_mpa
+        return turns * self.pitch_mm / (compliance * self.cosine**2)
 
-    @property
-    def strain(self) -> float:
-        """The largest strain, at the root: 3/2 t d l / (l^3 - s^3), from the moment F l there."""
-        return 1.5 * self.thickness_mm * self.deflection_mm * self.length_mm / self._difference_of_cubes_mm3
+    def least_force_n(self, modulus_mpa: float, creep: float) -> float:
+        """The smallest force along the screw that is certain after 1000 h.
 
+        The leaf is thinner by its tolerance, the screw turned too little by `TURN_ERROR`, and the plastic has crept by
+        `creep` times its elastic strain.
+        """
+        thin = replace(self, thickness_mm=self.thickness_mm - LEAF_TOLERANCE_MM)
+        return thin.force_n(modulus_mpa, CONTACT_TURNS - TURN_ERROR) / (1.0 + creep)
 
-def leaf_thickness_mm(force_n: float, leaf: Leaf, modulus_mpa: float) -> float:
-    """The thickness at which a leaf exerts a force: `Leaf.force_n` solved for the thickness."""
-    return leaf.thickness_mm * float(np.cbrt(force_n / leaf.force_n(modulus_mpa)))
+    def strain(self, modulus_mpa: float) -> float:
+        """The largest strain, at the root: 6 F l / (E w t^2), from the moment F l there."""
+        normal_n = self.force_n(modulus_mpa) * self.cosine
+        return 6.0 * normal_n * self.length_mm / (modulus_mpa * self.width_mm * self.thickness_mm**2)
+
+    def with_least_force(self, force_n: float, modulus_mpa: float, creep: float) -> Leaf:
+        """The leaf whose `least_force_n` is a given force."""
+        bending, root = self._terms
+        advance = (CONTACT_TURNS - TURN_ERROR) * self.pitch_mm
+        load = force_n * (1.0 + creep) * self.cosine**2 / (modulus_mpa * advance)
+        # load (bending / t^3 + root / t^2) = 1 has one positive root.
+        roots = np.roots([1.0, 0.0, -load * root, -load * bending])
+        thickness = float(roots[np.isreal(roots)].real.max())
+        return replace(self, thickness_mm=thickness + LEAF_TOLERANCE_MM)
 
 
 @dataclass(frozen=True)
@@ -133,9 +153,9 @@ def required_forces_n(nest: Nest, centre: FloatArray, weight_n: float) -> FloatA
     return forces
 
 
-def min_contact_n(nest: Nest, centre: FloatArray, weight_n: float, modulus_mpa: float) -> float:
-    """The smallest force at the six points, with the leaves bent as planned and a weight in the worst direction."""
-    forces = np.array([screw.leaf.force_n(modulus_mpa) for screw in nest.screws])
+def min_contact_n(nest: Nest, centre: FloatArray, weight_n: float, modulus_mpa: float, creep: float) -> float:
+    """The smallest force at the six points, with the least forces of the leaves and a weight in the worst direction."""
+    forces = np.array([screw.leaf.least_force_n(modulus_mpa, creep) for screw in nest.screws])
     load = weight_n * np.linalg.norm(reactions(nest, np.tile(centre, (3, 1)), np.eye(3)), axis=1)
     return float((reactions(nest, *_screw_lines(nest)) @ forces - load).min())
 
@@ -189,17 +209,33 @@ def tie_height_mm(hardware: Hardware) -> float:
 
 
 @dataclass(frozen=True)
+class CameraScrew:
+    """A screw of a camera: the centre (3,) of its head's rim, the direction (3,) out of its head, size and length.
+
+    It engages `engaged_mm` of a thread in the camera; 0 for a screw that forms its thread in the clip.
+    """
+
+    head: FloatArray
+    out: FloatArray
+    size: str
+    length_mm: float
+    engaged_mm: float = 0.0
+
+
+@dataclass(frozen=True)
 class Cradle:
     """The part of a clip that holds a camera, in the rig frame, mm: pieces, cuts, and the extent of the joining wall.
 
     The wall's face towards the camera is at y = `inner_y_mm`; it spans `x_mm` (from, to) and `z_mm` (from, to).
-    `board_screws` (n, 3) are the positions of the heads of a board's own screws; a body has a nest.
+    `screws` hold a board, or are in a body's own threads. A body rests on the six points of a `nest`; without
+    sprung screws, `straps_mm` (n, 3) are the x coordinates of both slots of each tie round the body, and their z.
     """
 
     pieces: tuple[Frustum, ...]
-    cuts: tuple[Frustum | Bore | Hexagon, ...]
+    cuts: tuple[Frustum | Bore | Countersink | Hexagon, ...]
     inner_y_mm: float
     x_mm: tuple[float, float]
     z_mm: tuple[float, float]
-    board_screws: FloatArray
+    screws: tuple[CameraScrew, ...] = ()
     nest: Nest | None = None
+    straps_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))

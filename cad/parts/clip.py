@@ -1,6 +1,7 @@
 """The camera clip, which holds a camera with its entrance pupil at the origin and slides along the mount.
 
-A body is in a tray (`body_clip`). A bare board is fastened to posts behind it by thread-forming screws.
+A body is in a tray (`body_clip`), or in a corner, held by ties or by its own threads (`corner_clip`). A bare board is
+fastened to posts behind it by thread-forming screws.
 """
 
 from __future__ import annotations
@@ -10,15 +11,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mirrorcam.cad.parts.body_clip import hold_body
-from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, Cradle, Nest, body_box, tie_height_mm
+from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, CameraScrew, Cradle, Nest, body_box, tie_height_mm
+from mirrorcam.cad.parts.corner_clip import hold_by_straps, hold_by_threads
+from mirrorcam.cad.parts.ties import tie_slot_mm, tie_slots
 from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Hexagon, Stack, head_space_mm, stack, thread
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Countersink, Hexagon, Stack, head_space_mm, stack, thread
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.part_plan import FORMING
 from mirrorcam.cad.plan.prisms import box, corners_of, prism_along_x, prism_along_z
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
+from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips, Threads
 
 # Minimum radius of the hole for the cable: a four-pin plug passes through.
 PLUG_RADIUS_MM = 4.0
@@ -71,7 +75,12 @@ def hold_board(camera: CameraBody, holes: BoardHoles, hardware: Hardware) -> Cra
             bottom - tie_height_mm(hardware),
             float(body.high[2]) + (camera.rest_mm[1] if camera.rest_mm is not None else 0.0),
         ),
-        board_screws=np.column_stack([centres, np.full(len(centres), back + camera.depth_mm)]),
+        screws=tuple(
+            CameraScrew(
+                np.array([x, y, back + camera.depth_mm]), ABOVE, f"M{holes.screw_mm:g}{FORMING}", holes.screw_length_mm
+            )
+            for x, y in centres
+        ),
     )
 
 
@@ -119,10 +128,6 @@ def _cable_hole(
     return box((centre[0] - half_x, centre[1] - half_y, top - wall - 1.0), (centre[0] + half_x, max_y, top + 1.0))
 
 
-# Depth of the hollow for a tie in the wall, below the groove of the rib.
-TIE_THICK_MM = 1.6
-
-
 @dataclass(frozen=True)
 class ClipPlan:
     """A camera clip in the rig frame, mm, at the nominal depth of the pupil: convex pieces, cuts, and its slide.
@@ -130,12 +135,13 @@ class ClipPlan:
     Its wall, `pieces[0]`, faces -y and lies against the mount at y = `slide_y_mm`. The slide's screws are at x =
     +-`slide_x_mm` and each z of `slide_z_mm`, in ascending order; the clip moves by up to `travel_mm` in either
     direction along z, guided in its groove by a V rib of the mount, `rib_mm` high. The clip extends from `bottom_mm` to
-    `top_mm`. A body rests in a `nest`; `board_screws` (n, 3) are the positions of the heads of a board's own screws.
-    `tie_mm` are the x coordinates of the two slots for the cable's tie, and the z coordinate of their centres.
+    `top_mm`. A body rests in a `nest`, held by its sprung screws, by `screws` in its threads, or by ties through
+    `straps_mm` (n, 3; x of both slots, and z); a board is held by `screws`. `tie_mm` are the x coordinates of the two
+    slots for the cable's tie, and the z coordinate of their centres.
     """
 
     pieces: tuple[Frustum, ...]
-    cuts: tuple[Frustum | Bore | Hexagon, ...]
+    cuts: tuple[Frustum | Bore | Countersink | Hexagon, ...]
     slide: Stack
     slide_x_mm: float
     slide_y_mm: float
@@ -145,8 +151,14 @@ class ClipPlan:
     bottom_mm: float
     top_mm: float
     nest: Nest | None
-    board_screws: FloatArray
+    screws: tuple[CameraScrew, ...]
+    straps_mm: FloatArray
     tie_mm: tuple[float, float, float]
+
+    @property
+    def tray(self) -> Nest | None:
+        """The nest with sprung screws of a body in a tray; None for a corner or a board."""
+        return self.nest if self.nest is not None and self.nest.screws else None
 
     @property
     def slide_points(self) -> FloatArray:
@@ -195,11 +207,12 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     slide = stack(hardware.mount.slide_skin_mm, hardware)
     boss = _boss_radius_mm(hardware)
     held_by = camera.held_by
-    cradle = (
-        hold_body(camera, held_by, boss, hardware)
-        if isinstance(held_by, Lips)
-        else hold_board(camera, held_by, hardware)
-    )
+    if isinstance(held_by, BoardHoles):
+        cradle = hold_board(camera, held_by, hardware)
+    elif isinstance(held_by, Threads):
+        cradle = hold_by_threads(camera, held_by, slide.wall_mm, hardware)
+    else:
+        cradle = _hold_by_lips(camera, held_by, boss, hardware)
     slide_x = _slide_x_mm(cradle, hardware)
     half_width = slide_x + boss
     bottom, top = cradle.z_mm
@@ -226,6 +239,8 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     )
     base = np.column_stack([groove, np.full(3, bottom - 1.0)])
     cuts.append(Frustum(base, base + (top - bottom + 2.0) * ABOVE))
+    for left, right, z in cradle.straps_mm:
+        cuts += tie_slots(left, right, z, (outer_y, cradle.inner_y_mm), hardware)
     tie_cuts, tie = _tie(cradle, outer_y, bottom, slide_x - boss, hardware)
     return ClipPlan(
         pieces=(wall, *cradle.pieces),
@@ -239,9 +254,21 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
         bottom_mm=bottom,
         top_mm=top,
         nest=cradle.nest,
-        board_screws=cradle.board_screws,
+        screws=cradle.screws,
+        straps_mm=cradle.straps_mm,
         tie_mm=tie,
     )
+
+
+def _hold_by_lips(camera: CameraBody, lips: Lips, boss_radius_mm: float, hardware: Hardware) -> Cradle:
+    """A tray with sprung screws, else ties round the body; raises InputError if neither holds it."""
+    try:
+        return hold_body(camera, lips, boss_radius_mm, hardware)
+    except InputError as tray:
+        try:
+            return hold_by_straps(camera, hardware)
+        except InputError as straps:
+            raise InputError(f"{tray}; {straps}") from None
 
 
 def _boss_radius_mm(hardware: Hardware) -> float:
@@ -254,6 +281,11 @@ def _boss_radius_mm(hardware: Hardware) -> float:
 def _slide_x_mm(cradle: Cradle, hardware: Hardware) -> float:
     """Distance of the slide's screws from x = 0; nuts enter outside a board's floor, at a whole number of mm."""
     nominal, screw = hardware.clip.screws_apart_mm / 2.0, hardware.screw
+    # The screws are outside the slots of ties round the body that would meet their bosses.
+    room = _boss_radius_mm(hardware) + hardware.printer.wall_mm + tie_slot_mm(hardware)[1]
+    for slot_x in np.sort(np.abs(cradle.straps_mm[:, :2]).ravel()):
+        if abs(slot_x - nominal) < room:
+            nominal = float(slot_x) + room
     if screw.kind == "insert" or cradle.nest is not None:
         return nominal
     nut_clearance = screw.nut_flats_mm / np.sqrt(3.0) + hardware.fit.free_mm
@@ -289,7 +321,7 @@ def _tie(
     cable is too far from x = 0.
     """
     camera, fit = hardware.camera, hardware.fit
-    half_z, half_x = _tie_slot_mm(hardware)
+    half_z, half_x = tie_slot_mm(hardware)
     z = bottom + hardware.printer.wall_mm + half_z
     offset = max(camera.cable_mm / 2.0, hardware.clip.rib_mm + 2.0 * fit.slide_mm) + half_x
     left, right = camera.cable_x_mm - offset, camera.cable_x_mm + offset
@@ -298,7 +330,7 @@ def _tie(
             f"camera clip's slot for the cable's tie is {excess:.1f} mm beyond the screws of its slide, "
             f"expected the cable nearer to the centre"
         )
-    return _slots(left, right, z, (outer_y, cradle.inner_y_mm), hardware), (left, right, z)
+    return tie_slots(left, right, z, (outer_y, cradle.inner_y_mm), hardware), (left, right, z)
 
 
 def _lens_tie(cradle: Cradle, outer_y: float, hardware: Hardware) -> list[Frustum]:
@@ -307,23 +339,5 @@ def _lens_tie(cradle: Cradle, outer_y: float, hardware: Hardware) -> list[Frustu
     if camera.rest_mm is None:
         return []
     z = camera.pupil_behind_front_mm + sum(camera.rest_mm) / 2.0
-    offset = REST_TO_MM + hardware.printer.wall_mm / 2.0 + _tie_slot_mm(hardware)[1]
-    return _slots(-offset, offset, z, (outer_y, cradle.inner_y_mm), hardware)
-
-
-def _tie_slot_mm(hardware: Hardware) -> tuple[float, float]:
-    """Half the height of a tie's slot, and half its width."""
-    width, thickness = hardware.mount.tie_mm
-    return width / 2.0 + hardware.fit.slide_mm, thickness / 2.0 + hardware.fit.slide_mm
-
-
-def _slots(left: float, right: float, z: float, wall_y: tuple[float, float], hardware: Hardware) -> list[Frustum]:
-    """Two slots through the wall at x and z for a tie, and the hollow for it in the wall's outer face."""
-    half_z, half_x = _tie_slot_mm(hardware)
-    outer_y, inner_y = wall_y
-    depth = hardware.clip.rib_mm + hardware.fit.slide_mm + TIE_THICK_MM
-    z_range = (z - half_z, z + half_z)
-    cuts = [
-        box((x - half_x, outer_y - 1.0, z_range[0]), (x + half_x, inner_y + 1.0, z_range[1])) for x in (left, right)
-    ]
-    return [*cuts, box((left - half_x, outer_y - 1.0, z_range[0]), (right + half_x, outer_y + depth, z_range[1]))]
+    offset = REST_TO_MM + hardware.printer.wall_mm / 2.0 + tie_slot_mm(hardware)[1]
+    return tie_slots(-offset, offset, z, (outer_y, cradle.inner_y_mm), hardware)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.cad.holder.pads import pad_shapes
-from mirrorcam.cad.parts.truss import FOOT_GRIP_MM
+from mirrorcam.cad.parts.truss import foot_stack
 from mirrorcam.cad.plan.back_table import RingGauge
 from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
-from mirrorcam.cad.plan.fasteners import Bore, Hexagon, stack, thread
+from mirrorcam.cad.plan.fasteners import Bore, Hexagon, thread
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.rectangles import coupon_mirror_mm, is_sold_in_size
@@ -241,7 +241,7 @@ def _pads(layout: Layout, hardware: Hardware) -> list[Frustum]:
 def _screw_block(x_mm: float, hardware: Hardware) -> tuple[Frustum, list[Frustum | Bore | Hexagon]]:
     """A block with horizontal holes for inserts or nuts, as in the parts, and notches in its upper edge."""
     screw, pitch, width = hardware.screw, _thread_pitch_mm(hardware), _block_mm(hardware)
-    threads = stack(FOOT_GRIP_MM, hardware)
+    threads = foot_stack(hardware)
     top = PLATE_MM + pitch + 2.0 * screw.insert_wall_mm
     solid = _box((x_mm, 0.0, 0.0), (x_mm + width, threads.wall_mm, top))
     scene, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])

@@ -29,9 +29,10 @@ from mirrorcam.cad.parts.mount_stiffness import HEAD_MM, mount_compliance
 from mirrorcam.cad.parts.truss import (
     FOOT_DEPTH_MM,
     FOOT_X_MM,
+    Foot,
+    foot_line,
+    foot_of,
     foot_plate_mm,
-    foot_screws,
-    foot_z_mm,
     inner_path,
     offset,
     truss,
@@ -44,6 +45,7 @@ from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_space_mm, st
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import box, overlap_mm, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
+from mirrorcam.cad.plan.stand import lean_deg
 from mirrorcam.cad.plan.stiffness import Section, beam_compliance
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
@@ -183,10 +185,10 @@ class MountPlan:
     """A mount in the rig frame, mm: convex pieces, cuts, and its interfaces to the other parts.
 
     `rig_from_head` (4, 4) is the frame of the face on the holder's back (z out of the mount, into the holder), with the
-    screws at `holes_in_head_mm` (4, 2) and their stack `head`. `foot` (4, 3) are an adapter's screws in the lower face,
-    `slide` (3,) is the centre of the clip's travel. `tilt_deg` and `shift_um` are the rotation and displacement of the
-    mirrors due to the weight of `load_g` at `load_at` (3,) in the worst direction. `path` (n, 2; y and z) is the centre
-    line of the truss.
+    screws at `holes_in_head_mm` (4, 2) and their stack `head`. An adapter is screwed to `foot`, whose face has its
+    front and rear edges at `foot_corners` (2, 2; y and z); `slide` (3,) is the centre of the clip's travel. `tilt_deg`
+    and `shift_um` are the rotation and displacement of the mirrors due to the weight of `load_g` at `load_at` (3,) in
+    the worst direction. `path` (n, 2; y and z) is the centre line of the truss.
     """
 
     pieces: tuple[Frustum, ...]
@@ -195,7 +197,8 @@ class MountPlan:
     rig_from_head: FloatArray
     holes_in_head_mm: FloatArray
     head: Stack
-    foot: FloatArray
+    foot: Foot
+    foot_corners: FloatArray
     slide: FloatArray
     path: FloatArray
     section: Section
@@ -203,31 +206,31 @@ class MountPlan:
     load_at: FloatArray
     tilt_deg: float
     shift_um: float
-    half_width_mm: float
     bed_turn_deg: float
     bed_cuts_mm: tuple[float, ...]
 
     @property
-    def foot_z_mm(self) -> float:
-        """Height in the rig frame of the foot's lower face."""
-        return float(self.foot[0, 2])
+    def half_width_mm(self) -> float:
+        return self.section.width_mm / 2.0
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes, and the positions of the head's screws on its oblique face.
+        """The holes, and the positions of the screws on the oblique faces of the head and of a leaning foot.
 
         The screws are dimensioned from the foot's corner at the slide along both axes of the bed, which are also the
-        axes of the drawing's view, and from row to row.
+        axes of the drawing's view; the head's screws are dimensioned from row to row.
         """
         rows = transform(self.rig_from_head, np.column_stack([self.holes_in_head_mm, np.zeros(4)]))[[1, 2]]
-        corner = np.array([rows[0, 0], self.slide[1], self.foot[0, 2]])
+        corner = np.array([rows[0, 0], *self.foot_corners[0]])
         edge = np.array([-self.half_width_mm, *corner[1:]])
         axes = [np.array([0.0, *axis]) for axis in rotation_2d(self.bed_turn_deg)]
+        ends = (*self.foot.screws_in_rig[:2, 1:], self.foot_corners[1])
+        on_foot = [length(edge, np.array([edge[0], *end]), direction=axis) for end in ends for axis in axes]
         return (
             *(replace(hole, datum=Datum(edge, "the foot's edge at the slide")) for hole in holes(self.cuts)),
             *(length(corner, row, direction=axis) for row in rows for axis in axes),
+            *(dimension for dimension in on_foot if np.linalg.norm(dimension.span_in_rig) > 1e-6),
             length(rows[0], rows[1], "head screws"),
-            length(edge, edge - [0.0, self.section.depth_mm, 0.0]),
         )
 
 
@@ -236,6 +239,7 @@ class Profile:
     """A truss between an `inner` and an `outer` line (n, 2; y and z); `path` is its centre line up to the head."""
 
     section: Section
+    foot: Foot
     inner: FloatArray
     outer: FloatArray
     path: FloatArray
@@ -245,7 +249,7 @@ class Profile:
 def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> MountPlan:
     """Plan the lightest mount that is stiff enough; raises InputError with the dimension if there is none."""
     load_g, load_at = _load(layout, holder, hardware)
-    profile, placement = _lightest(holder, clip, load_g, load_at, hardware)
+    profile, placement = _lightest(holder, clip, load_g, load_at, lean_deg(layout, hardware), hardware)
     section, half_width = profile.section, profile.section.width_mm / 2.0
     tilt_deg, shift_um = bending(profile, holder, clip, load_g, load_at, hardware)
     grip = hardware.mount.grip_mm
@@ -260,12 +264,13 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     )
     return MountPlan(
         pieces=(*pieces, *webs),
-        cuts=openings(holder, clip, profile.inner[-2:], section, hardware),
+        cuts=openings(holder, clip, profile.foot, profile.inner[-2:], section, hardware),
         light=light,
         rig_from_head=holder.rig_from_mount @ np.diag([1.0, -1.0, -1.0, 1.0]),
         holes_in_head_mm=holder.holes_in_mount_mm * [1.0, -1.0],
         head=stack_into(grip, holder.thread_mm, holder.hole_depth_mm, holder.hole_depth_mm, hardware.screw),
-        foot=foot_screws(clip, section.depth_mm, hardware),
+        foot=profile.foot,
+        foot_corners=np.array([profile.inner[0], profile.outer[0]]),
         slide=clip.slide_centre,
         path=profile.path,
         section=section,
@@ -273,18 +278,17 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         load_at=load_at,
         tilt_deg=tilt_deg,
         shift_um=shift_um,
-        half_width_mm=half_width,
         bed_turn_deg=placement.rotation_deg,
         bed_cuts_mm=() if placement.cut_mm is None else (placement.cut_mm,),
     )
 
 
 def _lightest(
-    holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, hardware: Hardware
+    holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, lean: float, hardware: Hardware
 ) -> tuple[Profile, Placement]:
     """The lightest profile that is stiff enough and fits the bed; raises InputError if there is none."""
     limit = hardware.mount.tilt_deg
-    candidates = sorted(profiles(holder, clip, hardware), key=lambda profile: profile.volume_mm3)
+    candidates = sorted(profiles(holder, clip, lean, hardware), key=lambda profile: profile.volume_mm3)
     if not candidates:
         raise InputError("mirror holder is too low over the camera's clip for the mount's bend, but must be higher")
     # The beam has no openings and is stiffer: if it tilts too far, so do the plates.
@@ -316,8 +320,8 @@ def _lightest(
     )
 
 
-def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator[Profile]:
-    """The profiles of all candidate widths, thicknesses and depths."""
+def profiles(holder: HolderPlan, clip: ClipPlan, lean: float, hardware: Hardware) -> Iterator[Profile]:
+    """The profiles of all candidate widths, thicknesses and depths of a mount that leans back by `lean` deg."""
     mount, screw = hardware.mount, hardware.screw
     head_margin = head_space_mm(hardware) + screw.insert_wall_mm
     # The holder may be off the camera's centre.
@@ -334,10 +338,13 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
                 partial(inner_path, holder, clip, half_width_mm=half_width, head_end_mm=end, hardware=hardware)
             )
             for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEPTH_STEP_MM).tolist():
-                lines = _lines(line_from, clip, depth, hardware)
+                lines = _lines(line_from, clip, depth, lean, hardware)
                 if lines is None:
                     continue
                 inner, outer = lines
+                foot = foot_of(np.array([inner[0], outer[0]]), half_width, hardware)
+                if foot is None:
+                    continue
                 section = Section(depth, 2.0 * half_width, skin, web, WEB_DEG, hardware.printer.plastic_mpa)
                 if leaves_unprintable_web_ends(
                     holder, webs_between(inner, outer, section, hardware), section, hardware
@@ -346,11 +353,11 @@ def profiles(holder: HolderPlan, clip: ClipPlan, hardware: Hardware) -> Iterator
                 centre_line = (inner + outer) / 2.0
                 foot_mm3 = depth * foot_plate_mm(depth, hardware) * section.width_mm
                 volume = LineString(centre_line).length * section.plastic_mm2 + foot_mm3
-                yield Profile(section, inner, outer, up_to_head(centre_line, holder), volume)
+                yield Profile(section, foot, inner, outer, up_to_head(centre_line, holder), volume)
 
 
 def _lines(
-    line_from: Callable[[float], FloatArray | None], clip: ClipPlan, depth: float, hardware: Hardware
+    line_from: Callable[[float], FloatArray | None], clip: ClipPlan, depth: float, lean: float, hardware: Hardware
 ) -> tuple[FloatArray, FloatArray] | None:
     """The inner and the outer line (n, 2; y and z) of a mount of a given depth; None if it is too deep.
 
@@ -359,7 +366,8 @@ def _lines(
     The lines bend above the slide, higher in a deep mount: the web from corner to corner is almost parallel to the
     screwdriver holes below it, and would end in a thin edge at one of them.
     """
-    slide_top, foot = clip.top_mm + clip.travel_mm + 2.0, (clip.slide_y_mm, foot_z_mm(clip, depth, hardware))
+    slide_top = clip.top_mm + clip.travel_mm + 2.0
+    front, back = foot_line(clip, depth, lean, hardware)
     min_bend_z = driver_holes_top_mm(clip, hardware) + max(THICKNESS_FACTORS) * hardware.mount.web_mm / 2.0
     for bends in range(BEND_HEIGHTS):
         chain = line_from(slide_top)
@@ -367,8 +375,9 @@ def _lines(
             raise InputError("mirror holder's back faces the camera's clip, but must face away from it for the mount")
         if chain is None:
             return None
-        inner = np.vstack([foot, chain])
+        inner = np.vstack([front, chain])
         outer = offset(inner, depth)
+        outer[0] = back
         if outer[1, 1] >= min_bend_z:
             return inner, outer
         slide_top += min_bend_z - float(outer[1, 1]) + 0.1
@@ -390,9 +399,11 @@ def bending(
     profile: Profile, holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, hardware: Hardware
 ) -> tuple[float, float]:
     """Largest rotation in deg and shift in um of the mirrors under their weight, over all directions of gravity."""
-    cuts = openings(holder, clip, profile.inner[-2:], profile.section, hardware)
+    cuts = openings(holder, clip, profile.foot, profile.inner[-2:], profile.section, hardware)
     inner, outer, section = profile.inner, profile.outer, profile.section
-    compliance = mount_compliance(inner, outer, section, head_screws(holder), cuts, load_at, hardware)[:, :3]
+    compliance = mount_compliance(inner, outer, section, profile.foot, head_screws(holder), cuts, load_at, hardware)[
+        :, :3
+    ]
     weight_n = load_g / 1000.0 * GRAVITY_N_PER_KG
     return (
         float(np.degrees(np.linalg.norm(compliance[3:], ord=2))) * weight_n,

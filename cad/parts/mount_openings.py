@@ -8,9 +8,9 @@ from shapely import LineString
 from mirrorcam.cad.holder.adjuster import DRIVER_HOLE_ENDS_MM, DRIVER_HOLE_MM
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
-from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP
+from mirrorcam.cad.parts.camera_box import SCENE, UP
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.parts.truss import FOOT_GRIP_MM, Webs, foot_plate_mm, foot_screws, foot_z_mm
+from mirrorcam.cad.parts.truss import Foot, Webs, foot_plate_mm, foot_stack
 from mirrorcam.cad.plan.fasteners import (
     OUTSIDE_MM,
     ROOF_DEG,
@@ -19,12 +19,12 @@ from mirrorcam.cad.plan.fasteners import (
     Bore,
     Hexagon,
     head_space_mm,
-    stack,
     thread,
 )
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import prism_along_x, roofed_window
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.stand import rotated
 from mirrorcam.cad.plan.stiffness import Section
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import transform
@@ -41,7 +41,7 @@ BEYOND_MOUNT_MM = 1e3
 
 
 def openings(
-    holder: HolderPlan, clip: ClipPlan, mount_top: FloatArray, section: Section, hardware: Hardware
+    holder: HolderPlan, clip: ClipPlan, foot: Foot, mount_top: FloatArray, section: Section, hardware: Hardware
 ) -> tuple[Frustum | Bore | Hexagon, ...]:
     """All cuts of a mount; `mount_top` (2, 2; y and z) are the ends, in the rig frame, of its face on the holder."""
     depth, half_width = section.depth_mm, section.width_mm / 2.0
@@ -58,15 +58,14 @@ def openings(
         start = hole + mount.grip_mm * normal
         cuts.append(Bore(start, normal, driver_radius, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
     cuts += _carrier_driver_cuts(holder, up, half_width, 2.0 * depth, hardware)
-    slide_y = clip.slide_y_mm
     for screw_point in clip.slide_points:
         start, through = screw_point + SCENE, clip.slide.grip_mm + 2.0
         cuts.append(Bore(start, -SCENE, screw.clearance_hole_mm / 2.0, through, UP, 2.0 * clip.travel_mm, flat=True))
         start = screw_point - clip.slide.grip_mm * SCENE
         cuts.append(Bore(start, -SCENE, driver_radius, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
-    for screw_point in foot_screws(clip, depth, hardware):
-        cuts += thread(screw_point, ABOVE, UP, stack(FOOT_GRIP_MM, hardware), plate, screw)
-    cuts += _cable_cuts(slide_y, foot_z_mm(clip, depth, hardware) + plate, section, hardware)
+    for screw_point in foot.screws_in_rig:
+        cuts += thread(screw_point, foot.up_in_rig, UP, foot_stack(hardware), plate, screw)
+    cuts += _cable_cuts(clip.slide_y_mm, foot, section, hardware)
     cuts += _scale_marks(clip, half_width, hardware)
     if abs(normal[0]) > 1e-6:
         cuts.append(_holder_clearance(holder, mount_top, half_width))
@@ -167,22 +166,28 @@ def cable_half_width_mm(hardware: Hardware) -> float:
     return float(width + height) / 2.0 + TIE_GAP_MM + tie_width + roof + hardware.printer.wall_mm
 
 
-def _cable_cuts(y: float, floor_z: float, section: Section, hardware: Hardware) -> list[Frustum]:
-    """A window for the cable above the foot's plate, and slots for a tie on both sides."""
-    mount, depth = hardware.mount, section.depth_mm
+def _cable_cuts(slide_y: float, foot: Foot, section: Section, hardware: Hardware) -> list[Frustum]:
+    """A window for the cable above the foot's plate, and slots for a tie on both sides in the rear skin."""
+    mount, depth, rotation = hardware.mount, section.depth_mm, foot.rig_from_stand
     width, height = mount.cable_window_mm
-    half, middle_z = width / 2.0, floor_z + height / 2.0
+    half, floor = width / 2.0, foot.z_mm + foot_plate_mm(depth, hardware)
     tie_width, tie_height = mount.tie_mm
-    window = roofed_window((-half, half), (floor_z, floor_z + height), (y - depth - 1.0, y + 1.0))
+    # The skins lean, so the window passes through them in front of the foot's face or behind it.
+    beyond = 1.0 + abs(rotation[1, 2] / rotation[1, 1]) * (floor + height - foot.z_mm)
+    front, back = foot.front_y_mm + beyond, foot.back_y_mm - beyond
+    window = roofed_window((-half, half), (floor, floor + height), (back, front))
+    # The rear skin is at y - depth in the rig frame, where the window's middle is at this height.
+    rear_y = slide_y - depth
+    middle_z = (floor + height / 2.0 - rotation[1, 2] * rear_y) / rotation[2, 2]
     ties = [
         roofed_window(
             (x, x + tie_width),
             (middle_z - tie_height / 2.0, middle_z + tie_height / 2.0),
-            (y - depth - 1.0, y - depth + section.skin_mm + 1.0),
+            (rear_y - 1.0, rear_y + section.skin_mm + 1.0),
         )
         for x in (-half - TIE_GAP_MM - tie_width, half + height / 2.0 + TIE_GAP_MM)
     ]
-    return [window, *ties]
+    return [rotated(window, rotation), *ties]
 
 
 def _scale_marks(clip: ClipPlan, half_width: float, hardware: Hardware) -> list[Frustum]:

@@ -13,7 +13,7 @@ import numpy as np
 from shapely import LineString, Point, Polygon, box
 from shapely.affinity import scale, translate
 
-from mirrorcam.cad.parts.truss import FOOT_X_MM, FOOT_Y_MM, foot_plate_mm, webs_between
+from mirrorcam.cad.parts.truss import FOOT_X_MM, Foot, foot_plate_mm, webs_between
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import clip_loop
@@ -120,6 +120,7 @@ def mount_compliance(
     inner: FloatArray,
     outer: FloatArray,
     section: Section,
+    foot: Foot,
     screws: FloatArray,
     cuts: Sequence[Frustum | Bore | Hexagon],
     load: FloatArray,
@@ -133,6 +134,8 @@ def mount_compliance(
         The lines (n, 2; y and z) that bound the mount's profile.
     section
         Its skins and webs.
+    foot
+        The foot, whose screws are held.
     screws : (4, 3) array
         Points in the rig frame, mm, of the head's screws on its face, two in each of two rows.
     cuts
@@ -151,9 +154,11 @@ def mount_compliance(
     webs = webs_between(inner, outer, section, hardware)
     plate = foot_plate_mm(section.depth_mm, hardware)
     # The skins meet the foot's plate at its top.
-    plate_top = float(inner[0, 1]) + plate
-    feet = [np.array([line[0, 0], plate_top]) for line in (webs.inner, webs.outer)]
-    foot_points = np.array([(inner[0, 0] - y, plate_top) for y in FOOT_Y_MM])
+    up = foot.up_in_rig[1:]
+    half_skin = section.skin_mm / section.depth_mm / 2.0
+    top = [end + np.array([0.0, plate / up[1]]) for end in (inner[0], outer[0])]
+    feet = [top[0] + part * (top[1] - top[0]) for part in (half_skin, 1.0 - half_skin)]
+    foot_points = foot.screws_in_rig[:2, 1:] + plate * up
     head = LineString(webs.inner)
     rows = [
         np.array(head.interpolate(head.project(Point(row)) + side * CLAMPED_MM).coords[0])

@@ -44,7 +44,7 @@ def repeatability(clip: ClipPlan, layout: Layout, hardware: Hardware) -> Repeata
     if clip.nest is not None:
         motion = CONTACT_MM * error_jacobian(clip.nest)
     elif isinstance(held_by, BoardHoles):
-        posts = np.column_stack([clip.board_screws[:, :2], np.full(len(clip.board_screws), _back_mm(hardware))])
+        posts = np.array([(*screw.head[:2], _back_mm(hardware)) for screw in clip.screws])
         motion = np.hstack([CONTACT_MM * _post_error_jacobian(posts), _motion_in_play(posts[:, :2], held_by.play_mm)])
     else:
         raise ValueError("the clip has no nest for this body, expected the clip of this camera")

@@ -15,53 +15,101 @@ from shapely.ops import substring
 
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.plan.fasteners import Stack, stack, stack_into
+from mirrorcam.cad.plan.fasteners import Stack, head_space_mm, stack
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.stand import rig_from_stand
 from mirrorcam.cad.plan.stiffness import Section
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
-# The adapter's screws in the mount's foot: +-x, and distances behind the slide's plane. In a clamp, these distances
-# leave walls around the self-supporting roofs of the holes for the screws' heads.
+# The adapter's screws in the mount's foot: +-x, and distances behind its front. In a clamp, these distances leave walls
+# around the self-supporting roofs of the holes for the screws' heads.
 FOOT_X_MM = 17.0
 FOOT_Y_MM = (4.5, 14.0)
 FOOT_DEPTH_MM = 20.0
-# The threads in the foot are as deep as under a skin of this thickness.
-FOOT_GRIP_MM = 1.6
 # The foot's plate transmits the full moment of the mirrors from the outer skin to the screws near the inner one. At
 # this ratio of the mount's depth to the plate's thickness, the plate bends less than the truss above it.
 DEPTH_TO_PLATE_RATIO = 3.0
 
 
-def foot_z_mm(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> float:
-    """z of the foot's lower face: below the clip's lowest position are the cable's window and the foot's plate."""
-    plate = foot_plate_mm(depth_mm, hardware)
-    return clip.bottom_mm - clip.travel_mm - 1.0 - hardware.mount.cable_window_mm[1] - plate
+@dataclass(frozen=True)
+class Foot:
+    """The mount's foot in the stand frame, mm: its lower face is level, and an adapter is under it.
+
+    `screws` (4, 3) are the points where the adapter's screws enter that face. The face between `front_y_mm` and
+    `back_y_mm` has material above it as far as the screws reach; in a mount that leans back the front edge of the face,
+    at `edge_y_mm`, is further forward. `rig_from_stand` (3, 3) rotates to the rig frame.
+    """
+
+    rig_from_stand: FloatArray
+    screws: FloatArray
+    edge_y_mm: float
+    front_y_mm: float
+    back_y_mm: float
+    half_width_mm: float
+
+    @property
+    def z_mm(self) -> float:
+        """Height of the lower face."""
+        return float(self.screws[0, 2])
+
+    @property
+    def screws_in_rig(self) -> FloatArray:
+        """The points (4, 3) where the screws enter the face, in the rig frame."""
+        return np.asarray(self.screws @ self.rig_from_stand.T)
+
+    @property
+    def up_in_rig(self) -> FloatArray:
+        """The normal (3,) of the face, into the mount."""
+        return np.asarray(self.rig_from_stand[:, 2])
+
+
+def foot_line(clip: ClipPlan, depth_mm: float, lean: float, hardware: Hardware) -> FloatArray:
+    """The front and rear ends (2, 2; y and z in the rig frame) of the foot's lower face, for a mount of given depth.
+
+    The face is level in a device that leans back by `lean` deg. Above it are the foot's plate and the cable's window,
+    below the clip's lowest position at the front, and below the screwdriver holes for the clip's screws at the rear.
+    """
+    slope, cosine = float(np.tan(np.deg2rad(lean))), float(np.cos(np.deg2rad(lean)))
+    above = (foot_plate_mm(depth_mm, hardware) + hardware.mount.cable_window_mm[1]) / cosine
+    front_z = clip.bottom_mm - clip.travel_mm - 1.0 - above
+    drivers_z = min(clip.slide_z_mm) - clip.travel_mm - head_space_mm(hardware)
+    front_z = min(front_z, drivers_z - depth_mm * slope - above)
+    return np.array([(clip.slide_y_mm, front_z), (clip.slide_y_mm - depth_mm, front_z + depth_mm * slope)])
+
+
+def lean_of(line: FloatArray) -> float:
+    """The lean in deg of a mount whose foot's lower face has the ends (2, 2; y and z in the rig frame)."""
+    along_y, along_z = line[1] - line[0]
+    return float(np.degrees(np.arctan2(along_z, -along_y)))
+
+
+def foot_of(line: FloatArray, half_width_mm: float, hardware: Hardware) -> Foot | None:
+    """The foot of a mount with the ends (2, 2; y and z in the rig frame) of its lower face; None if it is too short.
+
+    The screws keep their distance from the front skin up to the top of the foot's plate.
+    """
+    lean = lean_of(line)
+    rotation = rig_from_stand(lean)
+    (edge, z), (back, _) = line @ rotation[1:, 1:]
+    slope, depth = float(np.tan(np.deg2rad(lean))), float(line[0, 0] - line[1, 0])
+    front = edge - foot_plate_mm(depth, hardware) * max(slope, 0.0)
+    if front - back < FOOT_DEPTH_MM - 1e-9:
+        return None
+    screws = np.array([(x, front - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
+    return Foot(rotation, screws, float(edge), float(front), float(back), half_width_mm)
 
 
 def foot_plate_mm(depth_mm: float, hardware: Hardware) -> float:
-    """Thickness of the foot's plate, which holds the adapter's screws, in a mount of given depth."""
-    return max(stack(FOOT_GRIP_MM, hardware).wall_mm, depth_mm / DEPTH_TO_PLATE_RATIO)
+    """Thickness of the foot's plate, normal to it, which holds the adapter's screws, in a mount of given depth."""
+    return max(foot_stack(hardware).wall_mm, depth_mm / DEPTH_TO_PLATE_RATIO)
 
 
-def foot_stack(grip_mm: float, hardware: Hardware) -> Stack:
-    """The screws of an adapter with `grip_mm` of material under their heads, into the threads of the mount's foot.
-
-    Their tips may protrude from the foot's plate into the hollow above it. Raises InputError if no screw on the list
-    engages.
-    """
-    in_mount, screw = stack(FOOT_GRIP_MM, hardware), hardware.screw
-    length = screw.insert_mm if screw.kind == "insert" else screw.nut_height_mm
-    max_depth = screw.insert_depth_mm if screw.kind == "insert" else in_mount.wall_mm + 1.0
-    return stack_into(grip_mm, (in_mount.begins_mm, in_mount.begins_mm + length), max_depth, in_mount.wall_mm, screw)
-
-
-def foot_screws(clip: ClipPlan, depth_mm: float, hardware: Hardware) -> FloatArray:
-    """Points (4, 3) in the rig frame where the adapter's screws enter the foot's lower face, for a mount's depth."""
-    z = foot_z_mm(clip, depth_mm, hardware)
-    return np.array([(x, clip.slide_y_mm - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
+def foot_stack(hardware: Hardware) -> Stack:
+    """The screws of the adapter into the threads of the mount's foot; raises InputError if none on the list engages."""
+    return stack(hardware.back.grip_mm, hardware)
 
 
 def inner_path(
@@ -150,8 +198,9 @@ def webs_between(inner: FloatArray, outer: FloatArray, section: Section, hardwar
     depth, web_mm = section.depth_mm, section.web_mm
     half_skin = section.skin_mm / depth / 2.0
     inside, outside = inner + half_skin * (outer - inner), outer + half_skin * (inner - outer)
-    # No web crosses the cable's window, above the foot's plate.
+    # No web crosses the cable's window, above the foot's plate; the first is parallel to the plate.
     first_web_z = foot_plate_mm(depth, hardware) + hardware.mount.cable_window_mm[1] + web_mm / 2.0
+    first_web_z /= np.cos(np.deg2rad(lean_of(np.array([inner[0], outer[0]]))))
     inside[0], outside[0] = inside[0] + [0.0, first_web_z], outside[0] + [0.0, first_web_z]
     webs = [(inside[0], outside[0])]
     # The last web ends flush with the skins.
@@ -181,10 +230,9 @@ def truss(
         skins += [prism_along_x(profile, -half_width, half_width) for profile in (inner_skin, outer_skin)]
     lines = webs_between(inner, outer, section, hardware).webs
     webs = [_web(start, end, section.web_mm, half_width) for start, end in lines]
-    y, z = inner[0]
-    plate = foot_plate_mm(depth, hardware)
-    foot = np.array([(y, z), (y - depth, z), (y - depth, z + plate), (y, z + plate)])
-    skins.append(prism_along_x(foot, -half_width, half_width))
+    line = np.array([inner[0], outer[0]])
+    plate = np.array([0.0, foot_plate_mm(depth, hardware) / np.cos(np.deg2rad(lean_of(line)))])
+    skins.append(prism_along_x(np.array([*line, *(line[::-1] + plate)]), -half_width, half_width))
     return skins, webs
 
 

@@ -36,11 +36,20 @@ class BackTable(Value):
     """Names of the printed parts."""
     on_arm: ClassVar[bool] = False
     """Whether the device is on a robot's arm, for which a robot description is written."""
+    look_deg: float = Bounds(-90.0, 90.0).field(
+        0.0, "angle of the views above the horizon as the device stands, or above the axis of an arm's flange"
+    )
+    grip_mm: float = _size(5.5, "thickness of plastic between the heads of the foot's screws and the mount's foot")
 
     @property
     def ring_gauge(self) -> RingGauge | None:
         """The ring of an adapter that clamps, for the fit coupon; None for others."""
         return None
+
+    @property
+    def grips_mm(self) -> tuple[float, ...]:
+        """Material that its screws into inserts or nuts pass through; the mount's foot comes first."""
+        return (self.grip_mm,)
 
 
 class TripodNut(Value):
@@ -64,6 +73,10 @@ class DeskBack(BackTable):
         5.0, "additional tilt that the plate is designed for: pull of the cable, and parts lighter than solid"
     )
     corner_mm: float = PART_GAP_MM.field(8.0, "chamfer of the plate's corners")
+
+
+# Thickness of the ears of a clamp's cap.
+CAP_EAR_MM = 5.0
 
 
 class Gen2Back(BackTable):
@@ -94,6 +107,10 @@ class Gen2Back(BackTable):
     grip_mm: float = _size(1.6, "material under the heads of the screws that hold the saddle to the mount's foot")
 
     @property
+    def grips_mm(self) -> tuple[float, ...]:
+        return self.grip_mm, CAP_EAR_MM + self.gap_mm
+
+    @property
     def ring_gauge(self) -> RingGauge:
         return RingGauge(self.diameter_mm / 2.0, self.ring_mm, self.band_mm)
 
@@ -122,7 +139,6 @@ class ArcaBack(BackTable):
     lip_mm: float = _size(1.5, "height of the upright edge below the slope (guessed)")
     neck_mm: float = _size(30.0, "width above the slope: at most the gap between the jaws (guessed)")
     height_mm: float = _size(11.0, "from the lower face to the mount's foot: jaws reach up to 9 mm (guessed)")
-    grip_mm: float = _size(5.5, "thickness of plastic between the heads of the foot's screws and the mount's foot")
 
 
 class Iso9409Back(BackTable):
@@ -142,7 +158,6 @@ class Iso9409Back(BackTable):
     below_mm: float = _size(43.0, "distance of the flange's axis below the mount's foot")
     plate_mm: float = _size(10.0, "thickness of the plate on the flange")
     screw_mm: float = _size(16.0, "length of the M6 screws: 6 mm of thread in the flange")
-    grip_mm: float = _size(5.5, "thickness of plastic between the heads of the foot's screws and the mount's foot")
 
 
 class Gen3Back(BackTable):
@@ -169,7 +184,6 @@ class Gen3Back(BackTable):
     below_mm: float = _size(45.0, "distance of the face's axis below the mount's foot")
     plate_mm: float = _size(10.0, "thickness of the plate")
     screw_mm: float = _size(20.0, "length of the M5 screws: 6 mm of thread in the arm")
-    grip_mm: float = _size(5.5, "thickness of plastic between the heads of the foot's screws and the mount's foot")
 
 
 class ProfileBack(BackTable):
@@ -197,7 +211,6 @@ class VesaBack(BackTable):
     arm_mm: float = _size(2.6, "thickness of the arm's plate (FDMI)")
     plate_mm: float = _size(8.0, "thickness of the plate")
     screw_mm: float = _size(12.0, "length of the M4 screws, which come with most arms")
-    grip_mm: float = _size(5.5, "thickness of plastic between the heads of the foot's screws and the mount's foot")
 
 
 class MonitorBack(BackTable):

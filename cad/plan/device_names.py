@@ -6,6 +6,8 @@ from mirrorcam.cad.plan.hardware import Hardware
 
 HOLDER, MOUNT, CLIP, COUPON, COVER = "mirror_holder", "mount", "camera_clip", "fit_coupon", "dust_cover"
 """Names of printed parts; the table of an adapter names its own parts."""
+CAMERA = "camera"
+"""Name of the camera among the pieces of a device."""
 UNMOUNTED = (COUPON, COVER)
 """Printed parts that are not mounted while the device is in use."""
 CARRIER = "carrier_"
@@ -40,7 +42,7 @@ def files_of(hardware: Hardware, *, elastic: bool = False) -> tuple[str, ...]:
     return (
         *("index.html", "guide.md", "checks.json", "bom.md", "bom.csv", "bom.json", "assembly.step", "assembly.glb"),
         *(f"parts/{part}.{extension}" for part in parts for extension in ("step", "stl", "3mf")),
-        *(f"drawings/{part}.{extension}" for part in (*parts, "assembly") for extension in ("svg", "pdf")),
+        *(f"drawings/{part}.{extension}" for part in (*parts, "assembly", "side_view") for extension in ("svg", "pdf")),
         *(f"mirrors/mirrors{sheet}.{extension}" for sheet in ("", "_[0-9]*") for extension in ("dxf", "svg")),
         *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
         *("NOTICE.txt", "source/layout.json", "source/hardware.toml"),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol, runtime_checkable
+from dataclasses import dataclass, replace
+from typing import Any, Literal, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -31,6 +31,11 @@ class Length:
         first, second = self.points_in_rig
         direction = self.way_in_rig
         return np.asarray(second - first if direction is None else direction * ((second - first) @ direction))
+
+    def rotated(self, rotation: FloatArray) -> Self:
+        """The length in a frame rotated by (3, 3) about the origin."""
+        way = None if self.way_in_rig is None else rotation @ self.way_in_rig
+        return replace(self, points_in_rig=self.points_in_rig @ rotation.T, way_in_rig=way)
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,12 @@ class Hole:
     form: Literal["round", "hexagon", "countersink"] = "round"
     travel_mm: float = 0.0
     datum: Datum | None = None
+
+    def rotated(self, rotation: FloatArray) -> Self:
+        """The hole in a frame rotated by (3, 3) about the origin."""
+        datum = self.datum and replace(self.datum, point_in_rig=rotation @ self.datum.point_in_rig)
+        centre, axis = rotation @ self.centre_in_rig, rotation @ self.axis_in_rig
+        return replace(self, centre_in_rig=centre, axis_in_rig=axis, datum=datum)
 
 
 @dataclass(frozen=True)

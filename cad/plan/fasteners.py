@@ -1,8 +1,7 @@
-"""Fasteners as plain numbers: threads, screw lengths and engagement, the holes for them, and their frames."""
+"""Fasteners as plain numbers: screw lengths and engagement, the holes for them, and their frames."""
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,62 +11,10 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
-
-@dataclass(frozen=True)
-class Thread:
-    """A thread in mm: the screw's diameter, pitch, head and clearance hole, and its hexagon nut."""
-
-    diameter_mm: float
-    pitch_mm: float
-    head_mm: float
-    head_height_mm: float
-    clearance_mm: float
-    nut_flats_mm: float
-    nut_height_mm: float
-
-
-# Heads from ISO 4762, holes from ISO 273 (normal), nuts from ISO 4032; the last row from ASME B18.3 and B18.2.2.
-THREADS = {
-    "M1.6": Thread(1.6, 0.35, 3.0, 1.6, 1.8, 3.2, 1.3),
-    "M2": Thread(2.0, 0.4, 3.8, 2.0, 2.4, 4.0, 1.6),
-    "M2.5": Thread(2.5, 0.45, 4.5, 2.5, 2.9, 5.0, 2.0),
-    "M3": Thread(3.0, 0.5, 5.5, 3.0, 3.4, 5.5, 2.4),
-    "M4": Thread(4.0, 0.7, 7.0, 4.0, 4.5, 7.0, 3.2),
-    "M5": Thread(5.0, 0.8, 8.5, 5.0, 5.5, 8.0, 4.7),
-    "M6": Thread(6.0, 1.0, 10.0, 6.0, 6.6, 10.0, 5.2),
-    "M8": Thread(8.0, 1.25, 13.0, 8.0, 9.0, 13.0, 6.8),
-    "1/4-20 UNC": Thread(6.35, 1.27, 9.53, 6.35, 6.6, 11.11, 5.56),
-}
-
-COUNTERSUNK = " countersunk"
-"""Suffix of the size of a screw with a countersunk head of 90 deg (ISO 10642), whose length includes the head."""
-
-SUNK_HEAD = 2.24
-"""Theoretical sharp diameter of a countersunk head over the thread's diameter."""
-
-
-def thread_of(size: str) -> Thread:
-    """The thread of a size that starts with its name: "M3", "M3 countersunk", "1/4-20 UNC".
-
-    Raises ValueError if the table has no thread of that name.
-    """
-    for name, thread in THREADS.items():
-        if size == name or size.startswith(f"{name} "):
-            return thread
-    raise ValueError(f"{size=} does not name a thread, expected one of {', '.join(THREADS)}")
-
-
-def diameter_mm(size: str) -> float:
-    """The diameter of a size: its thread's, or the size itself if it is a number, such as "3" for a pin.
-
-    Raises ValueError for any other size.
-    """
-    number = re.match(r"\d+(\.\d+)?$", size)
-    return float(number.group()) if number else thread_of(size).diameter_mm
-
-
 # Clearance of a nut's pocket in width and depth, so that the nut drops in.
 NUT_FIT_MM = 0.2
+# Largest depth of an insert's hole beyond the given one.
+MAX_DEEPER_MM = 4.0
 # Holes start this far outside the material, so that no skin covers their mouths.
 OUTSIDE_MM = 0.01
 # Roofs of holes are slightly steeper than the overhang limit, and much steeper where they cut webs at 45 deg, since a
@@ -187,7 +134,10 @@ def stack(grip_mm: float, hardware: Hardware) -> Stack:
     needed = washer + grip_mm + 2.0 * hardware.printer.wall_mm + screw.nut_height_mm + NUT_FIT_MM
     lengths = [length for length in screw.lengths_mm if length >= needed]
     if not lengths:
-        raise InputError(f"M3 screws through {grip_mm:g} mm must be {needed:.1f} mm long, longer than any on the list")
+        raise InputError(
+            f"{screw.thread} screws through {grip_mm:g} mm must be at least {needed:.1f} mm long, but lengths_mm under "
+            f"[screw] ends at {max(screw.lengths_mm):g}: add one"
+        )
     wall = min(lengths) - grip_mm - washer
     return Stack(grip_mm, wall, min(lengths), wall - screw.nut_height_mm - NUT_FIT_MM, screw.nut_height_mm, washer)
 
@@ -201,15 +151,38 @@ def stack_into(
     """
     start, end = thread_mm
     washer = washer_under_mm(grip_mm, screw)
+    through = washer + grip_mm
     needed = screw.engaged_mm if screw.kind == "insert" else screw.nut_height_mm
-    lengths = [length for length in screw.lengths_mm if length <= washer + grip_mm + max_depth_mm - NUT_FIT_MM]
-    engaged = min(max(lengths, default=0.0) - washer - grip_mm, end) - start
+    lengths = [length for length in screw.lengths_mm if length <= through + max_depth_mm - NUT_FIT_MM + 1e-9]
+    engaged = min(max(lengths, default=0.0) - through, end) - start
     if engaged < needed - 1e-9:
         raise InputError(
-            f"M3 screws through {grip_mm:g} mm engage {max(engaged, 0.0):.1f} mm of the thread {start:g} to {end:g} mm "
-            f"deep, expected at least {needed:g} mm"
+            f"{screw.thread} screws through {grip_mm:g} mm engage {max(engaged, 0.0):.1f} mm of the thread {start:g} "
+            f"to {end:g} mm deep, expected at least {needed:g} mm: add a length of {through + start + needed:.1f} to "
+            f"{through + max_depth_mm - NUT_FIT_MM:.1f} mm to lengths_mm under [screw], now "
+            f"{', '.join(f'{length:g}' for length in screw.lengths_mm)}"
         )
     return Stack(grip_mm, wall_mm, max(lengths), start, engaged, washer)
+
+
+def with_holes_for_screws(hardware: Hardware) -> Hardware:
+    """The hardware with the holes of inserts so deep that screws of its lengths engage in them.
+
+    A screw may pass its insert, so that a few lengths suffice. Holes are at most `MAX_DEEPER_MM` deeper than given;
+    lengths that need more are left to be refused where they are used.
+    """
+    screw = hardware.screw
+    if screw.kind != "insert":
+        return hardware
+    grips = (hardware.mount.grip_mm, hardware.mount.slide_skin_mm, *hardware.back.grips_mm)
+    depth = screw.insert_depth_mm
+    for grip in grips:
+        through = grip + washer_under_mm(grip, screw)
+        past = [length - through + NUT_FIT_MM for length in screw.lengths_mm if length - through >= screw.engaged_mm]
+        depth = max(depth, min(past, default=0.0))
+    if depth > screw.insert_depth_mm + MAX_DEEPER_MM:
+        return hardware
+    return hardware.replaced(screw=screw.replaced(insert_depth_mm=round(depth, 3)))
 
 
 def thread(

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 from shapely import Polygon
 
 from mirrorcam.cad.plan.back_table import AnyBack, DeskBack
 from mirrorcam.cad.plan.prices import Prices
+from mirrorcam.cad.plan.threads import FITTINGS, THREADS
 from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, Bounds
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Name
@@ -70,6 +71,9 @@ class Printer(Value):
     plastic_mpa: float = Bounds(1.0, 1e6).field(
         2300.0, "modulus of elasticity of the plastic as printed (PLA: 2.2 to 2.4 GPa in data sheets)"
     )
+    plastic_creep: float = Bounds(0.0, 10.0).field(
+        0.5, "additional strain after 1000 h under a constant small stress, as a multiple of the elastic strain"
+    )
     plastic_strain: float = Bounds(1e-4, 0.2).field(
         0.0055,
         "largest strain of a leaf spring that stays bent: a quarter of the yield strain (PLA: 50 MPa / 2300 MPa = "
@@ -77,34 +81,103 @@ class Printer(Value):
     )
 
 
+# Ratio of the largest diameter of a knurled head to a plain head's (ISO 4762).
+KNURLING_MM = 0.2
+# Length of engagement in an insert or a nut, in diameters of the thread.
+ENGAGED_DIAMETERS = 2.5 / 3.0
+# Space for melted plastic under an insert.
+MELT_MM = 1.0
+
+
+def _fields_of(thread: str) -> dict[str, Any]:
+    """The fields of the screws of a thread, from the tables of threads."""
+    size, fittings = THREADS[thread], FITTINGS[thread]
+    washer, insert = fittings.washer_mm, fittings.insert_mm
+    return {
+        "thread": thread,
+        "clearance_hole_mm": size.clearance_mm,
+        "head_mm": round(size.head_mm + KNURLING_MM, 1),
+        "head_height_mm": size.head_height_mm,
+        "washer_mm": washer[0],
+        "washer_height_mm": washer[1],
+        "insert_hole_mm": insert[0],
+        "insert_mm": insert[1],
+        "insert_depth_mm": insert[1] + MELT_MM,
+        "insert_wall_mm": insert[2],
+        "nut_flats_mm": size.nut_flats_mm,
+        "nut_height_mm": size.nut_height_mm,
+        "engaged_mm": round(ENGAGED_DIAMETERS * size.diameter_mm, 1),
+        "lengths_mm": fittings.lengths_mm,
+    }
+
+
+_M3 = _fields_of("M3")
+
+
 class Fastening(Value):
-    """M3 screws and their threads in parts: heat-set inserts or captive nuts."""
+    """The screws between parts and their threads: heat-set inserts or captive nuts.
+
+    Dimensions that are not given are the thread's; a thread that is not given is the largest that passes
+    `clearance_hole_mm`. The defaults below are for M3.
+    """
 
     kind: Literal["insert", "nut"] = Field(default="insert", description="thread of the screws in a part")
-    clearance_hole_mm: float = _positive(3.4, "clearance hole of an M3 screw (ISO 273, normal)")
-    head_mm: float = _positive(5.7, "diameter of a socket cap head (ISO 4762)")
-    head_height_mm: float = _positive(3.0, "height of the head")
-    washer_mm: float = _positive(7.0, "outer diameter of a washer (ISO 7089)")
-    washer_height_mm: float = _positive(0.5, "thickness of the washer")
+    thread: Literal["M2", "M2.5", "M3", "M4"] = Field(default="M3", description="thread of all screws between parts")
+    clearance_hole_mm: float = _positive(_M3["clearance_hole_mm"], "clearance hole (ISO 273, normal)")
+    head_mm: float = _positive(_M3["head_mm"], "diameter of a socket cap head (ISO 4762)")
+    head_height_mm: float = _positive(_M3["head_height_mm"], "height of the head")
+    washer_mm: float = _positive(_M3["washer_mm"], "outer diameter of a washer (ISO 7089)")
+    washer_height_mm: float = _positive(_M3["washer_height_mm"], "thickness of the washer")
     washer_under_mm: float = PART_GAP_MM.field(2.0, "thickest plastic on which a head needs a washer")
-    insert_hole_mm: float = _positive(4.0, "hole for a heat-set insert (outer diameter 4.6)")
-    insert_mm: float = _positive(5.7, "length of a heat-set insert")
-    insert_depth_mm: float = _positive(6.7, "depth of the hole: insert of 5.7 mm and space for melted plastic")
-    insert_sink_mm: float = PART_GAP_MM.field(0.1, "how far an insert may sit below the face; never above it")
-    insert_wall_mm: float = _positive(2.0, "material around an insert or a nut")
-    nut_flats_mm: float = _positive(5.5, "width of a nut across flats (ISO 4032)")
-    nut_height_mm: float = _positive(2.4, "height of the nut")
-    engaged_mm: float = _positive(4.0, "minimum thread engagement in an insert")
-    lengths_mm: tuple[_Size, ...] = Field(
-        default=(5, 6, 8, 10, 12, 16, 20, 25, 30), min_length=1, description="lengths of screws on sale (ISO 4762)"
+    insert_hole_mm: float = _positive(_M3["insert_hole_mm"], "hole for a heat-set insert (M3: outer diameter 4.6)")
+    insert_mm: float = _positive(_M3["insert_mm"], "length of a heat-set insert")
+    insert_depth_mm: float = _positive(
+        _M3["insert_depth_mm"],
+        "smallest depth of the hole: the insert and 1 mm for melted plastic; deeper where the screws need it",
     )
+    insert_sink_mm: float = PART_GAP_MM.field(0.1, "how far an insert may sit below the face; never above it")
+    insert_wall_mm: float = _positive(_M3["insert_wall_mm"], "material around an insert or a nut")
+    nut_flats_mm: float = _positive(_M3["nut_flats_mm"], "width of a nut across flats (ISO 4032)")
+    nut_height_mm: float = _positive(_M3["nut_height_mm"], "height of the nut")
+    engaged_mm: float = _positive(
+        _M3["engaged_mm"], "minimum thread engagement in an insert: 0.8 diameters, as in a steel nut"
+    )
+    lengths_mm: tuple[_Size, ...] = Field(
+        default=_M3["lengths_mm"], min_length=1, description="lengths of screws at hand (ISO 4762)"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_thread(cls, fields: Any) -> Any:
+        """Fill in the dimensions of the thread."""
+        if not isinstance(fields, dict):
+            return fields
+        hole = fields.get("clearance_hole_mm")
+        passing = [name for name in FITTINGS if isinstance(hole, int | float) and THREADS[name].diameter_mm < hole]
+        thread = fields.get("thread", passing[-1] if passing else "M3")
+        return with_tuples(_fields_of(thread) | fields if thread in FITTINGS else fields)
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        diameter = THREADS[self.thread].diameter_mm
+        if self.clearance_hole_mm <= diameter:
+            raise ValueError(
+                f"clearance_hole_mm {self.clearance_hole_mm:g}, expected more than {diameter:g}: the screws are "
+                f"{self.thread}"
+            )
+        if self.kind == "insert" and self.insert_mm < self.engaged_mm:
+            raise ValueError(
+                f"insert_mm {self.insert_mm:g}, expected at least engaged_mm, {self.engaged_mm:g}: a shorter insert "
+                f"does not hold {self.thread} screws"
+            )
+        return self
 
 
 class CompressionSpring(Value):
     """A stock cylindrical compression spring of steel, round a screw between holder and carrier."""
 
     wire_mm: float = _positive(0.5, "diameter of the wire")
-    mean_mm: float = _positive(4.0, "mean diameter of the coils: an M3 screw passes through")
+    mean_mm: float = _positive(4.0, "mean diameter of the coils, which the screw passes through")
     free_mm: float = _positive(7.0, "free length")
     coils: float = Bounds(1.0, 100.0).field(3.5, "number of active coils")
 
@@ -232,7 +305,7 @@ class ClipDimensions(Value):
 
     wall_mm: float = _positive(4.0, "thickness of walls, lips and the floor under a bare board")
     travel_mm: float = _positive(4.0, "travel of the clip from the nominal depth of the pupil, plus or minus")
-    behind_mm: float = _positive(1.0, "gap between the body's back and the leaf behind it")
+    behind_mm: float = _positive(1.5, "gap between the body's back and the leaf behind it")
     shaken_g: float = Bounds(0.1, 100.0).field(
         3.0, "largest acceleration, as a multiple of gravity, at which the camera stays in contact with its six points"
     )

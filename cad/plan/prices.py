@@ -58,6 +58,10 @@ MIRRORS = {
 # EUR per item, by the start or end of its title in a parts list, without its length; for small items, the price of a
 # bag divided by their number.
 ITEM_PRICES = {
+    "M2 screw": 0.10,
+    "M2 countersunk screw": 0.10,
+    "M2.5 screw": 0.10,
+    "M2.5 countersunk screw": 0.10,
     "M3 screw": 0.12,
     "M3 countersunk screw": 0.12,
     "M3 thread-forming screw": 0.12,
@@ -65,8 +69,16 @@ ITEM_PRICES = {
     "M4 countersunk screw": 0.15,
     "M5 screw": 0.20,
     "M6 screw": 0.25,
+    "M2 washer": 0.04,
+    "M2.5 washer": 0.04,
     "M3 washer": 0.04,
+    "M4 washer": 0.04,
+    "M2 heat-set insert": 0.15,
+    "M2.5 heat-set insert": 0.15,
     "M3 heat-set insert": 0.15,
+    "M4 heat-set insert": 0.25,
+    "M2 nut": 0.05,
+    "M2.5 nut": 0.05,
     "M3 nut": 0.05,
     "M4 nut": 0.06,
     "M5 T-slot nut": 0.40,

@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.cad.plan.device_names import CARRIER, CLIP
-from mirrorcam.cad.plan.fasteners import Thread, thread_of
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import FORMING, PurchasedItem
+from mirrorcam.cad.plan.threads import Thread, thread_of
 
 FRICTION = 0.12
 # Fraction of its strength that a plastic bears for years.

@@ -215,10 +215,10 @@ def location_of(rig_from_frame: FloatArray) -> Location:
 
 
 GLB_ROOT = "device"
-GLTF_FROM_RIG: FloatArray = 0.001 * np.array(
+GLTF_FROM_STAND: FloatArray = 0.001 * np.array(
     [[-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1000.0]]
 )
-"""glTF is in metres, with +Y up and the front towards +Z: the rig's z is up, and the device looks along the rig's y."""
+"""glTF is in metres, with +Y up and the front towards +Z: the stand's z is up, and the device looks along its y."""
 
 # Metalness and roughness of a component's material.
 FINISH: dict[Kind, tuple[float, float]] = {
@@ -238,15 +238,16 @@ INDICES, VERTICES = 34963, 34962
 CREASE_RAD = np.radians(30.0)
 
 
-def write_glb(path: Path, components: Sequence[Component]) -> None:
-    """Write the components as binary glTF 2.0.
+def write_glb(path: Path, components: Sequence[Component], rig_from_stand: FloatArray) -> None:
+    """Write the components as binary glTF 2.0, as the device stands.
 
-    The node `device` has the matrix `GLTF_FROM_RIG`; its child nodes, one for each component and with its name, are in
-    the rig frame, mm. Their `extras` are `kind`, `number`, `title` and `explode_mm` [x, y, z] in the rig frame. To
-    explode the device, move each node by a fraction of `explode_mm`.
+    The node `device` has the matrix from the rig frame to glTF's axes; its child nodes, one for each component and with
+    its name, are in the rig frame, mm. Their `extras` are `kind`, `number`, `title` and `explode_mm` [x, y, z] in the
+    rig frame. To explode the device, move each node by a fraction of `explode_mm`.
     """
     scene = trimesh.Scene()
-    scene.graph.update(GLB_ROOT, scene.graph.base_frame, matrix=GLTF_FROM_RIG)
+    gltf_from_rig = GLTF_FROM_STAND @ rigid(rig_from_stand.T, np.zeros(3))
+    scene.graph.update(GLB_ROOT, scene.graph.base_frame, matrix=gltf_from_rig)
     for component in components:
         extras = {
             "kind": component.kind,

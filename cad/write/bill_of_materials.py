@@ -208,6 +208,7 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
             note += f"; for a hole of {device.hardware.screw.insert_hole_mm:.1f} mm"
         lines.append(BoughtLine(title=key[1], count=counts[key], standard=standard_of(key[1]), note=note))
     tied_items = ["cable to camera clip", "cable to mount"] if device.hardware.camera.has_cable else []
+    tied_items += ["camera to camera clip"] * len(device.clip.straps_mm)
     tied_items += ["lens to camera clip"] if device.hardware.camera.rest_mm is not None else []
     if tied_items:
         title = f"Cable tie, at most {mount.tie_mm[0]:g} mm wide"

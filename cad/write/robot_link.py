@@ -1,7 +1,8 @@
 """The device for a robot: a URDF link with mass, shape and colours, and a frame for the camera and every view.
 
-The adapter defines the link's frame: x forward towards the scene, y left, z up (REP 103). The frames of camera and
-views are optical frames: x right, y down, z forward; the camera's is the rig frame. Units are metres and kilograms.
+The adapter defines the link's frame: x level towards the scene as the device stands, y left, z up (REP 103). The frames
+of camera and views are optical frames: x right, y down, z forward; the camera's is the rig frame. Units are metres and
+kilograms.
 """
 
 from __future__ import annotations
@@ -22,10 +23,7 @@ from mirrorcam.cad.backs.back import RobotLink
 from mirrorcam.core.disk.files import atomic, write_text
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.transforms import rigid
-
-LINK_AXES_IN_RIG = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Rows: the link's x, y and z axes in the rig frame."""
+from mirrorcam.optics.geometry.transforms import inverse, rigid
 
 XACRO = "http://www.ros.org/wiki/xacro"
 USAGE = """MirrorCam on the last link of an arm: {arms}. In the arm's own xacro:
@@ -72,7 +70,7 @@ def write_robot(folder: Path, device: Device, components: Sequence[Component]) -
 
 def link_from_rig(robot: RobotLink) -> FloatArray:
     """The transform (4, 4), mm, from the rig frame to the link's frame."""
-    return rigid(LINK_AXES_IN_RIG, -LINK_AXES_IN_RIG @ robot.origin_in_rig)
+    return inverse(robot.rig_from_link)
 
 
 def rig_from_view(layout: Layout, index: int) -> FloatArray:

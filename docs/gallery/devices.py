@@ -252,11 +252,11 @@ def mirrors_text(layout: Layout, hardware: Hardware) -> str:
 def card_of(device: GalleryDevice, root: Path) -> GalleryCard:
     """The card of a finished device in its folder."""
     from mirrorcam.render_scenes.reference.device_bodies import ASSEMBLY, read_assembly
-    from mirrorcam.render_scenes.reference.product_picture import level_from_rig
 
     layout, checks = Layout.load(root / "design" / "layout.json"), read_metrics(root / "cad" / "checks.json")
     hardware, spec = device.made_with, device.spec
-    points = np.concatenate([body.points for body in read_assembly(root / "cad" / ASSEMBLY)]) @ level_from_rig(layout).T
+    assembly = read_assembly(root / "cad" / ASSEMBLY)
+    points = np.concatenate([body.points for body in assembly.bodies]) @ assembly.stand_from_rig.T
     width_mm, depth_mm, height_mm = np.ptp(points, axis=0).round(1).tolist()
     metrics = {name: metric.value for name, metric in layout.metrics.items()}
     minutes = checks.get("device.print_minutes")

@@ -46,6 +46,20 @@ class BoardHoles(Value):
         return max(self.hole_mm - self.screw_mm, 0.0) / 2.0
 
 
+class Threads(Value):
+    """A body with threads in its side at the image's top, by which countersunk screws draw it to the clip.
+
+    A camera with its thread in the opposite side, such as a tripod's, is used upside down.
+    """
+
+    kind: Literal["threads"] = "threads"
+    thread: Literal["M2", "M2.5", "M3", "M4", "1/4-20 UNC"] = Field(description="the thread's size")
+    thread_depth_mm: float = PART_MM.field(description="usable depth of the threads")
+    threads_mm: tuple[tuple[_Offset, _Offset], ...] = Field(
+        min_length=1, description="thread centres: x from the lens axis, and distance behind the front of the body"
+    )
+
+
 class CameraBody(Value):
     """The outside of a camera: x along its image's x, y along its image's y, z out of the lens.
 
@@ -106,7 +120,7 @@ class CameraBody(Value):
     guessed: tuple[Name, ...] = Field(
         default=(), exclude_if=lambda names: not names, description="names of unpublished dimensions"
     )
-    held_by: Lips | BoardHoles = Field(discriminator="kind", description="how the clip holds it")
+    held_by: Lips | BoardHoles | Threads = Field(discriminator="kind", description="how the clip holds it")
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -108,6 +108,7 @@ class Decoder:
             self.views = self.views.on_regular_grid()
         self.equalisation: Equalisation | None = None
         pixels, self.weights = sensor_sources(layout, self.views, margin_px, regular_grid_at_mm)
+        self.weights.flags.writeable = False
         self._vignetted = np.flatnonzero((self.weights > 0.0) & (self.weights < UNVIGNETTED))
         self._gain = self._brightening(LINEAR)
         self.tables = self._tables_of(pixels)

@@ -292,12 +292,19 @@ class LightField(Views):
             raise InputError(
                 f"weights are {self.weights.dtype} of shape {self.weights.shape}, expected float32 {expected}"
             )
-        if self.samples.dtype == np.float32 and not np.isfinite(self.samples).all():
+        # The sum of finite samples is finite, unless they are huge: it is the faster test.
+        if (
+            self.samples.dtype == np.float32
+            and not np.isfinite(self.samples.sum())
+            and not np.isfinite(self.samples).all()
+        ):
             raise InputError("samples hold a value that is NaN or infinite, expected finite numbers")
         for name in ("samples", "weights"):
-            read_only = getattr(self, name).view()
-            read_only.flags.writeable = False
-            object.__setattr__(self, name, read_only)
+            # Read-only arrays are kept: light fields of a video that share their weights compare as equal at once.
+            if getattr(self, name).flags.writeable:
+                read_only = getattr(self, name).view()
+                read_only.flags.writeable = False
+                object.__setattr__(self, name, read_only)
 
     @classmethod
     def of(cls, views: Views, samples: Samples, weights: NDArray[np.float32]) -> Self:

@@ -50,6 +50,17 @@ class DeviceBody:
     rgb: tuple[float, float, float]
 
 
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """An assembled device: its bodies in the rig frame, and the rotation (3, 3) to the axes in which it stands.
+
+    These are x as in the rig frame, y level to the front, and z up.
+    """
+
+    bodies: tuple[DeviceBody, ...]
+    stand_from_rig: FloatArray
+
+
 class DeviceParts(Value):
     """The parts around the mirrors of a device: a folder of files, their common checksum, and the pose of the camera.
 
@@ -77,7 +88,7 @@ def parts_of(folder: Path, nominal: Layout, built: Layout) -> DeviceParts:
 
 def check_mirrors(folder: Path, nominal: Layout) -> None:
     """Raise InputError if an assembly contains mirrors of a different layout."""
-    mirrors = [body for body in read_assembly(folder / ASSEMBLY) if body.kind == "mirror"]
+    mirrors = [body for body in read_assembly(folder / ASSEMBLY).bodies if body.kind == "mirror"]
     if not mirrors:
         return
     corners = cKDTree(np.concatenate([body.points for body in mirrors]))
@@ -120,7 +131,7 @@ def read_bodies(folder: Path) -> tuple[DeviceBody, ...]:
     """Read all bodies but the mirrors from the assembly of `mirrorcam cad` or from STL files, in the holder's frame."""
     files = parts_files(folder)
     if files[0].name == ASSEMBLY:
-        return tuple(body for body in read_assembly(files[0]) if body.kind != "mirror")
+        return tuple(body for body in read_assembly(files[0]).bodies if body.kind != "mirror")
     bodies = []
     for path in files:
         surface = read_mesh(path)
@@ -128,8 +139,8 @@ def read_bodies(folder: Path) -> tuple[DeviceBody, ...]:
     return tuple(bodies)
 
 
-def read_assembly(path: Path) -> tuple[DeviceBody, ...]:
-    """Read the nodes below `device` of an `assembly.glb`, binary glTF 2.0; raise InputError if it is invalid."""
+def read_assembly(path: Path) -> Assembly:
+    """Read the node `device` of an `assembly.glb`, binary glTF 2.0; raise InputError if it is invalid."""
     raw = read_bytes(path)
     try:
         length = int.from_bytes(raw[12:16], "little")
@@ -137,12 +148,23 @@ def read_assembly(path: Path) -> tuple[DeviceBody, ...]:
             raise ValueError("not a binary glTF")
         tree, data = json_value(raw[20 : 20 + length]), memoryview(raw)[28 + length :]
         root = next(node for node in tree["nodes"] if node["name"] == ROOT_NODE)
-        return tuple(_body(tree, data, tree["nodes"][child]) for child in root["children"])
+        bodies = tuple(_body(tree, data, tree["nodes"][child]) for child in root["children"])
+        return Assembly(bodies, _stand_from_rig(root["matrix"]))
     except InputError as error:
         raise InputError(f"{path}: not an assembly of `mirrorcam cad`: {error}") from None
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, StopIteration) as error:
         reason = f"{type(error).__name__} {error}".strip()
         raise InputError(f"{path}: not an assembly of `mirrorcam cad`: {reason}") from None
+
+
+def _stand_from_rig(matrix: list[float]) -> FloatArray:
+    """The stand's axes (3, 3) from a node's matrix by columns to glTF's: x to the left, y up, z to the front."""
+    left, up, front = np.array(matrix, dtype=np.float64).reshape(4, 4).T[:3, :3]
+    axes = np.array([-left, front, up])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+    if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-6):
+        raise ValueError("the matrix of the device is not a rotation")
+    return axes
 
 
 def _body(tree: dict[str, Any], data: memoryview, node: dict[str, Any]) -> DeviceBody:

@@ -1,7 +1,6 @@
 """Product picture of a device from the front, with the lens visible in every mirror, and from the side.
 
-The device stands on a seamless paper background between two soft boxes, in the rig frame, mm; the layout's view
-axes are level and define up and forward.
+The device stands on a seamless paper background between two soft boxes, as it stands on a desk; rig frame, mm.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.fields_of_view import common_bounds
-from mirrorcam.render_scenes.reference.device_bodies import ASSEMBLY, DeviceBody, check_mirrors, read_assembly
+from mirrorcam.render_scenes.reference.device_bodies import ASSEMBLY, Assembly, DeviceBody, check_mirrors, read_assembly
 from mirrorcam.render_scenes.reference.integrator import PathOptions, integrator, render
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 from mirrorcam.render_scenes.variant import use_variant
@@ -68,19 +67,13 @@ class Viewpoint:
         return mi.Ray3f(mi.Point3f(*self.eye_in_rig_mm.tolist()), dr.normalize(direction))
 
 
-def level_from_rig(layout: Layout) -> FloatArray:
-    """Return the rotation (3, 3) to axes with the views along y and z up: the rig's axes for a fold of 90 deg."""
-    right, down, forward = layout.view_from_rig
-    return np.array([right, forward, -down])
-
-
-def viewpoints(layout: Layout, bodies: Sequence[DeviceBody]) -> tuple[Viewpoint, Viewpoint]:
+def viewpoints(layout: Layout, assembly: Assembly) -> tuple[Viewpoint, Viewpoint]:
     """Return viewpoints at the centre of all mirrors' common field, and obliquely to the front, the side and above.
 
     From a point that the camera sees in every mirror, its lens is visible in every mirror.
     """
-    points = np.concatenate([body.points for body in bodies])
-    level = level_from_rig(layout)
+    points = np.concatenate([body.points for body in assembly.bodies])
+    level = assembly.stand_from_rig
     low, high = (points @ level.T).min(axis=0), (points @ level.T).max(axis=0)
     centre = (low + high) / 2.0 @ level
     depth_mm = 500.0 if layout.spec is None else max(layout.spec.depths_mm)
@@ -125,14 +118,15 @@ def product_picture(layout: Layout, folder: Path, *, spp: int, scale: float = 1.
     if not (folder / ASSEMBLY).is_file():
         raise InputError(f"{folder}: no {ASSEMBLY}, expected a folder that `mirrorcam cad` wrote")
     check_mirrors(folder, layout)
-    bodies = read_assembly(folder / ASSEMBLY)
+    assembly = read_assembly(folder / ASSEMBLY)
+    bodies = assembly.bodies
     use_variant(colour=True)
     import mitsuba as mi
 
-    scene = mi.load_dict({"type": "scene", **_studio(bodies, level_from_rig(layout)), **_shapes(bodies)})
+    scene = mi.load_dict({"type": "scene", **_studio(bodies, assembly.stand_from_rig), **_shapes(bodies)})
     paths = integrator(PathOptions(lit=True, colour=True, max_bounces=5))
     pictures = []
-    for view in viewpoints(layout, bodies):
+    for view in viewpoints(layout, assembly):
         width, height = (round(length * scale) for length in view.size_px)
         scaled = replace(view, mm_per_px=view.mm_per_px / scale, size_px=(width, height))
         light = render(scene, scaled, paths, crop=(0, 0, width, height), subpixels=1, spp=spp, seed=0)

@@ -9,6 +9,7 @@ import ezdxf.filemanagement
 import pytest
 
 from mirrorcam.cad.mirrors.sheet_files import write_sheets
+from mirrorcam.cad.mirrors.stock_sheets import TEST
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.slicer import check_slicing
 from mirrorcam.core.figures.figure_labels import LABELS
@@ -73,9 +74,9 @@ def test_every_stock_sheet_is_drawn_for_both_kinds_of_laser(default_layout: Layo
         folder = tmp_path / str(len(stems))
         sheets = write_sheets(folder, layout, HARDWARE.cutting)
         assert [sheet.stem for sheet in sheets] == stems
-        assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted(layout.mirror_names)
+        assert sorted(cut.name for sheet in sheets for cut in sheet.cuts) == sorted([*layout.mirror_names, TEST])
         drawn = {f"{stem}{suffix}" for stem in stems for suffix in (".dxf", ".svg")}
-        assert {path.name for path in folder.iterdir()} == drawn
+        assert {path.name for path in folder.iterdir()} == drawn | {"scale_bar.dxf", "scale_bar.svg", "cutting.md"}
         for sheet in sheets:
             cut = ezdxf.filemanagement.readfile(folder / f"{sheet.stem}.dxf").query('LWPOLYLINE[layer=="CUT"]')
             assert len(cut) == len(sheet.cuts)

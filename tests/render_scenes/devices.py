@@ -41,8 +41,11 @@ def write_stl(path: Path, body: DeviceBody) -> None:
     path.write_bytes(bytes(80) + len(facets).to_bytes(4, "little") + facets.tobytes())
 
 
-def write_glb(path: Path, pieces: dict[str, tuple[str, DeviceBody]]) -> None:
+def write_glb(path: Path, pieces: dict[str, tuple[str, DeviceBody]], stand_from_rig: FloatArray) -> None:
     """Binary glTF as `mirrorcam cad` writes it."""
+    right, forward, up = stand_from_rig
+    matrix = np.eye(4)
+    matrix[:3, :3] = 0.001 * np.array([-right, up, forward])
     data, views, accessors = b"", [], []
 
     def add(values: Any, component: int, shape: str) -> int:
@@ -65,7 +68,10 @@ def write_glb(path: Path, pieces: dict[str, tuple[str, DeviceBody]]) -> None:
         meshes.append({"primitives": [{"attributes": points | normals, "indices": index, "material": 0}]})
         nodes.append({"name": name, "mesh": len(meshes) - 1, "extras": {"kind": kind}})
     tree = {
-        "nodes": [{"name": "device", "children": list(range(1, len(nodes) + 1))}, *nodes],
+        "nodes": [
+            {"name": "device", "matrix": matrix.T.ravel().tolist(), "children": list(range(1, len(nodes) + 1))},
+            *nodes,
+        ],
         "meshes": meshes,
         "materials": [{"pbrMetallicRoughness": {"baseColorFactor": [0.25, 0.5, 0.75, 1.0]}}],
         "accessors": accessors,

@@ -144,11 +144,11 @@ class TiedPart:
 
 def device_motions(device: Device, size_mm: float) -> DeviceMotions:
     """Solve the device with elements of a given size; raises InputError if gmsh is missing or cannot mesh a part."""
-    mount, clip, foot = device.mount, device.clip, device.mount.foot
+    mount, clip, foot = device.mount, device.clip, device.mount.foot.screws_in_rig
     head = transform(mount.rig_from_head, np.column_stack([mount.holes_in_head_mm, np.zeros(4)]))
     slide = clip.slide_points
     centres = np.vstack([foot, head, slide])
-    up, to_scene = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
+    up, to_scene = mount.foot.up_in_rig, np.array([0.0, 1.0, 0.0])
     axes = np.array([*[up] * len(foot), *[mount.rig_from_head[:3, 2]] * len(head), *[to_scene] * len(slide)])
     feet, heads, slides = (
         tuple(range(*ends))
@@ -275,7 +275,7 @@ def _springs(mirror: Mirror, stiffness: FloatArray, count: int, hardware: Hardwa
 def _camera(device: Device, nodes: FloatArray) -> Carried:
     """The camera, on the nodes around its points of contact."""
     nest, body = device.clip.nest, body_box(device.hardware.camera)
-    contacts = device.clip.board_screws if nest is None else nest.points
+    contacts = np.array([screw.head for screw in device.clip.screws]) if nest is None else nest.points
     carrying = np.linalg.norm(nodes[:, None] - contacts, axis=2).min(axis=1) < CONTACT_RADIUS_MM
     centre = (body.low + body.high) / 2.0
     return Carried(np.flatnonzero(carrying), np.zeros(3), device.hardware.camera.mass_g / 1000.0 * G, centre)

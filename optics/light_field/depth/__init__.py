@@ -3,5 +3,5 @@
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap as DepthMap
 from mirrorcam.optics.light_field.depth.estimate import DepthEstimator as DepthEstimator
 from mirrorcam.optics.light_field.depth.estimate import Quality as Quality
-from mirrorcam.optics.light_field.depth.estimate import VideoDepth as VideoDepth
 from mirrorcam.optics.light_field.depth.estimate import estimate_depth as estimate_depth
+from mirrorcam.optics.light_field.depth.video import VideoDepth as VideoDepth

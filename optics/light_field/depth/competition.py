@@ -37,11 +37,12 @@ class Work(NamedTuple):
     sectors: Any
     ring: Any
     cost: Any
-    line: Any
+    lines: Any
     decided: Any
 
 
-# Each loop runs over few arrays, and over slices, whose indices cannot be negative: this lets the compiler vectorise.
+# Each loop runs over few arrays, and over slices, whose indices cannot be negative, and loads all values that it
+# selects from: this lets the compiler vectorise.
 
 
 @compiled
@@ -58,22 +59,21 @@ def _sort(costs: Float32, count: int) -> None:
 
 
 @compiled
-def _add_lowest(costs: Float32, count: Float32, fraction: Float32, weight: Float32, work: Work, total: Float32) -> None:
-    """Add weight (u,) times the mean of the lowest fraction (u,) of the `count` (u,) sorted costs (m, u)."""
-    zero, one, half, surcharge = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(HALF_SURCHARGE)
+def _add_lowest(costs: Float32, used: Float32, half_used: Float32, weight: Float32, work: Work, total: Float32) -> None:
+    """Add weight (u,) times the mean of the `used` (u,) lowest of the sorted costs (m, u), or of `half_used` if less.
+
+    Both numbers are at least 1, and fractional.
+    """
+    zero, one, surcharge = np.float32(0.0), np.float32(1.0), np.float32(HALF_SURCHARGE)
     mean, half_mean = work.ring[5, : len(total)], work.ring[6, : len(total)]
     mean[:], half_mean[:] = 0.0, 0.0
     for row in range(len(costs)):
         cost, rank = costs[row, : len(total)], np.float32(row)
         for x in range(len(total)):
-            used = max(fraction[x] * count[x], one)
-            mean[x] += max(min(used - rank, one), zero) * cost[x]
-            half_used = max(half * fraction[x] * count[x], one)
-            half_mean[x] += max(min(half_used - rank, one), zero) * cost[x]
+            mean[x] += max(min(used[x] - rank, one), zero) * cost[x]
+            half_mean[x] += max(min(half_used[x] - rank, one), zero) * cost[x]
     for x in range(len(total)):
-        used = max(fraction[x] * count[x], one)
-        half_used = max(half * fraction[x] * count[x], one)
-        total[x] += weight[x] * min(mean[x] / used, half_mean[x] / half_used + surcharge)
+        total[x] += weight[x] * min(mean[x] / used[x], half_mean[x] / half_used[x] + surcharge)
 
 
 @compiled
@@ -83,7 +83,7 @@ def decide(rings: Int64, occlusion_known: bool, work: Work, count: int) -> None:
     `rings` (r + 1,) holds the first sector of each ring and the number of sectors; `occlusion_known` states whether
     a first depth gives the occlusion.
     """
-    zero, one, two = np.float32(0.0), np.float32(1.0), np.float32(2.0)
+    zero, half, one, two = np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(2.0)
     out = work.decided[:count]
     visible_count, used, fraction = work.ring[0, :count], work.ring[1, :count], work.ring[2, :count]
     weight, total_weight = work.ring[3, :count], work.ring[4, :count]
@@ -107,20 +107,27 @@ def decide(rings: Int64, occlusion_known: bool, work: Work, count: int) -> None:
             if occlusion_known:
                 visible_sums, visible_weights = work.sums[1, sector, :count], work.weights[1, sector, :count]
                 for x in range(count):
-                    sums[x] = visible_sums[x] if visible_count[x] >= two else sums[x]
+                    own, visible_own = sums[x], visible_sums[x]
+                    sums[x] = visible_own if visible_count[x] >= two else own
                 for x in range(count):
-                    weights[x] = visible_weights[x] if visible_count[x] >= two else weights[x]
+                    own, visible_own = weights[x], visible_weights[x]
+                    weights[x] = visible_own if visible_count[x] >= two else own
             cost = costs[sector - first, :count]
             for x in range(count):
-                cost[x] = sums[x] / weights[x] if weights[x] > zero else np.float32(INVALID_COST)
+                own = sums[x] / weights[x]
+                cost[x] = own if weights[x] > zero else np.float32(INVALID_COST)
             for x in range(count):
                 used[x] += one if weights[x] > zero else zero
             for x in range(count):
                 weight[x] += weights[x]
         _sort(costs, count)
+        half_used = visible_count
         for x in range(count):
             total_weight[x] += weight[x]
-        _add_lowest(costs, used, fraction, weight, work, out)
+            deciding = fraction[x] * used[x]
+            used[x] = max(deciding, one)
+            half_used[x] = max(half * deciding, one)
+        _add_lowest(costs, used, half_used, weight, work, out)
     for x in range(count):
         occluded_fraction = one - total_weight[x] / all_views_weight[x]
         surcharge = np.float32(OCCLUSION_SURCHARGE) * max(occluded_fraction - np.float32(USUAL_OCCLUSION), zero)

@@ -1,14 +1,13 @@
 """Matching cost of planes across all views, with occlusion handled view by view.
 
-Colours and brightness gradients are compared. Before occlusion is known, views at similar distance from the reference
-view compete: a near object hides a point from the views in some directions only, so the better half of the directions
-decides. Once a first depth is known, the views in which a nearer surface hides the point are left out. Loops run over
-runs of adjacent pixels that search the same plane.
+Brightness, chroma and the gradients of brightness are compared. Before occlusion is known, views at similar distance
+from the reference view compete: a near object hides a point from the views in some directions only, so the better half
+of the directions decides. Once a first depth is known, the views in which a nearer surface hides the point are left
+out. Loops run over runs of adjacent pixels that search the same plane.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import cv2
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
+from mirrorcam.core.processes.threads import MapFunction
 from mirrorcam.optics.light_field.depth.competition import TRUNCATION, UNITS, Work, decide
 from mirrorcam.optics.light_field.depth.sweep import (
     DIRECTIONS,
@@ -31,10 +31,9 @@ UInt8 = NDArray[np.uint8]
 UInt16 = NDArray[np.uint16]
 
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
-CHANNELS = 5
-COLOUR, GRADIENT = 1.0, 2.0
-"""Weights of the mean difference of three colours, and of the difference of each brightness gradient."""
+CHANNELS = 4
+GRADIENT = 2.0
+"""Weight of the difference of each brightness gradient, relative to those of brightness and chroma."""
 CONTRAST_PX = 7
 CONTRAST_GREY = 4.0
 CONTRAST_FLOOR = 0.3
@@ -48,22 +47,24 @@ MAX_RUN_PX = 512
 """Maximum number of pixels of a row processed at once, a multiple of the tile's side: the work arrays fit the cache."""
 
 
-def channels(colours: Float32) -> Float32:
-    """Return the compared channels (5, v + 1, u + 1) of a picture (v, u, 3) from 0 to 255: colours and two gradients.
+def channels(brightness: Float32, chroma: Float32) -> Float32:
+    """Return the weighted channels (v + 1, 4 (u + 1)) of a picture, those of a pixel adjacent.
 
-    The last row and column are repeated, so that each sample has a successor.
+    They are brightness and chroma (v, u), and the two gradients of brightness. The last row and column are repeated, so
+    that each sample has a successor.
     """
-    grey: Any = cv2.cvtColor(colours, cv2.COLOR_RGB2GRAY)
-    gradients = [cv2.Sobel(grey, cv2.CV_32F, *order, ksize=1, scale=0.5) for order in ((1, 0), (0, 1))]
-    return np.stack(
-        [cv2.copyMakeBorder(channel, 0, 1, 0, 1, cv2.BORDER_REPLICATE) for channel in (*cv2.split(colours), *gradients)]
-    )
+    scale = 0.5 * GRADIENT
+    gradients = [cv2.Sobel(brightness, cv2.CV_32F, *order, ksize=1, scale=scale) for order in ((1, 0), (0, 1))]
+    merged = cv2.merge([brightness, chroma, *gradients])
+    result: Any = cv2.copyMakeBorder(merged, 0, 1, 0, 1, cv2.BORDER_REPLICATE)
+    return np.asarray(result.reshape(len(result), -1))
 
 
 def mean_gradient(reference: Float32, side_px: int) -> Float32:
     """Return means (v, u) over a square of the sum of both absolute brightness gradients of `channels`."""
-    gradient_u, gradient_v = reference[3:, :-1, :-1]
-    return np.asarray(cv2.blur(np.abs(gradient_u) + np.abs(gradient_v), (side_px, side_px)))
+    gradient_u, gradient_v = (reference[:-1, channel:-CHANNELS:CHANNELS] for channel in (2, 3))
+    total = (np.abs(gradient_u) + np.abs(gradient_v)) * np.float32(1.0 / GRADIENT)
+    return np.asarray(cv2.blur(total, (side_px, side_px)))
 
 
 def bands(rows: int) -> list[tuple[int, int]]:
@@ -92,7 +93,7 @@ def matching_costs(
     reference
         `channels` of the reference view.
     others
-        `channels` of the other views, (K, 5, v + 1, u + 1).
+        `channels` of the other views, (K, v + 1, 4 (u + 1)).
     valid
         (K, v, u), 1 where a view has samples in the pixel and its right and lower neighbours, else 0.
     sweep
@@ -109,7 +110,6 @@ def matching_costs(
     views = ComparedViews(
         reference,
         others,
-        np.array([COLOUR / 3.0] * 3 + [GRADIENT] * 2, np.float32),
         np.float32(CONTRAST_GREY) / (np.float32(CONTRAST_FLOOR * CONTRAST_GREY) + gradient),
         valid,
         np.empty((0, shape[0], shape[1] + 1), np.float32) if nearest is None else _repeat_last_column(nearest),
@@ -139,9 +139,7 @@ class ComparedViews(NamedTuple):
     Attributes
     ----------
     reference, others
-        `channels` of the reference view (5, v + 1, u + 1) and of the K others (K, 5, v + 1, u + 1).
-    weights
-        (5,), one per channel.
+        `channels` of the reference view (v + 1, 4 (u + 1)) and of the K others (K, v + 1, 4 (u + 1)).
     inverse_contrast
         Factor (v, u) on the differences at each pixel of the reference view.
     valid
@@ -154,11 +152,37 @@ class ComparedViews(NamedTuple):
 
     reference: Float32
     others: Float32
-    weights: Float32
     inverse_contrast: Float32
     valid: NDArray[np.uint8]
     nearest: Float32
     occlusion_gap: np.float32
+
+
+class Rows(NamedTuple):
+    """Rows (m,) of a block: numbers in the reference view, and where a view shows them.
+
+    The samples lie at `fraction` between row `above` and the next; row `nearest` is the nearest one.
+    """
+
+    own: Any
+    above: Any
+    nearest: Any
+    fraction: Any
+
+
+class Run(NamedTuple):
+    """Adjacent columns of a block whose samples in a view are adjacent as well.
+
+    They are `width` columns from `first` on, or from `column` of the block on. The samples are `shift` columns farther
+    right, and by a fraction of a pixel that starts at `start` and grows by `growth` per pixel.
+    """
+
+    first: Any
+    width: Any
+    column: Any
+    shift: Any
+    growth: Any
+    start: Any
 
 
 # Each loop runs over few arrays, and over slices, whose indices cannot be negative: this lets the compiler vectorise.
@@ -167,42 +191,35 @@ class ComparedViews(NamedTuple):
 @compiled
 def _differences(
     reference: Float32,
-    y: int,
     other: Float32,
-    y0: int,
-    row_fraction: float,
-    growth: float,
-    start: float,
-    weights: Float32,
-    x: int,
-    shift: int,
-    line: Float32,
+    inverse_contrast: Float32,
+    rows: Rows,
+    run: Run,
+    lines: Float32,
     cost: Float32,
 ) -> None:
-    """Sum the weighted absolute differences of a run of pixels, from `x` in row `y` on, and its samples in a view.
-
-    The samples lie between rows `y0` and `y0` + 1, and are adjacent from column x + `shift` on; their fraction of a
-    pixel to the right starts at `start` and grows by `growth` per pixel.
-    """
-    cost[:] = 0.0
-    row = line[: len(cost) + 1]
-    for channel in range(len(weights)):
-        above = other[channel, y0, x + shift : x + shift + len(row)]
-        below = other[channel, y0 + 1, x + shift : x + shift + len(row)]
-        reference_row, weight = reference[channel, y, x : x + len(cost)], weights[channel]
-        for i in range(len(row)):
-            row[i] = above[i] + row_fraction * (below[i] - above[i])
-        for i in range(len(cost)):
-            fraction = growth * np.float32(i) + start
-            value = row[i] + fraction * (row[i + 1] - row[i])
-            cost[i] += weight * abs(value - reference_row[i])
-
-
-@compiled
-def _truncate(cost: Float32, inverse_contrast: Float32) -> None:
-    limit = np.float32(TRUNCATION)
-    for x in range(len(cost)):
-        cost[x] = min(cost[x] * inverse_contrast[x], limit)
+    """Fill costs (v, u): the absolute differences of a run of a block and its samples in a view."""
+    limit, x, width = np.float32(TRUNCATION), run.first, run.width
+    first, values = CHANNELS * (x + run.shift), CHANNELS * width
+    sampled_rows, fraction = lines[0, : values + CHANNELS], lines[1, :values]
+    left, right = lines[0, :values], lines[0, CHANNELS : values + CHANNELS]
+    difference = lines[2, :values]
+    for i in range(width):
+        fraction[CHANNELS * i : CHANNELS * (i + 1)] = run.growth * np.float32(i) + run.start
+    for number in range(len(cost)):
+        y, y0, row_fraction = rows.own[number], rows.above[number], rows.fraction[number]
+        above = other[y0, first : first + values + CHANNELS]
+        below = other[y0 + 1, first : first + values + CHANNELS]
+        own = reference[y, CHANNELS * x : CHANNELS * x + values]
+        for i in range(len(sampled_rows)):
+            sampled_rows[i] = above[i] + row_fraction * (below[i] - above[i])
+        for i in range(len(difference)):
+            difference[i] = abs(left[i] + fraction[i] * (right[i] - left[i]) - own[i])
+        row_cost, contrast = cost[number, run.column : run.column + width], inverse_contrast[y, x : x + width]
+        for i in range(len(row_cost)):
+            j = np.uint32(CHANNELS * i)
+            total = (difference[j] + difference[j + 1]) + (difference[j + 2] + difference[j + 3])
+            row_cost[i] = min(total * contrast[i], limit)
 
 
 @compiled
@@ -210,52 +227,66 @@ def _add(cost: Float32, mask: Float32, total: Float32, count: Float32) -> None:
     """Add costs (u,) to `total`, and 1 to `count`, where the mask (u,) is 1 rather than 0."""
     for x in range(len(cost)):
         total[x] += mask[x] * cost[x]
-    for x in range(len(cost)):
         count[x] += mask[x]
 
 
 @compiled
-def _fill_visible(
-    visible: Float32, valid: UInt8, surface: Float32, max_plane: float, growth: float, start: float
-) -> None:
-    """Fill `visible` (u,): 1 where the view is valid and no plane of `surface` (u + 1,) is nearer than `max_plane`."""
-    half = np.float32(0.5)
-    for x in range(len(visible)):
-        nearest = surface[x] if growth * np.float32(x) + start < half else surface[x + 1]
-        visible[x] = np.float32(valid[x]) if nearest <= max_plane else np.float32(0.0)
+def _fill_sampled(valid: UInt8, rows: Rows, run: Run, sampled: Float32) -> None:
+    """Fill `sampled` (v, u) in a run: 1 where the view is `valid`, else 0."""
+    first = run.first + run.shift
+    for number in range(len(sampled)):
+        row = valid[rows.above[number], first : first + run.width]
+        row_sampled = sampled[number, run.column : run.column + run.width]
+        for x in range(len(row)):
+            row_sampled[x] = np.float32(row[x])
 
 
 @compiled
-def _compare_row(
-    y: int,
+def _fill_visible(surface: Float32, rows: Rows, run: Run, max_plane: float, sampled: Float32, visible: Float32) -> None:
+    """Fill `visible` (v, u) in a run: `sampled` where no plane of the view's `surface` is nearer than `max_plane`."""
+    zero, half, one = np.float32(0.0), np.float32(0.5), np.float32(1.0)
+    first, width = run.first + run.shift, run.width
+    # The nearest sample is the left one up to some column and the right one from there on, or conversely.
+    end_fraction = run.start + run.growth * np.float32(width - 1)
+    turn, right_first = width, run.start >= half
+    if right_first != (end_fraction >= half):
+        turn = min(max(int(np.ceil((half - run.start) / run.growth)), 0), width)
+    for number in range(len(visible)):
+        row = surface[rows.nearest[number], first : first + width + 1]
+        for part in range(2):
+            begin, end = (0, turn) if part == 0 else (turn, width)
+            offset = 1 if right_first == (part == 0) else 0
+            nearest = row[begin + offset : end + offset]
+            row_sampled = sampled[number, run.column + begin : run.column + end]
+            row_visible = visible[number, run.column + begin : run.column + end]
+            for x in range(len(row_visible)):
+                row_visible[x] = row_sampled[x] * (one if nearest[x] <= max_plane else zero)
+
+
+@compiled
+def _compare_block(
+    rows: Rows,
     plane: int,
     view: int,
     first: int,
     last: int,
     views: ComparedViews,
     mapping: PlaneMapping,
-    line: Float32,
+    lines: Float32,
     cost: Float32,
     sampled: Float32,
     visible: Float32,
 ) -> None:
-    """Fill a view's costs (u,) for a plane at pixels `first` to `last` of row `y`, and its two masks."""
-    height, width = views.inverse_contrast.shape
-    cost[:], sampled[:], visible[:] = 0.0, 0.0, 0.0
+    """Fill a view's costs (v, u) for a plane at pixels `first` to `last` of rows, and its two masks, which are 0."""
+    width = views.inverse_contrast.shape[1]
     scale, offset_u = mapping.scale[plane, view], mapping.offset_u[plane, view]
-    row = scale * np.float32(y) + mapping.offset_v[plane, view]
-    if row < 0 or row > height - 1:
-        return
     # Restrict to columns scale x + offset_u from 0 to width - 1.
     tolerance = np.float32(1e-4)
     x = max(first, int(np.ceil(-offset_u / scale - tolerance)))
     end_x = min(last, int(np.floor((np.float32(width - 1) - offset_u) / scale + tolerance)) + 1)
-    y0 = int(np.floor(row))
-    nearest_row = int(row + np.float32(0.5))
-    row_fraction, growth = np.float32(row - np.float32(y0)), scale - np.float32(1.0)
-    other = views.others[view]
+    growth = scale - np.float32(1.0)
     while x < end_x:
-        # A run of adjacent pixels whose samples in the view are adjacent as well.
+        # A run of adjacent columns whose samples in the view are adjacent as well.
         shift = int(np.floor(growth * np.float32(x) + offset_u + tolerance))
         end = end_x
         if growth > 0:
@@ -264,37 +295,61 @@ def _compare_row(
             end = min(end, int(np.floor((np.float32(shift) - offset_u) / growth)) + 1)
         end = max(end, x + 1)
         start = growth * np.float32(x) + offset_u - np.float32(shift)
-        run_cost = cost[x - first : end - first]
-        _differences(
-            views.reference, y, other, y0, row_fraction, growth, start, views.weights, x, shift, line, run_cost
-        )
-        _truncate(run_cost, views.inverse_contrast[y, x:end])
-        valid, run_sampled = views.valid[view, y0, x + shift : end + shift], sampled[x - first : end - first]
-        for i in range(len(run_sampled)):
-            run_sampled[i] = np.float32(valid[i])
+        run = Run(x, end - x, x - first, shift, growth, start)
+        _differences(views.reference, views.others[view], views.inverse_contrast, rows, run, lines, cost)
+        _fill_sampled(views.valid[view], rows, run, sampled)
         if len(views.nearest) > 0:
-            surface = views.nearest[view, nearest_row, x + shift : end + shift + 1]
             max_plane = np.float32(plane) + views.occlusion_gap
-            _fill_visible(visible[x - first : end - first], valid, surface, max_plane, growth, start)
+            _fill_visible(views.nearest[view], rows, run, max_plane, sampled, visible)
         x = end
 
 
 @compiled
 def _block(
-    top: int, bottom: int, plane: int, first: int, last: int, views: ComparedViews, mapping: PlaneMapping, work: Work
+    top: int,
+    bottom: int,
+    plane: int,
+    first: int,
+    last: int,
+    views: ComparedViews,
+    mapping: PlaneMapping,
+    rows: Rows,
+    work: Work,
 ) -> None:
     """Compute the costs `decided` of a plane at pixels `first` to `last` of rows `top` to `bottom`, row by row."""
     count, occlusion_known = last - first, len(views.nearest) > 0
-    pixels = (bottom - top) * count
+    pixels, max_row = (bottom - top) * count, np.float32(len(views.inverse_contrast) - 1)
     for kind in range(2 if occlusion_known else 1):
         for sector in range(mapping.rings[-1]):
             work.sums[kind, sector, :pixels] = 0.0
             work.weights[kind, sector, :pixels] = 0.0
     cost, sampled, visible = work.cost[0, :pixels], work.cost[1, :pixels], work.cost[2, :pixels]
     for view in range(len(views.others)):
+        sampled[:], visible[:] = 0.0, 0.0
+        # Rows whose samples are in the view are adjacent.
+        begin = seen = 0
         for y in range(top, bottom):
-            a, b = (y - top) * count, (y - top + 1) * count
-            _compare_row(y, plane, view, first, last, views, mapping, work.line, cost[a:b], sampled[a:b], visible[a:b])
+            row = mapping.scale[plane, view] * np.float32(y) + mapping.offset_v[plane, view]
+            if 0 <= row <= max_row:
+                begin = y - top - seen
+                rows.own[seen], rows.above[seen], rows.nearest[seen] = y, int(row), int(row + np.float32(0.5))
+                rows.fraction[seen] = row - np.float32(int(row))
+                seen += 1
+        if seen > 0:
+            a, b = begin * count, (begin + seen) * count
+            _compare_block(
+                rows,
+                plane,
+                view,
+                first,
+                last,
+                views,
+                mapping,
+                work.lines,
+                cost[a:b].reshape((seen, count)),
+                sampled[a:b].reshape((seen, count)),
+                visible[a:b].reshape((seen, count)),
+            )
         sector = mapping.sector[view]
         _add(cost, sampled, work.sums[0, sector, :pixels], work.weights[0, sector, :pixels])
         if occlusion_known:
@@ -314,10 +369,12 @@ def fill_costs(
         np.zeros((2, sectors, max_pixels), np.float32),
         np.empty((DIRECTIONS, max_pixels), np.float32),
         np.empty((8, max_pixels), np.float32),
-        np.empty((3, max_pixels), np.float32),
-        np.empty(MAX_RUN_PX + 1, np.float32),
+        np.zeros((3, max_pixels), np.float32),
+        np.empty((3, CHANNELS * (MAX_RUN_PX + 1)), np.float32),
         np.empty(max_pixels, np.float32),
     )
+    numbers = np.empty((3, TILE_PX), np.int64)
+    rows = Rows(numbers[0], numbers[1], numbers[2], np.empty(TILE_PX, np.float32))
     for top in range(first, last, TILE_PX):
         bottom = min(top + TILE_PX, last)
         low, count = ranges.low[top], ranges.plane_count[top]
@@ -331,7 +388,7 @@ def fill_costs(
                 while end < min(begin + MAX_RUN_PX, width) and low[end] <= plane < low[end] + count[end]:
                     end += TILE_PX
                 end = min(end, width)
-                _block(top, bottom, plane, begin, end, views, mapping, work)
+                _block(top, bottom, plane, begin, end, views, mapping, rows, work)
                 i = 0
                 for y in range(top, bottom):
                     start = ranges.start[y]

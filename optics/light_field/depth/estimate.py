@@ -1,4 +1,4 @@
-"""Depth of the reference view from all views of a light field, with its uncertainty; also for videos.
+"""Depth of the reference view from all views of a light field, with its uncertainty.
 
 The coarsest pyramid level is searched over all planes; finer ones, near the depth of the previous level (`search`). A
 plane sweep gives each pixel a cost at each depth (`cost`): first with competing views, then with the occlusion that
@@ -8,8 +8,8 @@ moved to picture edges, and Gauss-Newton steps with a smoothness prior refine th
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from typing import Any, Literal
 
 import cv2
@@ -18,22 +18,29 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.processes.threads import thread_map
+from mirrorcam.optics.light_field.depth.confidence import log_odds, statistics
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
-from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, Parallax, other_views, parallax, reference_index
+from mirrorcam.optics.light_field.depth.enlargement import doubled, enlarged_by_picture
+from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
     GAIN_STRIDE_PX,
     ViewPicture,
+    colours,
+    halved_picture,
     matching_gain,
+    noise_grey,
     patch_means,
     rough_gain,
+    smoothed,
 )
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, align_to_picture_edges
-from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, PyramidLevel, search
+from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, LevelViews, PyramidLevel, search
 from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
-from mirrorcam.optics.light_field.depth.sweep import range_around
-from mirrorcam.optics.light_field.depth.uncertainty import probability, standard_deviation_px
+from mirrorcam.optics.light_field.depth.sweep import range_around, tracked_range
+from mirrorcam.optics.light_field.depth.track import Track
+from mirrorcam.optics.light_field.depth.uncertainty import standard_deviation_px
 from mirrorcam.optics.light_field.light_field import LightField, Views
-from mirrorcam.optics.light_field.temporal import TemporalFilter
 
 Float32 = NDArray[np.float32]
 Quality = Literal["best", "fast"]
@@ -46,6 +53,11 @@ MAX_NEAR_COSTS = 2**28
 MIN_SEARCHED_PX = 48
 """Minimum side of a picture that is searched after halving."""
 MIN_SIDE_PX = 16
+MAX_CHANGED = 0.5
+"""Fraction of changed pixels above which a frame of a video is measured on its own."""
+MAX_FEW_VIEWS = 2
+"""Number of other views up to which both qualities search from a quarter of the size to the full size, along four
+directions: on real pairs, paths in more directions smooth too much."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +68,8 @@ class _Effort:
     ----------
     first_halvings, last_halvings
         Number of times that pictures are halved for the first search, and for the last.
+    directions
+        Number of directions of the paths of each search.
     slanted_rounds
         Further rounds of the first search, along the slanted surfaces of the round before.
     with_occlusion
@@ -68,24 +82,35 @@ class _Effort:
 
     first_halvings: int
     last_halvings: int
+    directions: int
     slanted_rounds: int
     with_occlusion: bool
     steps: int
     iterations: int
 
 
-EFFORTS = {"best": _Effort(1, 0, 2, True, 2, 200), "fast": _Effort(2, 1, 1, False, 1, 30)}
+EFFORTS = {"best": _Effort(1, 0, 8, 2, True, 2, 200), "fast": _Effort(2, 1, 4, 1, False, 1, 30)}
 
 
 @dataclass(frozen=True, eq=False)
 class _SearchResult:
-    """Search results at full size.
+    """Search results.
 
-    `first_rivals` holds the rivals (v, u) of the first search, over all planes; `halved` states whether the last search
-    was at half size.
+    Attributes
+    ----------
+    planes
+        Planes (j, i) at the last level to search, with depth edges at picture edges.
+    margin, rivals
+        Margin and rivals (v, u) of the last search at full size, see `LowestCost`.
+    first_rivals
+        Rivals (v, u) of the first search, over all planes, at full size.
+    halved
+        Whether the last search was at half size.
     """
 
-    lowest_cost: LowestCost
+    planes: Float32
+    margin: Float32
+    rivals: Float32
     first_rivals: Float32
     halved: bool
 
@@ -132,12 +157,16 @@ class DepthEstimator:
         _check(self.views, near, far)
         self.near_mm, self.far_mm = float(near), float(far)
         self.reference, self.others = reference_index(self.views), other_views(self.views)
-        self._run = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
+        self.workers = workers or cv2.getNumThreads()
+        self._run = thread_map(self.workers)
         self._effort = EFFORTS[quality]
+        if len(self.others) <= MAX_FEW_VIEWS:
+            self._effort = replace(self._effort, first_halvings=2, last_halvings=0, directions=4)
         self._levels = self._levels_to_search()
         self._full = PyramidLevel.of(self.views, self.near_mm, self.far_mm, 0)
         self._parallaxes = [parallax(self.views, index) for index in self.others]
-        self._refiner = Refiner(self._full.sweep, self._parallaxes, self._run)
+        last = self._levels[-1]
+        self._refiner = Refiner(last.sweep, self._parallaxes, self._run, 2**last.halvings)
 
     def _levels_to_search(self) -> list[PyramidLevel]:
         """Return the pyramid levels to search, coarsest first."""
@@ -158,62 +187,157 @@ class DepthEstimator:
 
     def fits(self, light_field: LightField) -> bool:
         """Return whether a light field has the views and weights of this estimator."""
-        names = [field.name for field in fields(Views)]
-        same = all(np.array_equal(getattr(light_field, name), getattr(self.views, name)) for name in names)
-        return same and np.array_equal(light_field.weights, self.weights)
+        pairs = [(getattr(light_field, field.name), getattr(self.views, field.name)) for field in fields(Views)]
+        pairs.append((light_field.weights, self.weights))
+        return all(ours is theirs or np.array_equal(ours, theirs) for ours, theirs in pairs)
 
     def estimate(self, light_field: LightField) -> DepthMap:
         """Return the depth of the reference view of a light field with this estimator's geometry.
 
         Raises InputError if views or weights of the light field differ.
         """
+        return self.following(light_field, None, None)[0]
+
+    def following(
+        self, light_field: LightField, track: Track | None, changed: NDArray[np.bool_] | None
+    ) -> tuple[DepthMap, Track]:
+        """Return the depth of a frame of a video, and what the next frame starts from.
+
+        All planes are searched where the reference view has `changed` (v, u), and everywhere in turn; elsewhere, those
+        near the depth of the previous frame, given its `track`. Without either, the frame is measured on its own.
+        """
         if not self.fits(light_field):
             raise InputError("light field differs in views or weights from the one that the estimator was built for")
+        if changed is None or changed.mean() > MAX_CHANGED:
+            track = None
         pictures = list(self._run(lambda index: ViewPicture.of(light_field, index), [self.reference, *self.others]))
-        reference, others = pictures[0], pictures[1:]
-        reference_grey = reference.grey
-        gains = self._run(lambda other: rough_gain(other.grey, reference_grey), others)
+        noise = noise_grey(light_field, self.reference)
+        reference, *others = self._run(lambda picture: picture.smoothed(noise), pictures)
+        pyramid = [smoothed(colours(light_field, self.reference), noise)]
+        for _ in range(self._levels[0].halvings):
+            pyramid.append(halved_picture(pyramid[-1]))
+        if track is None:
+            reference_grey = reference.grey
+            gains = list(self._run(lambda other: rough_gain(other.grey, reference_grey), others))
+        else:
+            gains = track.gains
         others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
-        result, others = self._search(reference, others)
-        planes = align_to_picture_edges(
-            result.lowest_cost.planes, reference.colours, JUMP_PX / self._full.sweep.step_px, self._run
+        first = self._first_search(pyramid, reference, others, track, changed)
+        for number, gain in self._gains(reference, others, self._full.enlarged(first, self._levels[0]).planes, track):
+            gains = [*gains[:number], gains[number] * gain, *gains[number + 1 :]]
+            others[number] = others[number].multiplied(gain)
+        result = self._finer_searches(pyramid, reference, others, first, track)
+        spacing = self._refiner.spacing
+        gradients = list(
+            self._run(lambda view: GradientPicture.of(view.brightness, view.interior, spacing), [reference, *others])
         )
-        pictures = [reference, *others]
-        gradients = list(self._run(lambda view: GradientPicture.of(view.brightness, view.interior), pictures))
-        steps, iterations = self._effort.steps, self._effort.iterations
-        planes, match, smoothness = self._refiner.refined(planes, gradients[0], gradients[1:], steps, iterations)
-        return self._depth_map(planes, match, smoothness, result, reference.valid)
+        earlier = None if track is None else track.planes
+        steps = self._effort.steps, self._effort.iterations
+        planes, match, smoothness = self._refiner.refined(result.planes, gradients[0], gradients[1:], *steps, earlier)
+        next_track = Track(gains, first, planes, 0 if track is None else track.frame + 1)
+        if spacing > 1:
+            planes = self._enlarged(planes, pyramid, self._levels[-1], self._full)
+            match, smoothness = match.enlarged(self._full.shape), doubled(smoothness, self._full.shape)
+        return self._depth_map(planes, match, smoothness, result, reference.valid, noise), next_track
 
-    def _search(self, reference: ViewPicture, others: list[ViewPicture]) -> tuple[_SearchResult, list[ViewPicture]]:
-        """Return the search result, and the other views equalised to the reference view."""
-        level, *finer_levels = self._levels
-        coarse = search(level, reference, others, self._run, rounds=self._effort.slanted_rounds)
-        gains = self._gains(reference, others, self._full.enlarged(coarse, level).planes)
-        others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
+    def _first_search(
+        self,
+        pyramid: list[Float32],
+        reference: ViewPicture,
+        others: list[ViewPicture],
+        track: Track | None,
+        changed: NDArray[np.bool_] | None,
+    ) -> LowestCost:
+        """Return the result at the coarsest level. `pyramid` holds the reference view's colours, halved ever more."""
+        level, ranges = self._levels[0], None
+        views = LevelViews.of(level, reference, others, self._run)
+        arguments = level, pyramid[level.halvings], views, self._run
+        if track is not None and changed is not None:
+            ranges = track.first_ranges(level, changed)
+        directions, rounds = self._effort.directions, self._effort.slanted_rounds
+        found = search(*arguments, directions=directions, rounds=rounds, ranges=ranges)
         if self._effort.with_occlusion:
-            coarse = search(level, reference, others, self._run, earlier=coarse)
-        first_rivals = self._full.enlarged(coarse, level).rivals
-        for finer in finer_levels:
-            result = finer.enlarged(coarse, level)
-            for _ in range(1 + self._effort.with_occlusion):
-                ranges = range_around(result.planes, finer.sweep.plane_count)
-                if ranges.size > MAX_NEAR_COSTS:
-                    return _SearchResult(self._full.enlarged(coarse, level), first_rivals, level.halvings > 0), others
-                result = search(finer, reference, others, self._run, earlier=result, ranges=ranges)
-            coarse, level = result, finer
-        return _SearchResult(self._full.enlarged(coarse, level), first_rivals, level.halvings > 0), others
+            found = search(*arguments, directions=directions, earlier=found, ranges=ranges)
+        if track is None or ranges is None:
+            return found
+        all_planes = ranges.plane_count == level.sweep.plane_count
+        return replace(found, rivals=np.where(all_planes, found.rivals, track.first.rivals))
 
-    def _gains(self, reference: ViewPicture, others: list[ViewPicture], planes: Float32) -> list[Float32]:
-        """Return gains (v, u) that equalise the other views to the reference view, given its planes (v, u)."""
+    def _finer_searches(
+        self,
+        pyramid: list[Float32],
+        reference: ViewPicture,
+        others: list[ViewPicture],
+        first: LowestCost,
+        track: Track | None,
+    ) -> _SearchResult:
+        """Return the result of the searches near the result of the first, level by level."""
+        level, found = self._levels[0], first
+        first_rivals = self._full.enlarged(first, level).rivals
+        for finer in self._levels[1:]:
+            result = finer.enlarged(found, level)
+            views = LevelViews.of(finer, reference, others, self._run)
+            for again in range(1 + self._effort.with_occlusion):
+                if track is not None and finer is self._levels[-1]:
+                    ranges = tracked_range([result.planes, track.planes], finer.sweep.plane_count)
+                elif again:
+                    ranges = tracked_range([result.planes], finer.sweep.plane_count)
+                else:
+                    ranges = range_around(result.planes, finer.sweep.plane_count)
+                if ranges.size > MAX_NEAR_COSTS:
+                    return self._result(found, level, first_rivals, pyramid)
+                result = search(
+                    finer,
+                    pyramid[finer.halvings],
+                    views,
+                    self._run,
+                    directions=self._effort.directions,
+                    earlier=result,
+                    ranges=ranges,
+                )
+            found, level = result, finer
+        return self._result(found, level, first_rivals, pyramid)
+
+    def _result(
+        self, found: LowestCost, level: PyramidLevel, first_rivals: Float32, pyramid: list[Float32]
+    ) -> _SearchResult:
+        """Return what a level found. Depth edges move to picture edges before the map is enlarged."""
+        planes = align_to_picture_edges(found.planes, pyramid[level.halvings], self._jump(level), self._run)
+        enlarged = self._full.enlarged(found, level)
+        planes = self._enlarged(planes, pyramid, level, self._levels[-1])
+        return _SearchResult(planes, enlarged.margin, enlarged.rivals, first_rivals, level.halvings > 0)
+
+    def _jump(self, level: PyramidLevel) -> float:
+        """Return the difference of planes of a level at a depth edge."""
+        full = self._full.sweep
+        return 2**level.halvings * JUMP_PX / full.step_px * full.step / level.sweep.step
+
+    def _enlarged(self, planes: Float32, pyramid: list[Float32], level: PyramidLevel, finer: PyramidLevel) -> Float32:
+        """Return planes (j, i) of a level at a finer one, as planes of the latter, guided by the picture."""
+        planes = finer.sweep.planes(level.sweep.inverse_distance(planes))
+        sizes = pyramid[finer.halvings : level.halvings + 1]
+        for large, small in reversed(list(pairwise(sizes))):
+            planes = enlarged_by_picture(planes, small, large, self._jump(finer), self._run)
+        return planes
+
+    def _gains(
+        self, reference: ViewPicture, others: list[ViewPicture], planes: Float32, track: Track | None
+    ) -> list[tuple[int, Float32]]:
+        """Return gains (v, u) that equalise other views to the reference view, given its planes (v, u), by number.
+
+        Mirrors do not change, so the frames of a video update one view in turn.
+        """
+        numbers = range(len(others)) if track is None else [track.frame % len(others)]
         stride = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
         rows, columns = np.indices(planes.shape, dtype=np.float32)[:, stride, stride]
         inverse_distance = self._full.sweep.inverse_distance(planes[stride, stride])
         reference_patches = patch_means(reference.grey)[stride, stride]
 
-        def gain(view: Parallax, other: ViewPicture) -> Float32:
-            return matching_gain(other.grey, *view.pixels(columns, rows, inverse_distance), reference_patches)
+        def gain(number: int) -> tuple[int, Float32]:
+            pixels = self._parallaxes[number].pixels(columns, rows, inverse_distance)
+            return number, matching_gain(others[number].grey, *pixels, reference_patches)
 
-        return list(self._run(gain, self._parallaxes, others))
+        return list(self._run(gain, numbers))
 
     def _depth_map(
         self,
@@ -222,6 +346,7 @@ class DepthEstimator:
         smoothness: Float32,
         result: _SearchResult,
         valid: NDArray[np.bool_],
+        noise_grey: float,
     ) -> DepthMap:
         """Build the depth map from refined planes (v, u) and the statistics of their match."""
         full = self._full.sweep
@@ -230,9 +355,19 @@ class DepthEstimator:
         valid = valid & (match.view_count >= min(2, len(self.others)))
         step_px = np.float32(full.step_px)
         range_px, views = full.plane_count * full.step_px, len(self.others)
-        lowest = result.lowest_cost
-        confidence = probability(planes * step_px, match, lowest.rivals, result.first_rivals, smoothness, result.halved)
-        sigma_px = standard_deviation_px(match, smoothness, lowest.margin, confidence, views, result.halved, range_px)
+        confidence = self._confidence(
+            statistics(
+                planes * step_px,
+                match,
+                result.rivals,
+                result.first_rivals,
+                range_px=range_px,
+                views=views,
+                halved=result.halved,
+                noise_grey=noise_grey,
+            )
+        )
+        sigma_px = standard_deviation_px(match, smoothness, result.margin, confidence, views, result.halved, range_px)
         deviation = sigma_px * np.float32(full.step / full.step_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse_distance
@@ -245,6 +380,10 @@ class DepthEstimator:
             sigma_mm=np.where(valid, sigma, np.float32(np.nan)).astype(np.float32),
             confidence=np.where(valid, confidence, np.float32(0.0)).astype(np.float32),
         )
+
+    def _confidence(self, statistics: Float32) -> Float32:
+        """Return the probability (v, u) that the depth is right; training overrides this to record the statistics."""
+        return log_odds().probability(statistics)
 
 
 def _check(views: Views, near_mm: float, far_mm: float) -> None:
@@ -289,18 +428,3 @@ def estimate_depth(light_field: LightField, *, near_mm: float | None = None, far
         If `DepthEstimator` refuses the light field or the depths.
     """
     return DepthEstimator(light_field, near_mm=near_mm, far_mm=far_mm).estimate(light_field)
-
-
-class VideoDepth:
-    """Depth of the frames of one video, in order, from light fields filtered in time (`TemporalFilter`).
-
-    The first result equals `DepthEstimator.estimate`; later ones also depend on earlier frames.
-    """
-
-    def __init__(self, estimator: DepthEstimator) -> None:
-        self._estimator = estimator
-        self._filter = TemporalFilter()
-
-    def estimate(self, light_field: LightField) -> DepthMap:
-        """Return the depth of the next frame; raises InputError like `DepthEstimator.estimate`."""
-        return self._estimator.estimate(self._filter.filtered(light_field))

@@ -1,18 +1,22 @@
-"""Equalisation of the brightness of views: by one gain before depth is known, by a linear function afterwards.
+"""Preparation of views for comparison: noise is smoothed, and their brightness equalised.
 
-Mirrors reflect unevenly and a lens darkens its corners, so a point's brightness differs by up to a fifth between views.
+Matching compares single pixels, so noise must be small at the size of a pixel: the noisier, the wider the smoothing.
+Mirrors reflect unevenly and a lens darkens its corners, so a point's brightness differs by up to a fifth between views:
+it is equalised by one gain before depth is known, by a linear function afterwards.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.core.compiled import compiled
+from mirrorcam.optics.light_field.light_field import LightField, Samples
 
 Float32 = NDArray[np.float32]
 
@@ -28,6 +32,91 @@ MIN_GAIN_CHANGE = 0.03
 """Minimum relative difference in brightness that is equalised before depth is known."""
 OCCLUSION_SCALES = (24.0, 12.0, 6.0, 6.0)
 """Scale of the robust loss per round, out of 255: larger differences probably show different surfaces."""
+NOISE_KERNEL = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32) / np.float32(6.0)
+"""Difference of two Laplacians: white noise keeps its deviation, planes and edges along an axis vanish."""
+NOISE_BLOCK_PX = 16
+NOISE_QUANTILE = 0.2
+"""Quantile of the blocks, by noise, that is taken as the noise: texture raises others."""
+MEDIAN_OF_NOISE = 0.6745
+USUAL_NOISE_GREY = 1.5
+"""Noise up to which nothing is smoothed; fine texture measures as much."""
+SMOOTHING_PX = 0.35
+"""Deviation of the smoothing for 1 grey level more."""
+
+
+@compiled
+def _separate(samples: Samples, scale: float, brightness: Float32, chroma: Float32) -> None:
+    """Fill brightness (v, u) (ITU-R BT.601) and chroma (v, u) of samples (v, u, c) times `scale`, within 0 to 255."""
+    zero, white, half = np.float32(0.0), np.float32(255.0), np.float32(0.5)
+    red_part, green_part, blue_part = np.float32(0.299), np.float32(0.587), np.float32(0.114)
+    for y in range(brightness.shape[0]):
+        row, out, chroma_out = samples[y], brightness[y], chroma[y]
+        if samples.shape[2] == 3:
+            for x in range(len(out)):
+                red = min(max(np.float32(row[x, 0]) * scale, zero), white)
+                green = min(max(np.float32(row[x, 1]) * scale, zero), white)
+                blue = min(max(np.float32(row[x, 2]) * scale, zero), white)
+                out[x] = red_part * red + green_part * green + blue_part * blue
+                chroma_out[x] = half * (red - blue)
+        else:
+            for x in range(len(out)):
+                out[x] = min(max(np.float32(row[x, 0]) * scale, zero), white)
+                chroma_out[x] = zero
+
+
+def _filled(picture: Float32, valid: NDArray[np.bool_]) -> Float32:
+    """Return a picture (v, u) or (v, u, c) with missing samples replaced by the mean of neighbours."""
+    if valid.all():
+        return picture
+    mask = valid if picture.ndim == 2 else valid[..., None]
+    fraction: Any = cv2.blur(valid.astype(np.float32), (FILL_PX, FILL_PX))
+    mean: Any = cv2.blur(picture * mask, (FILL_PX, FILL_PX))
+    filled = picture.copy()
+    filled[~valid] = mean[~valid] / np.maximum(fraction[~valid], 1e-3).reshape(-1, *[1] * (picture.ndim - 2))
+    return filled
+
+
+def colours(light_field: LightField, index: tuple[int, int]) -> Float32:
+    """Return the colours (v, u, 3), 0 to 255, of view (t, s); a grey view gets three equal ones."""
+    samples: Any = light_field.samples[index]
+    picture = samples.astype(np.float32)
+    if samples.dtype == np.float32:
+        picture = np.clip(picture, np.float32(0.0), np.float32(1.0)) * np.float32(255.0)
+    return _filled(np.broadcast_to(picture, (*samples.shape[:2], 3)).copy(), light_field.weights[index] > 0)
+
+
+def halved_picture(picture: Float32) -> Float32:
+    """Merge blocks of two by two pixels of a picture (v, u) or (v, u, c); drop an odd last column or row."""
+    rows, columns = picture.shape[0] // 2, picture.shape[1] // 2
+    return np.asarray(
+        cv2.resize(picture[: 2 * rows, : 2 * columns], (columns, rows), interpolation=cv2.INTER_AREA), np.float32
+    )
+
+
+def noise_grey(light_field: LightField, index: tuple[int, int]) -> float:
+    """Return the standard deviation of white noise of view (t, s), of 255 grey levels, from its second colour.
+
+    As Immerkaer (1996), by medians over blocks; 0 for a view that is smaller than a block.
+    """
+    samples = light_field.samples[index]
+    picture = samples[..., samples.shape[-1] // 2].astype(np.float32)
+    if samples.dtype == np.float32:
+        picture = picture * np.float32(255.0)
+    side = NOISE_BLOCK_PX
+    rows, columns = picture.shape[0] // side, picture.shape[1] // side
+    if min(rows, columns) == 0:
+        return 0.0
+    residual = np.abs(cv2.filter2D(picture, -1, NOISE_KERNEL))[: rows * side, : columns * side]
+    blocks = residual.reshape(rows, side, columns, side).transpose(0, 2, 1, 3).reshape(rows * columns, side * side)
+    return float(np.quantile(np.median(blocks, axis=1), NOISE_QUANTILE)) / MEDIAN_OF_NOISE
+
+
+def smoothed(picture: Float32, noise_grey: float) -> Float32:
+    """Return a picture (v, u) or (v, u, c) smoothed as its noise requires."""
+    if noise_grey <= USUAL_NOISE_GREY:
+        return picture
+    deviation_px = SMOOTHING_PX * float(np.sqrt(noise_grey - USUAL_NOISE_GREY))
+    return np.asarray(cv2.GaussianBlur(picture, (0, 0), deviation_px))
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,60 +125,57 @@ class ViewPicture:
 
     Attributes
     ----------
-    colours
-        (v, u, 3), 0 to 255; missing samples are filled with the mean of neighbours.
+    brightness, chroma
+        (v, u), 0 to 255, and half the difference (v, u) of red and blue, 0 for a grey view; missing samples are filled
+        with the mean of neighbours.
     valid
         Mask (v, u) of valid samples.
     """
 
-    colours: Float32
+    brightness: Float32
+    chroma: Float32
     valid: NDArray[np.bool_]
 
     @classmethod
     def of(cls, light_field: LightField, index: tuple[int, int]) -> ViewPicture:
-        """Return view (t, s) of a light field; a grey view gets three equal colours."""
+        """Return view (t, s) of a light field."""
         samples: Any = light_field.samples[index]
-        colours = samples.astype(np.float32)
-        if samples.dtype == np.float32:
-            colours = np.clip(colours, np.float32(0.0), np.float32(1.0)) * np.float32(255.0)
-        colours = np.broadcast_to(colours, (*samples.shape[:2], 3)).copy()
+        brightness, chroma = np.empty((2, *samples.shape[:2]), np.float32)
+        _separate(samples, np.float32(255.0 if samples.dtype == np.float32 else 1.0), brightness, chroma)
         valid = light_field.weights[index] > 0
-        if not valid.all():
-            fraction = cv2.blur(valid.astype(np.float32), (FILL_PX, FILL_PX))
-            mean = cv2.blur(colours * valid[..., None], (FILL_PX, FILL_PX)) / np.maximum(fraction, 1e-3)[..., None]
-            colours[~valid] = mean[~valid]
-        return cls(colours, valid)
-
-    @property
-    def brightness(self) -> Float32:
-        """Brightness (v, u) of the colours, 0 to 255."""
-        return np.asarray(cv2.cvtColor(self.colours, cv2.COLOR_RGB2GRAY))
+        return cls(_filled(brightness, valid), _filled(chroma, valid), valid)
 
     @property
     def grey(self) -> Float32:
         """Brightness (v, u), 0 to 255, `NO_SAMPLE` where there is no sample."""
+        if self.valid.all():
+            return self.brightness
         return np.where(self.valid, self.brightness, np.float32(NO_SAMPLE))
 
-    @property
+    @cached_property
     def interior(self) -> NDArray[np.uint8]:
         """Mask (v, u), as uint8, of samples whose neighbours are all valid."""
         return np.asarray(cv2.erode(self.valid.astype(np.uint8), np.ones((3, 3), np.uint8), borderValue=1))
 
+    @cached_property
     def halved(self) -> ViewPicture:
-        """Merge blocks of two by two pixels, unknown if a sample is missing; drop an odd last column or row."""
+        """The view with blocks of two by two pixels merged, unknown if a sample is missing; see `halved_picture`."""
         rows, columns = self.valid.shape[0] // 2, self.valid.shape[1] // 2
-        even = (slice(2 * rows), slice(2 * columns))
-        colours = cv2.resize(self.colours[even], (columns, rows), interpolation=cv2.INTER_AREA)
-        valid = self.valid[even]
+        valid = self.valid[: 2 * rows, : 2 * columns]
         valid_rows = valid[::2] & valid[1::2]
-        return ViewPicture(np.asarray(colours), valid_rows[:, ::2] & valid_rows[:, 1::2])
+        both_valid = valid_rows[:, ::2] & valid_rows[:, 1::2]
+        return ViewPicture(halved_picture(self.brightness), halved_picture(self.chroma), both_valid)
+
+    def smoothed(self, noise_grey: float) -> ViewPicture:
+        """Return the view smoothed as its noise requires, see `smoothed`."""
+        return ViewPicture(smoothed(self.brightness, noise_grey), smoothed(self.chroma, noise_grey), self.valid)
 
     def multiplied(self, gain: Float32 | float) -> ViewPicture:
-        """Return the view with its brightness multiplied by a gain, a number or a map (v, u)."""
+        """Return the view with its colours multiplied by a gain, a number or a map (v, u)."""
         factor = np.asarray(gain, dtype=np.float32)
         if factor.ndim == 0 and factor == 1:
             return self
-        return ViewPicture(self.colours * (factor[..., None] if factor.ndim else factor), self.valid)
+        return ViewPicture(self.brightness * factor, self.chroma * factor, self.valid)
 
 
 def rough_gain(picture: Float32, reference: Float32) -> float:

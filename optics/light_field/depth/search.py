@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.processes.threads import MapFunction
 from mirrorcam.optics.light_field.depth.competition import UNITS
-from mirrorcam.optics.light_field.depth.cost import CHANNELS, channels, matching_costs
+from mirrorcam.optics.light_field.depth.cost import channels, matching_costs
+from mirrorcam.optics.light_field.depth.enlargement import doubled
 from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, halved, plane_inverse_distances
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
 from mirrorcam.optics.light_field.depth.semiglobal import (
@@ -26,15 +27,13 @@ from mirrorcam.optics.light_field.depth.uncertainty import DOUBTFUL_MARGIN
 from mirrorcam.optics.light_field.light_field import Views
 
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
 
 FINE_PX, COARSE_PX = 0.5, 1.0
 """Step of disparity at the longest baseline from plane to plane, in pixels of the pyramid level: fine and coarse."""
 MAX_FINE_PLANES = 192
 """Maximum number of planes of a search over all planes at fine spacing; more are spaced coarsely."""
-NEXT_PLANE_PENALTY, JUMP_PENALTY = 2.5, 18.0
-"""P1 and P2 of semi-global matching for up to eight views, as matching costs; more views justify smaller ones."""
-PENALTY_POWER = 0.3
+NEXT_PLANE_PENALTY, JUMP_PENALTY = 2.5, 12.0
+"""P1 and P2 of semi-global matching, as matching costs, for eight views besides the reference view."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +64,7 @@ class PyramidLevel:
     def shrunk(self, picture: ViewPicture) -> ViewPicture:
         """Return a full-size picture at this level."""
         for _ in range(self.halvings):
-            picture = picture.halved()
+            picture = picture.halved
         return picture
 
     def enlarged(self, result: LowestCost, coarser: PyramidLevel) -> LowestCost:
@@ -73,39 +72,44 @@ class PyramidLevel:
         maps = {name: getattr(result, name) for name in ("planes", "margin", "rivals")}
         for halvings in range(coarser.halvings - 1, self.halvings - 1, -1):
             shape = self.shape if halvings == self.halvings else None
-            maps = {name: _doubled(values, shape) for name, values in maps.items()}
-        first, step = np.float32(self.sweep.inverse_distances[0]), np.float32(1.0 / self.sweep.step)
-        maps["planes"] = np.asarray((coarser.sweep.inverse_distance(maps["planes"]) - first) * step)
+            maps = {name: doubled(values, shape) for name, values in maps.items()}
+        maps["planes"] = self.sweep.planes(coarser.sweep.inverse_distance(maps["planes"]))
         return LowestCost(**maps)
 
 
-def _doubled(small: Float32, shape: tuple[int, int] | None) -> Float32:
-    """Return a map (v, u) at twice the size; an odd last row or column repeats the previous one."""
-    full = cv2.resize(small, (2 * small.shape[1], 2 * small.shape[0]), interpolation=cv2.INTER_LINEAR)
-    if shape is None:
-        return np.asarray(full)
-    bottom, right = shape[0] - full.shape[0], shape[1] - full.shape[1]
-    return np.asarray(cv2.copyMakeBorder(full, 0, bottom, 0, right, cv2.BORDER_REPLICATE))
+@dataclass(frozen=True, eq=False)
+class LevelViews:
+    """The views at one level, as `matching_costs` compares them, for all searches there.
 
+    Attributes
+    ----------
+    reference, others
+        `channels` (v + 1, 4 (u + 1)) of the reference view and (K, v + 1, 4 (u + 1)) of the others.
+    valid
+        (K, v, u), 1 where a view has samples in the pixel and its neighbours, else 0.
+    """
 
-def _stacked(pictures: Sequence[ViewPicture], run: MapFunction) -> Float32:
-    """Stack `channels` of pictures."""
-    height, width = pictures[0].valid.shape
-    result = np.empty((len(pictures), CHANNELS, height + 1, width + 1), np.float32)
+    reference: Float32
+    others: Float32
+    valid: NDArray[np.uint8]
 
-    def fill(number: int) -> None:
-        result[number] = channels(pictures[number].colours)
-
-    list(run(fill, range(len(pictures))))
-    return result
+    @classmethod
+    def of(
+        cls, level: PyramidLevel, reference: ViewPicture, others: Sequence[ViewPicture], run: MapFunction = map
+    ) -> LevelViews:
+        """Return the views at a level, from equalised ones at full size."""
+        pictures = list(run(level.shrunk, [reference, *others]))
+        first, *rest = run(lambda picture: channels(picture.brightness, picture.chroma), pictures)
+        return cls(first, np.stack(rest), np.stack([picture.interior for picture in pictures[1:]]))
 
 
 def search(
     level: PyramidLevel,
-    reference: ViewPicture,
-    others: Sequence[ViewPicture],
+    colours: Float32,
+    views: LevelViews,
     run: MapFunction = map,
     *,
+    directions: int = len(PATH_DIRECTIONS),
     rounds: int = 0,
     earlier: LowestCost | None = None,
     ranges: Ranges | None = None,
@@ -116,10 +120,14 @@ def search(
     ----------
     level
         Pyramid level, with its sweep.
-    reference, others
-        The views, at full size and equalised.
+    colours
+        Colours (v, u, 3) of the reference view at this level, 0 to 255; depth edges are likely at colour edges.
+    views
+        The views at this level.
     run
         `map`, or the `map` of a thread pool.
+    directions
+        Number of PATH_DIRECTIONS that paths follow.
     rounds
         Number of further passes along the slanted surfaces of the pass before.
     earlier
@@ -127,14 +135,13 @@ def search(
     ranges
         Planes to search at each pixel; all by default.
     """
-    small_reference, *small_others = run(level.shrunk, [reference, *others])
-    # A matching cost of 1, scaled for the lower noise of more than eight views.
-    unit = UNITS * ((8.0 / len(others)) ** PENALTY_POWER if len(others) > 8 else 1.0)
+    # A matching cost of 1, scaled as the noise of the mean of this number of views.
+    unit = UNITS * math.sqrt(8.0 / len(views.others))
     penalties = round(NEXT_PLANE_PENALTY * unit), round(JUMP_PENALTY * unit)
     volume = matching_costs(
-        channels(small_reference.colours),
-        _stacked(small_others, run),
-        np.stack([picture.interior for picture in small_others]),
+        views.reference,
+        views.others,
+        views.valid,
         level.sweep,
         run,
         None if earlier is None else nearest_planes(earlier.planes, level.sweep, run),
@@ -142,9 +149,9 @@ def search(
     )
 
     def search_along(slants: tuple[Float32, Float32]) -> LowestCost:
-        total = aggregate(volume, small_reference.colours, slants, penalties, run)
-        result = lowest_cost(total, DOUBTFUL_MARGIN * len(PATH_DIRECTIONS) * unit, run)
-        return replace(result, margin=result.margin * np.float32(1.0 / (len(PATH_DIRECTIONS) * unit)))
+        total = aggregate(volume, colours, slants, penalties, run, directions)
+        result = lowest_cost(total, DOUBTFUL_MARGIN * directions * unit, run)
+        return replace(result, margin=result.margin * np.float32(1.0 / (directions * unit)))
 
     flat = np.zeros(level.shape, np.float32)
     result = search_along((flat, flat) if earlier is None else surface_slants(earlier.planes, earlier.margin))

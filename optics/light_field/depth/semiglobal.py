@@ -5,7 +5,6 @@ After Hirschmueller, PAMI 30(2), 2008; for slanted surfaces, Scharstein, Taniai 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -13,20 +12,23 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.compiled import compiled
+from mirrorcam.core.compiled import compiled, inlined
+from mirrorcam.core.processes.threads import MapFunction
 from mirrorcam.optics.light_field.depth.cost import bands
 from mirrorcam.optics.light_field.depth.sweep import Ranges, Volume
 
 UInt16 = NDArray[np.uint16]
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
 
 PATH_DIRECTIONS = ((0, 1), (0, -1), (1, 0), (-1, 0), (1, 1), (-1, -1), (1, -1), (-1, 1))
+"""Steps (v, u); each is followed by its opposite."""
 EDGE_GREY = 10.0
 """Step of a colour, of 255, that lowers the penalty of a depth edge by a factor of e."""
-EDGE_FLOOR = 0.2
+EDGE_STEPS = 4
+"""Steps of a colour per grey level that are distinguished."""
+EDGE_FLOOR = 0.1
 """Fraction of the penalty that remains at the strongest edge."""
-MIN_RATIO = 1.5
+MIN_RATIO = 1.0
 """Minimum ratio of the penalty of a larger step to the penalty of a step to the next plane."""
 SLANT_RADIUS_PX, SLANT_MEDIAN_PX = 3, 21
 SLANT_MEAN_PX = (145, 49, 17, 9)
@@ -46,19 +48,38 @@ PATHS_PER_JOB = 32
 
 
 class _Surface(NamedTuple):
-    """Surfaces that paths follow: colours (v, u, 3), and slants (v, u) in planes per pixel along u and v."""
+    """Surfaces that paths follow along a line: slants (v, u) in planes per pixel along u and v, and penalties.
 
-    picture: Any
+    A step to the next plane costs `next_plane`; a larger one from pixel (y, x) on, `jump[y + offset_v, x + offset_u]`.
+    """
+
     slant_u: Any
     slant_v: Any
-
-
-class _Penalties(NamedTuple):
     next_plane: Any
     jump: Any
+    offset_v: Any
+    offset_u: Any
 
 
 @compiled
+def _jump_penalties(
+    first: int, last: int, picture: Float32, dy: int, dx: int, penalty_of_step: UInt16, out: UInt16
+) -> None:
+    """Fill the penalties `out` (v, u) of jumps between a pixel and its neighbour at (-dy, -dx), by their colours."""
+    width = out.shape[1]
+    for y in range(first, last):
+        for x in range(max(dx, 0), min(width + dx, width)):
+            if y < dy:
+                continue
+            step = np.float32(0.0)
+            for colour in range(3):
+                step = max(step, abs(picture[y, x, colour] - picture[y - dy, x - dx, colour]))
+            out[y, x] = penalty_of_step[
+                min(int(step * np.float32(EDGE_STEPS) + np.float32(0.5)), len(penalty_of_step) - 1)
+            ]
+
+
+@inlined
 def _step(
     path: UInt16,
     previous_count: int,
@@ -96,7 +117,6 @@ def _path(
     costs: UInt16,
     total: UInt16,
     surface: _Surface,
-    penalties: _Penalties,
     y: int,
     x: int,
     dy: int,
@@ -112,7 +132,7 @@ def _path(
     sums = total[start : start + count]
     for plane in range(count):
         sums[plane] += path[plane + 2]
-    picture, next_plane = surface.picture, np.uint16(penalties.next_plane)
+    next_plane = np.uint16(surface.next_plane)
     y, x = y + dy, x + dx
     while 0 <= y < height and 0 <= x < width:
         subplane += surface.slant_u[y, x] * np.float32(dx) + surface.slant_v[y, x] * np.float32(dy)
@@ -124,19 +144,15 @@ def _path(
             min_cost = min(min_cost, previous[plane])
         for pad in range(2):
             path[pad], path[count + 2 + pad] = np.uint16(60000), np.uint16(60000)
-        edge = np.float32(0.0)
-        for colour in range(3):
-            edge = max(edge, abs(picture[y, x, colour] - picture[y - dy, x - dx, colour]))
-        fraction = np.float32(EDGE_FLOOR) + np.float32(1.0 - EDGE_FLOOR) * np.exp(edge * np.float32(-1.0 / EDGE_GREY))
-        jump_penalty = max(np.float32(MIN_RATIO) * np.float32(next_plane), np.float32(penalties.jump) * fraction)
+        jump_penalty = surface.jump[y - dy + surface.offset_v, x - dx + surface.offset_u]
         offset = ranges.low[y, x] - shift - low
         previous_count = count
         low, count, start = ranges.low[y, x], ranges.plane_count[y, x], ranges.start[y, x]
         matched, sums = costs[start : start + count], total[start : start + count]
-        _step(path, previous_count, offset, min_cost, np.uint16(jump_penalty), next_plane, matched, result)
+        _step(path, previous_count, offset, min_cost, jump_penalty, next_plane, matched, result[2 : count + 2])
+        path, result = result, path
         for plane in range(count):
-            path[plane + 2] = result[plane]
-            sums[plane] += result[plane]
+            sums[plane] += path[plane + 2]
         y, x = y + dy, x + dx
 
 
@@ -150,7 +166,6 @@ def _paths(
     costs: UInt16,
     total: UInt16,
     surface: _Surface,
-    penalties: _Penalties,
 ) -> None:
     """Follow lines `first` to `last` of one direction: those from the first row, then those from the first column."""
     height, width = ranges.low.shape
@@ -163,7 +178,17 @@ def _paths(
         else:
             x = 0 if dx > 0 else width - 1
             y = line - width + 1 if dy > 0 else height - 2 - (line - width)
-        _path(ranges, costs, total, surface, penalties, y, x, dy, dx, work)
+        _path(ranges, costs, total, surface, y, x, dy, dx, work)
+
+
+def _jumps(picture: Float32, dy: int, dx: int, next_plane: int, jump: int, run: MapFunction) -> UInt16:
+    """Return the penalties (v, u) of jumps between each pixel and its neighbour at (-dy, -dx)."""
+    steps = np.arange(255 * EDGE_STEPS + 1) / EDGE_STEPS
+    fractions = EDGE_FLOOR + (1.0 - EDGE_FLOOR) * np.exp(steps / -EDGE_GREY)
+    penalty_of_step = np.maximum(jump * fractions, MIN_RATIO * next_plane).astype(np.uint16)
+    result = np.zeros(picture.shape[:2], np.uint16)
+    list(run(lambda band: _jump_penalties(*band, picture, dy, dx, penalty_of_step, result), bands(len(result))))
+    return result
 
 
 def aggregate(
@@ -172,6 +197,7 @@ def aggregate(
     slants: tuple[Float32, Float32],
     penalties: tuple[int, int],
     run: MapFunction = map,
+    directions: int = len(PATH_DIRECTIONS),
 ) -> Volume:
     """Return the path costs of a volume of matching costs, summed over the directions.
 
@@ -187,17 +213,22 @@ def aggregate(
         Penalty of a step to an adjacent plane, and of a larger step (P1 and P2).
     run
         `map`, or the `map` of a thread pool.
+    directions
+        Number of PATH_DIRECTIONS that paths follow.
     """
     height, width = volume.ranges.low.shape
     total = np.zeros_like(volume.costs)
-    surface = _Surface(picture, *slants)
-    path_penalties = _Penalties(*(np.uint16(penalty) for penalty in penalties))
-    for dy, dx in PATH_DIRECTIONS:
+    next_plane, jump = penalties
+    for number, (dy, dx) in enumerate(PATH_DIRECTIONS[:directions]):
+        forward = number % 2 == 0
+        if forward:
+            jumps = _jumps(picture, dy, dx, next_plane, jump, run)
+        surface = _Surface(*slants, np.uint16(next_plane), jumps, *((dy, dx) if forward else (0, 0)))
         lines = height if dy == 0 else width if dx == 0 else width + height - 1
         jobs = [(first, min(first + PATHS_PER_JOB, lines)) for first in range(0, lines, PATHS_PER_JOB)]
 
-        def fill(job: tuple[int, int], dy: int = dy, dx: int = dx) -> None:
-            _paths(*job, dy, dx, volume.ranges, volume.costs, total, surface, path_penalties)
+        def fill(job: tuple[int, int], dy: int = dy, dx: int = dx, surface: _Surface = surface) -> None:
+            _paths(*job, dy, dx, volume.ranges, volume.costs, total, surface)
 
         list(run(fill, jobs))
     return Volume(volume.ranges, total)

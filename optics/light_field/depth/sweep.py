@@ -5,15 +5,16 @@ Each pixel searches a range of planes of its own: near the depth known from a co
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
+from mirrorcam.core.processes.threads import MapFunction
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
 from mirrorcam.optics.light_field.light_field import Views
@@ -22,16 +23,19 @@ Float32 = NDArray[np.float32]
 DIRECTIONS = 16
 """Number of directions from the reference view: an occluder hides a point from adjacent directions."""
 MAX_RINGS = 4
-MapFunction = Callable[..., Any]
 NO_SURFACE = np.float32(-1e9)
 """Plane of a pixel without a surface: it hides nothing."""
 TILE_PX = 8
 """Side of a tile; all its pixels search the same range."""
-NEIGHBOUR_PX = 8
+NEIGHBOUR_PX = 4
 """Distance from a tile within which known depths are searched as well, so that depth edges can move."""
-MARGIN_PLANES = 6
+MARGIN_PLANES = 3
 """Planes searched beyond the known ones, nearer and farther."""
 MIN_PLANES = 3
+TRACKED_NEIGHBOUR_PX, TRACKED_MARGIN_PLANES = 2, 2
+"""The same near depths that are nearly known: from the previous frame of a video, or an earlier search of a level."""
+MAX_EXTRA_COSTS = 3.0
+"""Ratio of all planes to those near known depths up to which all are searched: wires too thin for a coarser level."""
 
 
 class PlaneMapping(NamedTuple):
@@ -88,6 +92,10 @@ class Sweep:
     def inverse_distance(self, planes: Float32) -> Float32:
         """Inverse distances, 1/mm, of fractional plane indices."""
         return np.asarray(planes * np.float32(self.step) + np.float32(self.inverse_distances[0]))
+
+    def planes(self, inverse_distance: Float32) -> Float32:
+        """Fractional plane indices of inverse distances, 1/mm."""
+        return np.asarray((inverse_distance - np.float32(self.inverse_distances[0])) * np.float32(1.0 / self.step))
 
 
 def sweep(views: Views, inverse_distances: FloatArray) -> Sweep:
@@ -191,28 +199,45 @@ def full_range(shape: tuple[int, int], plane_count: int) -> Ranges:
 
 def range_around(known_planes: Float32, plane_count: int) -> Ranges:
     """Return the ranges near known planes (v, u), constant per tile and limited to `plane_count` planes."""
-    side = TILE_PX + 2 * NEIGHBOUR_PX
+    return _ranges(known_planes, known_planes, plane_count, NEIGHBOUR_PX, MARGIN_PLANES)
+
+
+def tracked_range(planes: Sequence[Float32], plane_count: int, unknown: NDArray[np.bool_] | None = None) -> Ranges:
+    """Return the ranges near all of several maps of planes (v, u), all of them nearly known, for videos.
+
+    Tiles near pixels that are `unknown` (v, u) get all planes.
+    """
+    nearest, farthest = np.maximum.reduce(planes), np.minimum.reduce(planes)
+    if unknown is not None:
+        nearest = np.where(unknown, np.float32(plane_count), nearest)
+        farthest = np.where(unknown, np.float32(0.0), farthest)
+    return _ranges(nearest, farthest, plane_count, TRACKED_NEIGHBOUR_PX, TRACKED_MARGIN_PLANES)
+
+
+def _ranges(nearest: Float32, farthest: Float32, plane_count: int, neighbour_px: int, margin: int) -> Ranges:
+    """Return ranges that hold the planes (v, u) of all pixels of a tile and near it, and a margin.
+
+    All planes, if these are at most MAX_EXTRA_COSTS times as many.
+    """
     # OpenCV's kernels of even side reach one pixel farther up and left, so the anchor centres them on the tiles.
-    height, width = known_planes.shape
+    height, width = nearest.shape
     rows, columns = -(-height // TILE_PX), -(-width // TILE_PX)
-    padded = cv2.copyMakeBorder(
-        known_planes,
-        NEIGHBOUR_PX,
-        rows * TILE_PX - height + NEIGHBOUR_PX,
-        NEIGHBOUR_PX,
-        columns * TILE_PX - width + NEIGHBOUR_PX,
-        cv2.BORDER_REPLICATE,
-    )
-    kernel = np.ones((side, side), np.uint8)
-    nearest = cv2.dilate(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
-    farthest = cv2.erode(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns]
-    low = np.clip(np.floor(farthest) - MARGIN_PLANES, 0, plane_count - MIN_PLANES).astype(np.int32)
-    high = np.clip(np.ceil(nearest) + (MARGIN_PLANES + 1), low + MIN_PLANES, plane_count).astype(np.int32)
+    bottom, right = rows * TILE_PX - height, columns * TILE_PX - width
+    border = neighbour_px, bottom + neighbour_px, neighbour_px, right + neighbour_px
+    kernel = np.ones((TILE_PX + 2 * neighbour_px,) * 2, np.uint8)
+
+    def largest(values: Float32) -> Float32:
+        padded = cv2.copyMakeBorder(values, *border, cv2.BORDER_REPLICATE)
+        return np.asarray(cv2.dilate(padded, kernel, anchor=(0, 0))[::TILE_PX, ::TILE_PX][:rows, :columns])
+
+    low = np.clip(np.floor(-largest(-farthest)) - margin, 0, plane_count - MIN_PLANES).astype(np.int32)
+    high = np.clip(np.ceil(largest(nearest)) + (margin + 1), low + MIN_PLANES, plane_count).astype(np.int32)
 
     def per_pixel(tiles: NDArray[np.int32]) -> NDArray[np.int32]:
         return np.repeat(np.repeat(tiles, TILE_PX, axis=0), TILE_PX, axis=1)[:height, :width]
 
-    return Ranges.of(per_pixel(low), per_pixel(high - low))
+    ranges, everything = Ranges.of(per_pixel(low), per_pixel(high - low)), full_range((height, width), plane_count)
+    return everything if everything.size <= MAX_EXTRA_COSTS * ranges.size else ranges
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,17 +23,21 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.slope import ViewGeometry
 from mirrorcam.optics.light_field.light_field import LightField
 
-DetectorName = Literal["SIFT", "ORB", "AKAZE"]
+DetectorName = Literal["ORB", "AKAZE"]
 # Keypoints closer to invalid pixels would be artefacts of the border.
 BORDER_PX = 5
 ORB_SCALE_STEP = 1.2
-# OpenCV's keypoint size at the finest scale: ORB's patch diameter; for SIFT (AKAZE), twice (three times) the initial
+# OpenCV's keypoint size at the finest scale: ORB's patch diameter; for AKAZE (SIFT), three times (twice) the initial
 # scale 1.6.
-FINEST_SIZE_PX: dict[DetectorName, float] = {"SIFT": 2 * 1.6, "ORB": 31.0, "AKAZE": 3 * 1.6}
+FINEST_SIZE_PX: dict[DetectorName, float] = {"ORB": 31.0, "AKAZE": 3 * 1.6}
+SIFT_FINEST_SIZE_PX = 2 * 1.6
 # Shift of the view with the longest baseline between adjacent slices of the focal stack.
 STEP_PX = 1.0
 # Distance, in px of its scale and octaves of scale, below which a weaker keypoint duplicates a stronger one.
 DUPLICATE_PX, DUPLICATE_OCTAVES = 2.0, 0.6
+# A duplicate at another slope competes if it predicts a position at least this far away, in px of its scale, in the
+# view with the longest baseline, and has at least this fraction of the keypoint's strength.
+COMPETING_PX, COMPETING_STRENGTH = 3.0, 0.8
 # Lower contrast than in a single picture suffices, because noise is lower.
 CONTRAST = 0.01
 DARK_PERCENTILE, BRIGHT_PERCENTILE = 0.5, 99.5
@@ -67,8 +71,6 @@ def detector(name: DetectorName, keypoints: int) -> Any:
 
     Raises InputError for an unknown name, and if this OpenCV lacks AKAZE (since version 5, it is a contributed module).
     """
-    if name == "SIFT":
-        return cv2.SIFT.create(keypoints, contrastThreshold=0.015)
     if name == "ORB":
         return cv2.ORB.create(keypoints, scaleFactor=ORB_SCALE_STEP, edgeThreshold=8, fastThreshold=7)
     if name != "AKAZE":
@@ -112,7 +114,7 @@ def detect(
     def detect_in(image: NDArray[np.uint8], mask: NDArray[np.uint8], detector: Any) -> Keypoints:
         detected, descriptors = detector.detectAndCompute(image, mask)
         if descriptors is None:
-            descriptors = np.zeros((0, detector.descriptorSize()), np.float32 if name == "SIFT" else np.uint8)
+            descriptors = np.zeros((0, detector.descriptorSize()), np.uint8)
         return _keypoints(detected, descriptors, name)
 
     return list(run(detect_in, images, masks, detectors))
@@ -141,11 +143,9 @@ def to_comparable(descriptors: NDArray[Any]) -> NDArray[Any]:
     return np.sqrt(descriptors / total)
 
 
-def distances(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the distances of pairs of descriptors (n, d): number of differing bits, or 1 minus the cosine."""
-    if first.dtype == np.uint64:
-        return np.bitwise_count(first ^ second).sum(axis=1).astype(np.float32)
-    return 1.0 - np.einsum("nd,nd->n", first, second)
+def differing_bits(first: NDArray[np.uint64], second: NDArray[np.uint64]) -> NDArray[np.float32]:
+    """Return the numbers (n,) of bits in which pairs of binary descriptors (n, d) differ."""
+    return np.bitwise_count(first ^ second).sum(axis=1).astype(np.float32)
 
 
 def nearest_pairs(
@@ -169,7 +169,7 @@ def nearest_pairs(
 
 
 def pairwise_distances(first: NDArray[Any], second: NDArray[Any]) -> NDArray[np.float32]:
-    """Return the distances (n, m) between all descriptors of two pictures, as in `distances`."""
+    """Return the distances (n, m) between all descriptors of two pictures: differing bits, or 1 minus the cosine."""
     if first.dtype != np.uint64:
         return np.asarray(1.0 - first @ second.T, dtype=np.float32)
     bits = np.zeros((len(first), len(second)), np.float32)
@@ -215,8 +215,10 @@ def stack_keypoints(
     inverse_distance_range: tuple[float, float],
     count: int,
     run: Callable[..., Any] = map,
-) -> tuple[Keypoints, FloatArray]:
-    """Detect the strongest keypoints of a light field, with inverse distances (n,), 1/mm.
+) -> tuple[Keypoints, NDArray[np.int64], FloatArray]:
+    """Detect the strongest keypoints of a light field, and return their rows (n,) and inverse distances (n,), 1/mm.
+
+    The row of a keypoint comes again with each inverse distance that shows it as clearly, as in a repetitive pattern.
 
     Parameters
     ----------
@@ -253,22 +255,36 @@ def stack_keypoints(
     descriptors = [values for _, values in slices if values is not None]
     all_descriptors = np.concatenate(descriptors) if descriptors else np.zeros((0, 128), np.float32)
     inverse_distance = np.repeat(inverse_distances, [len(slice_points) for slice_points, _ in slices])
-    scale = np.maximum(numbers[:, 2] / FINEST_SIZE_PX["SIFT"], 1e-3)
-    chosen = _strongest(numbers[:, :2], scale, numbers[:, 4])[:count]
+    scale = np.maximum(numbers[:, 2] / SIFT_FINEST_SIZE_PX, 1e-3)
+    strength = numbers[:, 4]
+    chosen, duplicates = _strongest(numbers[:, :2], scale, strength)
+    chosen = chosen[:count]
     keypoints = Keypoints(
         pixels=numbers[chosen, :2],
         scale_px=np.maximum(scale[chosen], 1.0),
         angle=np.deg2rad(numbers[chosen, 3]),
         descriptors=to_comparable(all_descriptors[chosen]),
     )
-    return keypoints, inverse_distance[chosen]
+    row = np.full(len(numbers), -1)
+    row[chosen] = np.arange(len(chosen))
+    stronger, weaker = duplicates.T
+    max_rate_px_mm = np.hypot(*geometry.lateral_mm.T).max() * geometry.focal_px[geometry.reference]
+    shift_px = np.abs(inverse_distance[stronger] - inverse_distance[weaker]) * max_rate_px_mm
+    competes = (row[stronger] >= 0) & (shift_px > COMPETING_PX * scale[stronger])
+    competes &= strength[weaker] >= COMPETING_STRENGTH * strength[stronger]
+    rows = np.concatenate([np.arange(len(chosen)), row[stronger[competes]]])
+    return keypoints, rows, np.concatenate([inverse_distance[chosen], inverse_distance[weaker[competes]]])
 
 
-def _strongest(pixels: FloatArray, scale_px: FloatArray, strength: FloatArray) -> NDArray[np.int64]:
-    """Return the indices (m,) of keypoints without a stronger one at the same position and scale, strongest first."""
+def _strongest(
+    pixels: FloatArray, scale_px: FloatArray, strength: FloatArray
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the indices (m,) of keypoints without a stronger one at the same position and scale, strongest first, and
+    pairs (p, 2) of a keypoint and a duplicate that is not stronger.
+    """
     octave = np.log2(scale_px)
     # Neighbours are searched scale by scale, within a distance in the coarser scale.
-    weaker = np.zeros(len(pixels), dtype=bool)
+    duplicates = [np.zeros((0, 2), np.int64)]
     for level in range(int(np.floor(octave.min(initial=0.0))), int(np.ceil(octave.max(initial=0.0))) + 1):
         nearby = np.flatnonzero(np.abs(octave - level) <= 1.0)
         if len(nearby) < 2:
@@ -277,8 +293,11 @@ def _strongest(pixels: FloatArray, scale_px: FloatArray, strength: FloatArray) -
         tree = cKDTree(np.c_[pixels[nearby] / unit, octave[nearby] / DUPLICATE_OCTAVES])
         pairs = tree.query_pairs(1.0, output_type="ndarray")
         first, second = nearby[pairs[:, 0]], nearby[pairs[:, 1]]
-        # Several orientations of one keypoint are equally strong.
-        weaker[first[strength[first] < strength[second]]] = True
-        weaker[second[strength[second] < strength[first]]] = True
-    remaining = np.flatnonzero(~weaker)
-    return remaining[np.argsort(-strength[remaining], kind="stable")]
+        for one, other in ((first, second), (second, first)):
+            not_stronger = strength[other] <= strength[one]
+            duplicates.append(np.column_stack([one[not_stronger], other[not_stronger]]))
+    pairs = np.concatenate(duplicates)
+    # Several orientations of one keypoint are equally strong.
+    is_weaker = strength[pairs[:, 1]] < strength[pairs[:, 0]]
+    remaining = np.setdiff1d(np.arange(len(pixels)), pairs[is_weaker, 1])
+    return remaining[np.argsort(-strength[remaining], kind="stable")], pairs

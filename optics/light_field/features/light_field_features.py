@@ -52,7 +52,7 @@ from mirrorcam.optics.light_field.features.slope import (
 )
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 
-FeatureDetector = Literal["SIFT", "ORB", "AKAZE", "SIFT4D"]
+FeatureDetector = Literal["SIFT4D", "ORB", "AKAZE"]
 """Detectors in single views, and SIFT4D in the focal stack of a light field."""
 
 # Maximum error of a keypoint's position, in pixels of its scale.
@@ -73,7 +73,7 @@ class FeatureFinder:
     views
         Geometry of the light fields.
     name
-        SIFT4D, in the focal stack; SIFT, ORB or AKAZE, in single views, are faster.
+        SIFT4D, in the focal stack; ORB or AKAZE, in single views, are faster.
     keypoints
         Approximate number of strongest keypoints per view.
     max_distance_px
@@ -154,10 +154,9 @@ class FeatureFinder:
         if self.name == "SIFT4D":
             valid = light_field.valid.reshape(inner.shape).astype(np.uint8) * np.uint8(255)
             masks = (valid, inner[self.geometry.reference])
-            keypoints, inverse_distance = stack_keypoints(
+            keypoints, rows, inverse_distance = stack_keypoints(
                 self.geometry, images, *masks, self.inverse_distance_range, self.keypoints, self._pool.map
             )
-            rows = np.arange(len(inverse_distance))
         else:
             keypoints, rows, inverse_distance = self._match(images, inner, self.name)
         pyramid = ImagePyramid(images.reshape(self.views.rows, self.views.cols, *images.shape[1:]))
@@ -379,7 +378,7 @@ def in_masks(inner: NDArray[np.uint8], pixels: FloatArray) -> NDArray[np.bool_]:
 def _one_per_pixel(
     pixels: FloatArray, views: NDArray[np.int64], shift_px: FloatArray, max_difference_px: float
 ) -> NDArray[np.bool_]:
-    """Return the mask (n,) of at most one keypoint per pixel (n, 2), which may have two slopes or SIFT orientations.
+    """Return the mask (n,) of at most one keypoint per pixel (n, 2), which may have two slopes or orientations.
 
     The keypoint seen by the largest number of views is kept, unless the shifts (n,) at a pixel differ by more than
     `max_difference_px`.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.features.keypoints import DetectorName, Keypoints, distances
+from mirrorcam.optics.light_field.features.keypoints import DetectorName, Keypoints, differing_bits
 from mirrorcam.optics.light_field.features.slope import ViewGeometry
 
 # Views are parallel and close together: keypoints neither scale nor rotate between them.
@@ -21,8 +21,8 @@ CANDIDATES_PER_VIEW = 4
 # More candidates within this margin of the best (factor on its distance, plus a fraction of the limit) in any view mean
 # that the keypoint is part of a repetitive pattern along the line, and uninformative.
 REPETITION_MARGIN = (1.25, 0.1)
-# Maximum distance between descriptors of one point: bits of 256, bits of 488, 1 minus the cosine of RootSIFT.
-MAX_DESCRIPTOR_DISTANCE: dict[DetectorName, float] = {"ORB": 64.0, "AKAZE": 110.0, "SIFT": 0.20}
+# Maximum distance between descriptors of one point, in bits: of 256, of 488.
+MAX_DESCRIPTOR_DISTANCE: dict[DetectorName, float] = {"ORB": 64.0, "AKAZE": 110.0}
 # Another slope competes if it predicts a position at least this far away, in tolerances, in the view with the largest
 # parallax, and has at least this fraction of the best slope's votes.
 COMPETING_PX = 3.0
@@ -66,7 +66,7 @@ def find_candidates(
 
     def match_view(column: int, view: int, other: Keypoints) -> None:
         first, matched = _epipolar_pairs(geometry, reference, other, view, inverse_distance_range, tolerance_px)
-        distance = distances(reference.descriptors[first], other.descriptors[matched])
+        distance = differing_bits(reference.descriptors[first], other.descriptors[matched])
         is_similar = distance <= MAX_DESCRIPTOR_DISTANCE[name]
         first, matched, distance = first[is_similar], matched[is_similar], distance[is_similar]
         order = np.lexsort((matched, distance, first))

@@ -10,8 +10,6 @@ independent between views. So a scene that moves everywhere, with a texture as f
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -20,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
+from mirrorcam.core.processes.threads import thread_map
 from mirrorcam.optics.light_field.light_field import LightField, Samples, Views
 from mirrorcam.optics.light_field.temporal.noise import (
     MIN_VARIANCE,
@@ -38,7 +37,6 @@ from mirrorcam.optics.light_field.temporal.recursive_mean import INFORMATION, ME
 Int64 = NDArray[np.int64]
 
 Float32 = NDArray[np.float32]
-MapFunction = Callable[..., Any]
 UNCHANGED_SIGMAS, CHANGED_SIGMAS = 2.0, 4.0
 """Deviation of a square, in standard deviations of noise, at which memory begins to shrink, and at which it is lost."""
 MIN_LAG_SIGMAS, MAX_LAG_SIGMAS = 3.0, 6.0
@@ -47,6 +45,8 @@ LAG_RAMP_PX, MAX_LAG_PX = 0.25, 0.5
 """Range of a common lag of all views over which memory shrinks, and lag at which it is lost."""
 MOTION_FRACTION, NOISE_FRACTION = 0.82, 0.95
 """Fraction of changes specific to each view: certainly motion below the first, certainly noise above the second."""
+MIN_AVERAGED = 1.5
+"""Number of frames below which a sample counts as new."""
 MAX_SAMPLES = 2**26
 SIDE_PX = 10
 BLOCKS = 64
@@ -115,7 +115,7 @@ class TemporalFilter:
     """
 
     def __init__(self, workers: int | None = None) -> None:
-        self._run: MapFunction = ThreadPoolExecutor(workers or cv2.getNumThreads()).map
+        self._run = thread_map(workers or cv2.getNumThreads())
         self._state: _State | None = None
         # Arrays of the state before the last, reused: allocating new ones takes as long as the work itself.
         self._spare: tuple[Float32, Float32] | None = None
@@ -132,7 +132,7 @@ class TemporalFilter:
         previous = self._state
         if previous is None or not _compatible(previous.last, light_field):
             after = _State.first(light_field)
-        elif np.array_equal(previous.last.samples, light_field.samples):
+        elif _repeats(previous.last, light_field):
             after = previous
         else:
             after = self._next(previous, light_field)
@@ -140,6 +140,16 @@ class TemporalFilter:
         if previous is not None and after is not previous:
             self._spare = previous.count, previous.mean_difference
         return after.mean
+
+    def unaveraged(self, index: tuple[int, int]) -> NDArray[np.bool_] | None:
+        """Return where (v, u) view (t, s) of the last result holds samples of its own frame only; None if everywhere.
+
+        In a video, they are what has changed.
+        """
+        state = self._state
+        if state is None:
+            return None
+        return np.asarray(state.count[int(np.ravel_multi_index(index, state.last.weights.shape[:2]))] < MIN_AVERAGED)
 
     def _next(self, previous: _State, frame: LightField) -> _State:
         """Return the state after a frame."""
@@ -202,6 +212,12 @@ def _compatible(previous: LightField, current: LightField) -> bool:
     same = all(np.array_equal(getattr(previous, field.name), getattr(current, field.name)) for field in fields(Views))
     same = same and min(current.height_px, current.width_px) >= SMALL_STRIDE_PX
     return same and previous.samples.shape == current.samples.shape and previous.samples.dtype == current.samples.dtype
+
+
+def _repeats(previous: LightField, current: LightField) -> bool:
+    """Return whether two light fields have the same samples; usually the first view shows that they differ."""
+    first_equal = np.array_equal(previous.samples[0, 0], current.samples[0, 0])
+    return first_equal and np.array_equal(previous.samples, current.samples)
 
 
 def _update_max_frames(previous: Float32, sums: Float32, noise: Noise) -> Float32:

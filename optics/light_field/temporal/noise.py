@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.compiled import compiled
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.light_field import LightField, Samples
 
 Float32 = NDArray[np.float32]
 BINS, LEVELS = 16, 256
@@ -231,14 +231,9 @@ class Blocks:
         rows, cols, height, width, channels = samples.shape
         stride = SMALL_STRIDE_PX if height * width < SMALL_VIEW_PIXELS else STRIDE_PX
         block_rows, block_cols = height // stride, width // stride
-        cropped = samples[:, :, : block_rows * stride, : block_cols * stride]
-        first = (stride - BLOCK_PX) // 2
-        inner = slice(first, first + BLOCK_PX)
-        parts = cropped.reshape(rows * cols, block_rows, stride, block_cols, stride, channels)[:, :, inner, :, inner]
-        parts = parts.transpose(0, 1, 3, 2, 4, 5).astype(np.float32) / white_level(light_field)
-        pixels = parts.reshape(rows * cols, block_rows, block_cols, BLOCK_PX**2, channels)
+        pixels = np.empty((rows * cols, block_rows, block_cols, BLOCK_PX**2, channels), np.float32)
         means = np.empty((rows * cols, block_rows, block_cols, channels), np.float32)
-        _means(pixels, means)
+        _extract(samples.reshape(rows * cols, height, width, channels), stride, white_level(light_field), pixels, means)
         return cls(pixels, means)
 
     def with_differences(self, previous: Blocks, gains: Float32) -> Blocks:
@@ -252,17 +247,23 @@ def white_level(light_field: LightField) -> np.float32:
 
 
 @compiled
-def _means(samples: Float32, means: Float32) -> None:
-    views, block_rows, block_cols, pixels, channels = samples.shape
+def _extract(samples: Samples, stride: int, white_level: float, pixels: Float32, means: Float32) -> None:
+    """Fill the pixels (k, m, n, p, c) of blocks of views (k, v, u, c), one in each square of side `stride`, and means.
+
+    The samples are divided by `white_level`; the means are (k, m, n, c).
+    """
+    views, block_rows, block_cols, count, channels = pixels.shape
+    inner = (stride - BLOCK_PX) // 2
     for k in range(views):
         for m in range(block_rows):
             for n in range(block_cols):
-                means[k, m, n] = 0.0
-                for p in range(pixels):
-                    for c in range(channels):
-                        means[k, m, n, c] += samples[k, m, n, p, c]
                 for c in range(channels):
-                    means[k, m, n, c] /= np.float32(pixels)
+                    total = np.float32(0.0)
+                    for p in range(count):
+                        y, x = m * stride + inner + p // BLOCK_PX, n * stride + inner + p % BLOCK_PX
+                        pixels[k, m, n, p, c] = np.float32(samples[k, y, x, c]) / white_level
+                        total += pixels[k, m, n, p, c]
+                    means[k, m, n, c] = total / np.float32(count)
 
 
 def lighting_gains(current: Float32, previous: Float32) -> Float32:

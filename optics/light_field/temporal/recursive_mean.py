@@ -44,25 +44,56 @@ INFORMATION = _information()
 
 
 @compiled
-def _differences(new: Samples, scale: float, mean: Float32, gain: Float32, difference: Float32, level: Float32) -> None:
-    """Fill differences (u, c) of a row from its mean, scaled to the frame's lighting, and that mean's levels (u,)."""
-    width, channels = new.shape
-    if channels == 3:
-        for x in range(width):
-            red, green, blue = mean[x, 0] * gain[0], mean[x, 1] * gain[1], mean[x, 2] * gain[2]
-            difference[x, 0] = np.float32(new[x, 0]) * scale - red
-            difference[x, 1] = np.float32(new[x, 1]) * scale - green
-            difference[x, 2] = np.float32(new[x, 2]) * scale - blue
-            level[x] = (red + green + blue) * np.float32(1.0 / 3.0)
-    else:
-        for x in range(width):
-            level[x] = mean[x, 0] * gain[0]
-            difference[x, 0] = np.float32(new[x, 0]) * scale - level[x]
+def _repeat_gain(gain: Float32, out: Float32) -> None:
+    """Fill `out` (u c,) with the gain (c,) of each sample of a row, unless it holds it; rows often share one."""
+    channels = len(gain)
+    same = True
+    for channel in range(channels):
+        same = same and out[channel] == gain[channel]
+    if same:
+        return
+    if channels == 1:
+        out[:] = gain[0]
+        return
+    red, green, blue = gain[0], gain[1], gain[2]
+    for x in range(len(out) // 3):
+        i = np.uint32(3 * x)
+        out[i], out[i + 1], out[i + 2] = red, green, blue
+
+
+@compiled
+def _differences(
+    new: Samples, scale: float, mean: Float32, gains: Float32, work: Float32, level: Float32, change: Float32
+) -> None:
+    """Fill the levels (u,) of a row's mean, scaled to the frame's lighting, and changes (2, u) of the row from it.
+
+    The changes are the mean over the channels, and the sum of squares. `new`, `mean` and their `gains` are (u c,);
+    `work` (2, u c) is a buffer.
+    """
+    lit, difference, total, squares = work[0], work[1], change[0], change[1]
+    third = np.float32(1.0 / 3.0)
+    for x in range(len(lit)):
+        lit[x] = mean[x] * gains[x]
+    for x in range(len(difference)):
+        difference[x] = np.float32(new[x]) * scale - lit[x]
+    if len(level) == len(lit):
+        level[:], total[:] = lit, difference
+        for x in range(len(squares)):
+            squares[x] = difference[x] * difference[x]
+        return
+    for x in range(len(level)):
+        i = np.uint32(3 * x)
+        level[x] = (lit[i] + lit[i + 1] + lit[i + 2]) * third
+    for x in range(len(level)):
+        i = np.uint32(3 * x)
+        a, b, c = difference[i], difference[i + 1], difference[i + 2]
+        total[x] = (a + b + c) * third
+        squares[x] = a * a + (b * b + c * c)
 
 
 @compiled
 def _test_changes(
-    difference: Float32,
+    changes: Float32,
     level: Float32,
     count: Float32,
     mean_difference: Float32,
@@ -70,28 +101,22 @@ def _test_changes(
     count_tables: Float32,
     out_mean: Float32,
     information: Float32,
-    out: Float32,
+    change: Float32,
+    drift: Float32,
 ) -> None:
-    """Fill squares (2, u) of the difference and of its running mean, over their variances.
+    """Fill squares (u,) of the difference, `change`, and of its running mean, `drift`, over their variances.
 
     The running mean is written to `out_mean` (u,), and its inverse variance to `information` (u,).
     """
-    width, channels = difference.shape
     last, one = np.float32(tables.shape[1] - 1), np.float32(1.0)
-    weight, max_squares, third = np.float32(DIFFERENCE_WEIGHT), np.float32(MAX_SQUARES), np.float32(1.0 / 3.0)
-    for x in range(width):
-        a = difference[x, 0]
-        squares, total = a * a, a
-        if channels == 3:
-            b, c = difference[x, 1], difference[x, 2]
-            squares += b * b + c * c
-            total = (a + b + c) * third
-        running = max(min(mean_difference[x] + weight * (total - mean_difference[x]), one), -one)
+    weight, max_squares, total, squares = np.float32(DIFFERENCE_WEIGHT), np.float32(MAX_SQUARES), changes[0], changes[1]
+    for x in range(len(level)):
+        running = max(min(mean_difference[x] + weight * (total[x] - mean_difference[x]), one), -one)
         out_mean[x] = running
         entry, averaged = np.uint32(max(min(level[x], one), np.float32(0.0)) * last), np.uint32(count[x])
-        out[0, x] = min(squares * tables[0, entry] * count_tables[0, averaged], max_squares)
+        change[x] = min(squares[x] * tables[0, entry] * count_tables[0, averaged], max_squares)
         information[x] = tables[1, entry] * count_tables[1, averaged]
-        out[1, x] = min(running * running * information[x], max_squares)
+        drift[x] = min(running * running * information[x], max_squares)
 
 
 @compiled
@@ -149,13 +174,47 @@ def _memory_fraction(sums: Float32, inverse: Float32, limits: Float32, out: Floa
 
 
 @compiled
-def _blend(new: Samples, white_level: float, mean: Float32, gain: Float32, new_weight: Float32, out: Float32) -> None:
-    """Blend a row (u, c) of new samples, by their weight (u,), with their mean, scaled to the frame's lighting."""
+def _add_rows(rows: Float32, out: Float32) -> None:
+    """Fill the sum (u,) of SIDE_PX rows (n, u)."""
+    first, second, third, fourth, fifth = rows[0], rows[1], rows[2], rows[3], rows[4]
+    for x in range(len(out)):
+        out[x] = first[x] + second[x] + third[x] + fourth[x] + fifth[x]
+
+
+@compiled
+def _count_frames(
+    count: Float32, kept: Float32, limit: Float32, out_count: Float32, new_weight: Float32, mean_difference: Float32
+) -> None:
+    """Fill the numbers (u,) of averaged frames after a frame and its weights; shrink the mean differences."""
     one = np.float32(1.0)
+    # Each loop runs over few arrays, which lets the compiler vectorise.
+    for x in range(len(out_count)):
+        out_count[x] = min(count[x] * kept[x], limit[x]) + one
     for x in range(len(new_weight)):
-        mean_weight = one - new_weight[x]
-        for c in range(out.shape[1]):
-            out[x, c] = new_weight[x] * (np.float32(new[x, c]) / white_level) + mean_weight * (mean[x, c] * gain[c])
+        new_weight[x] = one / out_count[x]
+    for x in range(len(mean_difference)):
+        mean_difference[x] *= kept[x]
+
+
+@compiled
+def _blend(
+    new: Samples, white_level: float, mean: Float32, gains: Float32, new_weight: Float32, weights: Float32, out: Float32
+) -> None:
+    """Blend a row of new samples, by their weight (u,), with their mean, scaled to the frame's lighting.
+
+    `new`, `mean`, its `gains`, `out` and the buffer `weights` are (u c,).
+    """
+    one = np.float32(1.0)
+    if len(new_weight) == len(out):
+        weights[:] = new_weight
+    else:
+        for x in range(len(new_weight)):
+            i = np.uint32(3 * x)
+            weights[i], weights[i + 1], weights[i + 2] = new_weight[x], new_weight[x], new_weight[x]
+    for x in range(len(out)):
+        out[x] = weights[x] * (np.float32(new[x]) / white_level)
+    for x in range(len(out)):
+        out[x] += (one - weights[x]) * (mean[x] * gains[x])
 
 
 @compiled
@@ -182,20 +241,25 @@ def filter_view(
     """
     height, width, channels = new.shape
     radius = SIDE_PX // 2
-    one, scale = np.float32(1.0), np.float32(1.0) / white_level
-    difference = np.empty((width, channels), np.float32)
+    scale = np.float32(1.0) / white_level
+    # Samples of a row, without a channel axis: the compiler vectorises loops over them.
+    new_rows, mean_rows = new.reshape((height, width * channels)), mean.reshape((height, width * channels))
+    out_rows = out.reshape((height, width * channels))
+    work, changes = np.empty((2, width * channels), np.float32), np.empty((2, width), np.float32)
+    gains = np.zeros((2, width * channels), np.float32)
     levels = np.empty((radius + 2, width), np.float32)
     information = np.empty_like(levels)
-    rows = np.zeros((SIDE_PX, 2, width), np.float32)
+    rows = np.zeros((2, SIDE_PX, width), np.float32)
     sums = np.zeros((2, width + 2 * radius), np.float32)
     kept, new_weight, inverse = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    frames_limit, inverse_rows = np.empty(width, np.float32), 0
     for below in range(height + radius):
         if below < height:
             level, row_information = levels[below % (radius + 2)], information[below % (radius + 2)]
-            _differences(new[below], scale, mean[below], gain[below], difference, level)
-            ring = rows[below % SIDE_PX]
+            _repeat_gain(gain[below], gains[0])
+            _differences(new_rows[below], scale, mean_rows[below], gains[0], work, level, changes)
             _test_changes(
-                difference,
+                changes,
                 level,
                 count[below],
                 mean_difference[below],
@@ -203,33 +267,30 @@ def filter_view(
                 count_tables,
                 out_mean_difference[below],
                 row_information,
-                ring,
+                rows[0, below % SIDE_PX],
+                rows[1, below % SIDE_PX],
             )
         else:
-            rows[below % SIDE_PX] = 0.0
+            rows[:, below % SIDE_PX] = 0.0
         y = below - radius
         if y < 0:
             continue
         for kind in range(2):
-            inner = sums[kind, radius : radius + width]
-            inner[:] = rows[0, kind]
-            for number in range(1, SIDE_PX):
-                row = rows[number, kind]
-                for x in range(width):
-                    inner[x] += row[x]
+            _add_rows(rows[kind], sums[kind, radius : radius + width])
         window_rows = min(y, radius) + min(height - 1 - y, radius) + 1
-        for x in range(width):
-            inverse[x] = one / np.float32(window_rows * (min(x, radius) + min(width - 1 - x, radius) + 1))
+        if window_rows != inverse_rows:
+            inverse_rows = window_rows
+            for x in range(width):
+                pixels = window_rows * (min(x, radius) + min(width - 1 - x, radius) + 1)
+                inverse[x] = np.float32(1.0) / np.float32(pixels)
         _memory_fraction(sums, inverse, limits, kept)
-        for tile in range(max_frames.shape[1]):
-            frames_limit = max_frames[y // TILE_PX, tile] - one
-            for x in range(tile * TILE_PX, min((tile + 1) * TILE_PX, width)):
-                frames = min(count[y, x] * kept[x], frames_limit) + one
-                out_count[y, x] = frames
-                new_weight[x] = one / frames
-                out_mean_difference[y, x] *= kept[x]
+        if y % TILE_PX == 0:
+            for tile in range(max_frames.shape[1]):
+                frames_limit[tile * TILE_PX : (tile + 1) * TILE_PX] = max_frames[y // TILE_PX, tile] - np.float32(1.0)
+        _count_frames(count[y], kept, frames_limit, out_count[y], new_weight, out_mean_difference[y])
         if y % 2 == 1 and y < height - 1:
             above, next_row = levels[(y - 1) % (radius + 2)], levels[(y + 1) % (radius + 2)]
             this_row, row_information = levels[y % (radius + 2)], information[y % (radius + 2)]
             _add_motion_sums(above, this_row, next_row, out_mean_difference[y], row_information, out_sums[y // TILE_PX])
-        _blend(new[y], white_level, mean[y], gain[y], new_weight, out[y])
+        _repeat_gain(gain[y], gains[1])
+        _blend(new_rows[y], white_level, mean_rows[y], gains[1], new_weight, work[0], out_rows[y])

@@ -15,6 +15,12 @@ from mirrorcam.core.extras import require
 from mirrorcam.optics.geometry.camera_library import MAX_DISAGREEMENT, CameraProfile, library, read_profile
 
 app = App(name="camera")
+HELD_BY = {
+    "lips": "its body: a tray with sprung screws, or ties",
+    "board": "screws through its board",
+    "threads": "screws in its own threads",
+}
+"""How the clip holds a camera, by `held_by.kind`."""
 
 
 @app.command(name="list")
@@ -157,7 +163,7 @@ def described(profile: CameraProfile) -> list[tuple[str, str]]:
     lines.append(("body", f"{body.width_mm:g} x {body.height_mm:g} x {body.depth_mm:g} mm, {body.mass_g:g} g"))
     position = f"{body.lens_x_mm:+g}, {body.lens_y_mm:+g} mm from the centre of the body"
     lines.append(("lens", f"{position}, pupil {body.pupil_behind_front_mm:g} mm behind its front"))
-    lines.append(("held by", "lips over its front" if body.held_by.kind == "lips" else "screws through its board"))
+    lines.append(("held by", HELD_BY[body.held_by.kind]))
     for name, relative in profile.disagreements.items():
         stated = f"{name} {getattr(profile.published, name):g}"
         reason = profile.set_aside.get(name, "" if abs(relative) <= MAX_DISAGREEMENT else "not followed")

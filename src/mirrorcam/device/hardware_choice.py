@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from pydantic import Field
 
+from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.console.options import Adapter
 from mirrorcam.core.values import Value
 
@@ -39,8 +40,13 @@ class HardwareChoice(Value):
     mounting: Literal["tape", "glue", "screws"] | None = Field(
         default=None,
         description="mounting of the mirrors: by tape or glue on the holder, or each on a carrier that three sprung "
-        "screws tilt. "
-        + UNSET.format("tape"),
+        "screws tilt. " + UNSET.format("tape"),
+    )
+
+    look_deg: float | None = Bounds(-90.0, 90.0).field(
+        None,
+        "angle of the views above the horizon as the device stands, or above the axis of an arm's flange",
+        unset="as in --hardware, else 0",
     )
 
     def read(self, layout: Layout | None = None) -> Hardware:
@@ -66,4 +72,6 @@ class HardwareChoice(Value):
             hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors=self.mounting))
         if self.adapter and self.adapter != hardware.back.kind:
             hardware = hardware.replaced(back=back_of(self.adapter))
+        if self.look_deg is not None:
+            hardware = hardware.replaced(back=hardware.back.replaced(look_deg=self.look_deg))
         return hardware

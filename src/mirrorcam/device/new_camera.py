@@ -15,7 +15,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import Name
 from mirrorcam.core.values import InvalidValue, Value
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips
+from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips, Threads
 from mirrorcam.optics.geometry.camera_library import CameraProfile
 
 UNKNOWN = "?"
@@ -122,12 +122,18 @@ def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
     return CameraProfile.model_validate(tables | {"guessed": tuple(guessed_optics)})
 
 
-def _ask_mounting(held_by: Lips | BoardHoles, interview: Interview) -> dict[str, Any]:
+def _ask_mounting(held_by: Lips | BoardHoles | Threads, interview: Interview) -> dict[str, Any]:
     """Ask how the clip holds the camera: in the same way as the similar one, with its own dimensions."""
     table = held_by.model_dump()
     if isinstance(held_by, Lips):
         text = "how far pads may extend over the front from its long edges, mm"
         table["lip_mm"] = interview.answer(text, held_by.lip_mm, _number_of(Lips, "lip_mm")).value
+        return table
+    if isinstance(held_by, Threads):
+        text = "depth of the threads in its side, mm"
+        table["thread_depth_mm"] = interview.answer(
+            text, held_by.thread_depth_mm, _number_of(Threads, "thread_depth_mm")
+        ).value
         return table
     x_distance, y_distance = (max(abs(hole[axis]) for hole in held_by.holes_mm) * 2.0 for axis in (0, 1))
     x_distance = interview.answer(

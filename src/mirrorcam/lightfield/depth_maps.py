@@ -25,7 +25,7 @@ from mirrorcam.optics.light_field.light_field import LightField
 MIN_CONFIDENCE = 0.5
 """Confidence above which a depth counts as confident."""
 ENDINGS = ("depth.npz", "depth.pfm", "depth.png")
-CODE = "mirrorcam.optics.light_field.depth.estimate"
+CODE = "mirrorcam.optics.light_field.depth.video"
 """Module whose code determines the depth."""
 _SHA256, _SEARCHED = "sha256", "searched_mm"
 WIDTH_IN, TITLE_IN = 15.0, 0.5

@@ -20,7 +20,7 @@ Tilt = Annotated[float, TILT_DEG.limits]
 Offset = Annotated[float, OFFSET_MM.limits]
 LoopFormat = Literal["gif", "mp4"]
 Detector = Annotated[
-    Literal["SIFT", "ORB", "AKAZE", "SIFT4D"],
+    Literal["SIFT4D", "ORB", "AKAZE"],
     Field(
         description="keypoint detector; SIFT4D searches position, scale and slope jointly; the others search single "
         "views, which is faster; AKAZE needs the contributed modules of OpenCV"
@@ -118,9 +118,7 @@ class DepthRequest(DepthRange):
     far_mm: float | None = DEPTH_MM.field(
         None, "farthest depth of the search", unset="as the file states, or 2 x reference depth"
     )
-    fast: bool = Field(
-        default=False, description="search at half size and refine once: several times faster, less accurate"
-    )
+    fast: bool = Field(default=False, description="search and refine at half size: several times faster, less accurate")
     frames_apart: bool = Field(
         default=False,
         description="estimate each frame of a recording on its own, without averaging static parts in time",

@@ -24,6 +24,7 @@ from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import PurchasedItem
+from mirrorcam.cad.write.assembly_files import location_of
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
@@ -153,17 +154,8 @@ def test_every_part_stands_on_the_bed_and_has_its_own_number(each_device: Device
         assert np.linalg.det(turn) == pytest.approx(1.0)
         if part.name in ("mirror_holder", "dust_cover"):
             continue
-        printed = part.make(part.plan).bounding_box()
-        corners = np.array(
-            [
-                (x, y, z)
-                for x in (printed.min.X, printed.max.X)
-                for y in (printed.min.Y, printed.max.Y)
-                for z in (printed.min.Z, printed.max.Z)
-            ]
-        )
-        low = (corners @ turn.T + part.print_from_rig[:3, 3])[:, 2].min()
-        assert low == pytest.approx(0.0, abs=1e-6)
+        printed = part.make(part.plan).moved(location_of(part.print_from_rig))
+        assert pytest.approx(0.0, abs=1e-5) == printed.bounding_box().min.Z
 
 
 Built = tuple[Layout, Path, dict[str, Metric]]

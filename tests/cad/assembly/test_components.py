@@ -26,10 +26,10 @@ from mirrorcam.cad.assembly.components import (
     mirror_components,
 )
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.plan.fasteners import COUNTERSUNK
 from mirrorcam.cad.plan.hardware import HARDWARE, MIRROR_DENSITIES
 from mirrorcam.cad.plan.part_plan import BoughtKind, BuiltPart, MassProperties
 from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.threads import COUNTERSUNK
 from mirrorcam.optics.geometry.camera_body import Lips
 from mirrorcam.optics.geometry.camera_library import read_body
 from tests.cad.assembly.bought import item

@@ -23,9 +23,9 @@ from mirrorcam.cad.backs.blocks import (
 from mirrorcam.cad.backs.plan_backs import make_blocks
 from mirrorcam.cad.plan.back_table import TripodNut
 from mirrorcam.cad.plan.dimension import Hole, Length, length
-from mirrorcam.cad.plan.fasteners import thread_of
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import box, volume_mm3
+from mirrorcam.cad.plan.threads import thread_of
 
 PLATE = box((-20.0, -20.0, 0.0), (20.0, 20.0, 8.0))
 

@@ -23,31 +23,29 @@ from mirrorcam.cad.plan.back_table import Gen3Back, Iso9409Back, VesaBack
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.write.robot_link import link_from_rig
 from mirrorcam.core.values import FloatArray
-from tests.cad.backs.planned_blocks import blocks_of
+from tests.cad.backs.planned_blocks import blocks_of, planned_back
 
 
 def test_a_bracket_extends_from_the_foot_to_below_its_centre(device: Device) -> None:
-    bracket = plan_bracket("part", 40.0, (30.0, 20.0, 8.0), 25.0, (), 5.5, device.mount, device.hardware)
-    foot_z = device.mount.foot_z_mm
+    bracket = plan_bracket("part", 40.0, (30.0, 20.0, 8.0), 25.0, (), 5.5, device.mount.foot, device.hardware)
+    foot_z = device.mount.foot.z_mm
     assert bracket.back_centre[2] == pytest.approx(foot_z - 40.0)
     solid = MAKERS[type(bracket.plan)](bracket.plan)
     assert solid.is_valid
     box = solid.bounding_box()
     np.testing.assert_allclose([box.min.Z, box.max.Z], [foot_z - 60.0, foot_z], atol=1e-6)
-    np.testing.assert_allclose([box.min.Y, box.max.Y], [bracket.back_centre[1], device.clip.slide_y_mm], atol=1e-6)
+    np.testing.assert_allclose(
+        [box.min.Y, box.max.Y], [bracket.back_centre[1], device.mount.foot.front_y_mm], atol=1e-6
+    )
     assert bracket.front_mm - bracket.back_centre[1] == pytest.approx(8.0)
     assert bracket.critical_section.stress_mpa(12.0, np.array([0.0, 0.0, 30.0])) < 5.0
     assert plan_back(device.clip, device.mount, device.hardware).kind == "none"
 
 
-def planned(device: Device, table: Iso9409Back | Gen3Back) -> Back:
-    return plan_back(device.clip, device.mount, device.hardware.replaced(back=table))
-
-
 def holes_about(back: Back, part: int, radius_mm: float) -> FloatArray:
     """The centres (n, 2; x and z about the flange's axis) of the holes along y with a radius."""
     assert back.robot is not None
-    origin = back.robot.origin_in_rig
+    origin = back.robot.rig_from_link[:3, 3]
     return np.array(
         [
             (cut.mouth - origin)[[0, 2]]
@@ -58,7 +56,7 @@ def holes_about(back: Back, part: int, radius_mm: float) -> FloatArray:
 
 
 def test_iso_9409_1_50_4_m6_has_its_circle_its_ring_and_its_pin(device: Device) -> None:
-    back = planned(device, Iso9409Back())
+    back = planned_back(device, Iso9409Back())
     screws = holes_about(back, 0, 3.3)
     np.testing.assert_allclose(np.hypot(*screws.T), 25.0)
     angles = np.sort(np.degrees(np.arctan2(screws[:, 1], screws[:, 0])))
@@ -69,7 +67,7 @@ def test_iso_9409_1_50_4_m6_has_its_circle_its_ring_and_its_pin(device: Device) 
     assert np.ptp(ring[:, 0]) == pytest.approx(31.5 - 0.4, abs=0.02)
     # It extends into the flange's recess, 3.5 mm deep, and ends flush with the plate's front.
     assert back.robot is not None
-    face = back.robot.origin_in_rig[1]
+    face = back.robot.rig_from_link[1, 3]
     assert face - ring[:, 1].min() == pytest.approx(3.0)
     assert ring[:, 1].max() == pytest.approx(face + 10.0)
     assert {(item.kind, item.size, item.length_mm) for item in back.items} == {("screw", "M6", 16.0)}
@@ -77,7 +75,7 @@ def test_iso_9409_1_50_4_m6_has_its_circle_its_ring_and_its_pin(device: Device) 
 
 @pytest.mark.parametrize("table", [Iso9409Back(), Gen3Back()], ids=["iso9409", "gen3"])
 def test_the_views_look_along_the_axis_and_parts_are_solids(device: Device, table: Iso9409Back | Gen3Back) -> None:
-    back = planned(device, table)
+    back = planned_back(device, table)
     robot = back.robot
     assert robot is not None
     parent_from_link = Rotation.from_euler("xyz", robot.rpy).as_matrix()
@@ -111,12 +109,12 @@ def test_gen3_holes_and_rim_are_those_of_the_published_mesh(device: Device) -> N
     rim = trimesh.intersections.mesh_plane(mesh, (0.0, 0.0, 1.0), (0.0, 0.0, mesh.bounds[0, 2] + 2.0))[:, :, :2]
     radii = np.hypot(*rim.reshape(-1, 2).T)
     np.testing.assert_allclose((radii.min(), radii.max()), table.rim_mm[:2], atol=0.15)
-    assert planned(device, table).parts[1].plan.corners[:, 0].max() < radii.min()
+    assert planned_back(device, table).parts[1].plan.corners[:, 0].max() < radii.min()
 
 
 @pytest.mark.parametrize("square_mm", [75.0, 100.0])
 def test_four_screws_on_the_square_end_just_beyond_their_nuts(device: Device, square_mm: float) -> None:
-    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=VesaBack(square_mm=square_mm)))
+    back = planned_back(device, VesaBack(square_mm=square_mm))
     (part,) = back.parts
     assert MAKERS[type(part.plan)](part.plan).is_valid
     screws = [item for item in back.items if item.kind == "screw"]

@@ -14,14 +14,15 @@ from build123d import GeomType
 
 from mirrorcam.cad.assembly.components import tessellated
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.kinova_gen2 import CAP_EAR_MM, JOINT_RING_MM, ROUND_TO_MM, SHELL_MM, plan_clamp
-from mirrorcam.cad.backs.plan_backs import MAKERS, make_ring, plan_back
+from mirrorcam.cad.backs.kinova_gen2 import JOINT_RING_MM, ROUND_TO_MM, SHELL_MM, plan_clamp
+from mirrorcam.cad.backs.plan_backs import make_adapter, make_ring, plan_back
 from mirrorcam.cad.checks.clashes import check_clashes
 from mirrorcam.cad.checks.device_checks import supports_of
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
-from mirrorcam.cad.plan.back_table import Gen2Back
+from mirrorcam.cad.plan.back_table import CAP_EAR_MM, Gen2Back
 from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.write.robot_link import link_from_rig
 from mirrorcam.core.errors import InputError
 
@@ -34,7 +35,7 @@ def segment_area(radius: float, distance: float) -> float:
 
 
 def test_the_cap_is_half_a_ring_with_two_drilled_ears(device: Device) -> None:
-    plan = plan_clamp(WRIST, device.mount, HARDWARE)
+    plan = plan_clamp(WRIST, device.mount.foot, HARDWARE)
     cap, wrist, screw = plan.cap, WRIST, HARDWARE.screw
     r, outer, gap = cap.radius_mm, cap.radius_mm + cap.ring_mm, wrist.gap_mm / 2.0
     ring = segment_area(outer, gap) - segment_area(r, gap)
@@ -52,7 +53,7 @@ def test_the_cap_is_half_a_ring_with_two_drilled_ears(device: Device) -> None:
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 def test_both_halves_are_one_valid_solid_on_the_wrists_axis(device: Device, kind: str) -> None:
     hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
-    plan = plan_clamp(WRIST, device.mount, hardware)
+    plan = plan_clamp(WRIST, device.mount.foot, hardware)
     for ring in (plan.saddle, plan.cap):
         part = make_ring(ring)
         assert part.is_valid
@@ -74,14 +75,16 @@ def test_both_halves_are_one_valid_solid_on_the_wrists_axis(device: Device, kind
 
 def test_the_saddle_reaches_up_to_the_mounts_foot_and_clears_the_clip(device: Device) -> None:
     clip = device.clip
-    plan = plan_clamp(WRIST, device.mount, HARDWARE)
+    plan = plan_clamp(WRIST, device.mount.foot, HARDWARE)
     top = make_ring(plan.saddle).bounding_box().max.Z
-    assert top == pytest.approx(device.mount.foot_z_mm)
-    assert top < clip.bottom_mm - clip.travel_mm
+    assert top == pytest.approx(device.mount.foot.z_mm)
+    # The clip at its lowest is over the foot's plane.
+    lowest = corners_of(clip.pieces) - [0.0, 0.0, clip.travel_mm]
+    assert top < float((lowest @ device.mount.foot.up_in_rig).min())
 
 
 def test_a_different_wrist_gives_a_different_clamp(device: Device) -> None:
-    plan = plan_clamp(WRIST.replaced(diameter_mm=75.0, band_mm=11.0), device.mount, HARDWARE)
+    plan = plan_clamp(WRIST.replaced(diameter_mm=75.0, band_mm=11.0), device.mount.foot, HARDWARE)
     part = make_ring(plan.saddle)
     assert part.is_valid
     assert plan.saddle.radius_mm == 37.5
@@ -90,7 +93,7 @@ def test_a_different_wrist_gives_a_different_clamp(device: Device) -> None:
 
 def test_a_riser_too_thin_for_its_screws_is_refused(device: Device) -> None:
     with pytest.raises(InputError, match=r"adapter's plate is 4\.0 mm thick, expected 5\.8 mm"):
-        plan_clamp(WRIST.replaced(riser_mm=10.0), device.mount, HARDWARE)
+        plan_clamp(WRIST.replaced(riser_mm=10.0), device.mount.foot, HARDWARE)
 
 
 def test_the_clamp_sits_where_the_shell_is_round_and_clear_of_the_joints_ring() -> None:
@@ -111,7 +114,7 @@ def test_the_clash_check_finds_a_clamp_on_the_ring_or_on_the_hand(along_mm: floa
     on = replace(
         device, back=plan_back(device.clip, device.mount, device.hardware.replaced(back=Gen2Back(along_mm=along_mm)))
     )
-    solids = {part.name: solid_of(tessellated(MAKERS[type(part.plan)](part.plan))) for part in on.back.parts}
+    solids = {part.name: solid_of(tessellated(make_adapter(part.plan))) for part in on.back.parts}
     checks = check_clashes(solids | supports_of(on), on.hardware.fit.press_mm)
     assert checks["wrist.clash_mm3"].passed == fits
     assert on.back.robot is not None
@@ -165,7 +168,7 @@ def test_the_clamp_and_all_on_it_clear_the_published_hand(device: Device) -> Non
     parent_from_link = trimesh.transformations.euler_matrix(*link.rpy, "sxyz")
     parent_from_link[:3, 3] = link.xyz_mm
     rig_from_parent = rig_from_link @ np.linalg.inv(parent_from_link)
-    parts = [tessellated(MAKERS[type(part.plan)](part.plan)) for part in back.parts]
+    parts = [tessellated(make_adapter(part.plan)) for part in back.parts]
     parts += [tessellated(make_mount(device.mount)), tessellated(make_clip(device.clip))]
     for name in ("hand_2finger", "ring_small"):
         points = found[name].copy()

@@ -17,19 +17,20 @@ import pytest
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back import Load, carried_load
 from mirrorcam.cad.backs.blocks import tripod_depth_mm
-from mirrorcam.cad.backs.plan_backs import MAKERS, plan_back
+from mirrorcam.cad.backs.plan_backs import MAKERS
 from mirrorcam.cad.backs.plates import FRONT_MM, back_of_plate, foot_plate, plan_arca, plan_desk
 from mirrorcam.cad.checks.load_checks import tipping_angle_deg
 from mirrorcam.cad.plan.back_table import ArcaBack, DeskBack, ProfileBack, TripodBack
-from mirrorcam.cad.plan.fasteners import Countersink, thread_of
+from mirrorcam.cad.plan.fasteners import Countersink
+from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.errors import InputError
-from tests.cad.backs.planned_blocks import blocks_of
+from tests.cad.backs.planned_blocks import blocks_of, planned_back
 
 
 @pytest.mark.parametrize("table", [DeskBack(), TripodBack(), TripodBack(grip_mm=9.0)])
 def test_a_plate_holds_the_nut_and_the_heads(device: Device, table: DeskBack | TripodBack) -> None:
-    plate = foot_plate(table, device.mount, device.hardware)
-    foot_z = device.mount.foot_z_mm
+    plate = foot_plate(table, device.mount.foot, device.hardware)
+    foot_z = device.mount.foot.z_mm
     assert plate.low_z_mm + plate.thickness_mm == pytest.approx(foot_z)
     assert plate.thickness_mm >= tripod_depth_mm(table.nut)
     # Heads do not protrude below.
@@ -40,7 +41,7 @@ def test_a_plate_holds_the_nut_and_the_heads(device: Device, table: DeskBack | T
 
 @pytest.mark.parametrize("table", [DeskBack(), TripodBack()])
 def test_countersinks_keep_a_wall_to_each_other_and_to_the_edges(device: Device, table: DeskBack | TripodBack) -> None:
-    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=table))
+    back = planned_back(device, table)
     plan = blocks_of(back.parts[0])
     sinks = [cut for cut in plan.cuts if isinstance(cut, Countersink)]
     assert len(sinks) == 4
@@ -56,7 +57,7 @@ def test_countersinks_keep_a_wall_to_each_other_and_to_the_edges(device: Device,
 
 def test_the_plate_has_the_given_outline(device: Device) -> None:
     table = TripodBack()
-    plate = foot_plate(table, device.mount, device.hardware)
+    plate = foot_plate(table, device.mount.foot, device.hardware)
     outline = np.array([(-60.0, -60.0), (60.0, -60.0), (0.0, 70.0)])
     back = back_of_plate(table, "plate", "Plate", plate, outline, device.hardware)
     np.testing.assert_allclose(blocks_of(back.parts[0]).corners[:3, :2], outline)
@@ -70,39 +71,40 @@ def test_the_plate_extends_far_enough_for_the_required_tilt(
 ) -> None:
     load = carried_load(device.mount, device.clip, device.hardware) if at is None else Load(500.0, np.array(at))
     table = DeskBack(tip_deg=12.0, spare_deg=4.0)
-    back = plan_desk(table, device.mount, load, device.hardware)
+    back = plan_desk(table, device.mount.foot, load, device.hardware)
     assert back.stand is not None
     assert tipping_angle_deg(back.stand, load.centre) >= 16.0 - 1e-9
     # It supports the full foot of the mount.
     low, high = back.stand.corners.min(axis=0), back.stand.corners.max(axis=0)
-    assert high[1] >= device.mount.slide[1]
-    assert low[1] <= device.mount.slide[1] - device.mount.section.depth_mm
+    assert high[1] >= device.mount.foot.edge_y_mm
+    assert low[1] <= device.mount.foot.back_y_mm
     assert high[0] == -low[0] >= device.mount.half_width_mm
 
 
 def test_it_is_one_solid_under_the_mounts_foot(device: Device) -> None:
-    (part,) = device.back.parts
+    back = planned_back(device, DeskBack())
+    (part,) = back.parts
     solid = MAKERS[type(part.plan)](part.plan)
     assert solid.is_valid
     box = solid.bounding_box()
-    assert pytest.approx(device.mount.foot_z_mm) == box.max.Z
-    assert device.back.stand is not None
-    assert pytest.approx(device.back.stand.z_mm) == box.min.Z
-    heads = device.back.foot_heads + np.array([0.0, 0.0, device.back.foot.grip_mm])
-    np.testing.assert_allclose(heads, device.mount.foot)
+    assert pytest.approx(device.mount.foot.z_mm) == box.max.Z
+    assert back.stand is not None
+    assert pytest.approx(back.stand.z_mm) == box.min.Z
+    heads = back.foot_heads + np.array([0.0, 0.0, back.foot.grip_mm])
+    np.testing.assert_allclose(heads, device.mount.foot.screws)
     # The nut is under the mount's foot, which retains it.
-    (nut,) = device.back.items
+    (nut,) = back.items
     x, y, _ = nut.rig_from_item[:3, 3]
     assert abs(x) + 6.5 < device.mount.half_width_mm
-    assert device.mount.slide[1] - device.mount.section.depth_mm < y - 5.7 < y + 5.7 < device.mount.slide[1]
+    assert device.mount.foot.back_y_mm < y - 5.7 < y + 5.7 < device.mount.foot.front_y_mm
 
 
 def test_the_plate_is_under_the_foot_and_its_screw_holds(device: Device) -> None:
-    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=TripodBack()))
+    back = planned_back(device, TripodBack())
     (part,) = back.parts
     low, high = part.plan.corners.min(axis=0), part.plan.corners.max(axis=0)
     assert high[0] == -low[0] == device.mount.half_width_mm
-    assert high[1] == device.mount.slide[1] + FRONT_MM
+    assert high[1] == device.mount.foot.front_y_mm + FRONT_MM
     assert MAKERS[type(part.plan)](part.plan).is_valid
     (nut,) = back.items
     under = nut.rig_from_item[2, 3] - nut.length_mm - low[2]
@@ -114,7 +116,7 @@ def test_the_plate_is_under_the_foot_and_its_screw_holds(device: Device) -> None
 
 @pytest.mark.parametrize("fit_mm", [0.1, -0.2])
 def test_the_section_is_that_of_a_dovetail(device: Device, fit_mm: float) -> None:
-    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=ArcaBack(fit_mm=fit_mm)))
+    back = planned_back(device, ArcaBack(fit_mm=fit_mm))
     (part,) = back.parts
     tail = blocks_of(part).pieces[0]
     section = np.unique(tail.base[:, 1:].round(9), axis=0)
@@ -131,12 +133,12 @@ def test_the_section_is_that_of_a_dovetail(device: Device, fit_mm: float) -> Non
 def test_a_slope_higher_than_the_dovetail_is_refused(device: Device) -> None:
     load = carried_load(device.mount, device.clip, device.hardware)
     with pytest.raises(InputError, match=r"dovetail's slope ends 10\.4 mm above its lower face, expected less than"):
-        plan_arca(ArcaBack(neck_mm=20.0, height_mm=10.0), device.mount, load, device.hardware)
+        plan_arca(ArcaBack(neck_mm=20.0, height_mm=10.0), device.mount.foot, load, device.hardware)
 
 
 def test_two_screws_hold_in_the_slot_beside_the_mount(device: Device) -> None:
     table = ProfileBack()
-    back = plan_back(device.clip, device.mount, device.hardware.replaced(back=table))
+    back = planned_back(device, table)
     (part,) = back.parts
     assert MAKERS[type(part.plan)](part.plan).is_valid
     screws = [item for item in back.items if item.kind == "screw"]

@@ -77,7 +77,7 @@ def made(make_parabola: Callable[..., Layout], tmp_path_factory: pytest.TempPath
     """A small device with its model, parts list, guide and page."""
     layout = make_parabola(2, 2, scale_mm=40.0, gap_mm=2.0)
     device = make(layout, HARDWARE, tmp_path_factory.mktemp("documents"))
-    write_glb(device.folder / "assembly.glb", device.components)
+    write_glb(device.folder / "assembly.glb", device.components, device.device.back.rig_from_stand)
     for sheet in plan_sheets(layout, HARDWARE.cutting):
         write_dxf(device.folder / "mirrors" / f"{sheet.stem}.dxf", sheet)
     write_bom(device.folder, bill_of(device.device, device.parts, ()))

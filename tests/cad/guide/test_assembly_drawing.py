@@ -21,7 +21,7 @@ from tests.cad.guide.test_drawing import crossed, outside, overlaps
 
 @pytest.fixture(scope="module")
 def sheet(made: Made) -> DrawingSheet:
-    return draw_assembly(made.device.layout, made.components, "0123456789ab")
+    return draw_assembly(made.device.level_from_rig, made.components, "0123456789ab")
 
 
 def test_the_parts_list_counts_every_piece_once(made: Made) -> None:
@@ -69,7 +69,8 @@ def test_nothing_lies_over_anything(sheet: DrawingSheet) -> None:
 @pytest.mark.slow
 def test_the_files_are_the_same_each_time(made: Made, tmp_path: Path) -> None:
     first, second = (
-        write_assembly_drawing(tmp_path / name, made.device.layout, made.components, "0123456789ab") for name in "ab"
+        write_assembly_drawing(tmp_path / name, made.device.level_from_rig, made.components, "0123456789ab")
+        for name in "ab"
     )
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()

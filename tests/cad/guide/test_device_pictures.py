@@ -27,7 +27,11 @@ def test_the_picture_shows_points_slots_and_both_screws_with_their_lengths(made:
     for view in views_of(picture):
         shot = rendering_of(view)
         seen |= {label.text for label in labels_of(view) if pixel_of(shot, label) is not None}
-    screws = {f"{name} screw, M3 x {length}" for name, length in (("corner", 25), ("back", 12))}
+    tray = made.device.clip.tray
+    assert tray is not None
+    screws = {
+        f"{name} screw, M3 x {screw.length_mm:g}" for name, screw in zip(("back", "corner"), tray.screws, strict=True)
+    }
     assert {"V", "front pad", "side pad", "slot of the cable tie", FIRST_END} | screws <= seen
 
 

@@ -17,6 +17,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,8 +26,9 @@ from shapely import LineString, Polygon
 
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
+from mirrorcam.cad.backs.back import RotatedPlan
 from mirrorcam.cad.backs.blocks import BlocksPlan
-from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.backs.plan_backs import make_blocks, plan_back
 from mirrorcam.cad.guide.dimension_lines import LINE_MM, number
 from mirrorcam.cad.guide.drawing import (
     SMALL_MM,
@@ -49,6 +51,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.transforms import rigid
 from tests.cad.guide.test_annotation import Dimensions
 from tests.hostile_names import ACCEPTED
 from tests.nightly import a_few
@@ -302,7 +305,8 @@ def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Devic
 @pytest.mark.parametrize("name", a_few(5, NAMES))
 def test_every_hole_of_a_part_is_called_out_with_its_depth(device: Device, name: str) -> None:
     """Every size, as often as in the plan, with its depth or "through"."""
-    plan = part_of(device, name).plan
+    part = part_of(device, name).plan
+    plan: Any = part.plan if isinstance(part, RotatedPlan) else part
     wanted: Counter[str] = Counter()
     for cut in plan.cuts:
         if isinstance(cut, Bore):
@@ -372,7 +376,7 @@ def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None
     holder, mount = device.holder, device.mount
     flat = np.column_stack([holder.holes_in_mount_mm, np.zeros(4), np.ones(4)])
     screws = (flat @ holder.rig_from_mount.T)[:, :3]
-    corner = np.array([0.0, mount.slide[1], mount.foot[0, 2]])
+    corner = np.array([0.0, *mount.foot_corners[0]])
     assert mount.bed_turn_deg == 0.0
     for row in np.unique(np.abs(screws - corner)[:, 1:].round(2), axis=0):
         assert {number(value) for value in row} <= set(texts)
@@ -381,8 +385,8 @@ def test_the_mount_says_where_the_screws_of_its_head_are(device: Device) -> None
     assert number(apart[0]) in texts
     assert "4x Ø3.4 through for M3" in texts
     # The foot's holes are dimensioned from its edge at the slide, not from the mount's furthest point.
-    assert number(float(np.abs(mount.foot[:, 1] - mount.slide[1]).min())) in texts
-    assert number(mount.section.depth_mm) in texts
+    for point in (*mount.foot.screws_in_rig[:2], np.array([0.0, *mount.foot_corners[1]])):
+        assert {number(abs(value)) for value in (point - corner)[1:]} <= set(texts)
 
 
 def test_a_drawing_names_the_model_that_its_other_shapes_are_as(device: Device) -> None:
@@ -413,7 +417,7 @@ def test_walls_and_leaves_say_how_thick_they_are(device: Device) -> None:
     wall = np.ptp(np.vstack([device.clip.pieces[0].base, device.clip.pieces[0].top])[:, 1])
     assert f"{number(float(wall))} wall" in texts
     texts = [box.text for box in drawn(device, "dust_cover").text_boxes]
-    for text in ("1.2 wall", "1.2 floor", f"{number(2.0 * device.mount.half_width_mm + 2.0)} gap"):
+    for text in ("0.9 wall", "0.9 floor", f"{number(2.0 * device.mount.half_width_mm + 2.0)} gap"):
         assert texts.count(text) == 1, text
 
 
@@ -442,10 +446,13 @@ def test_the_clip_says_where_all_six_points_are(device: Device) -> None:
 
 @pytest.mark.parametrize("name", a_few(6, OF_BACKS))
 def test_every_plane_of_a_part_of_a_back_is_dimensioned(device: Device, name: str) -> None:
-    """Along each axis of rig, planes are connected by lengths, sizes, depths of holes, or mirror images of these."""
+    """Along each axis of the stand, planes join by lengths, sizes, depths of holes, or mirror images."""
     part = part_of(device, name)
-    if not isinstance(part.plan, BlocksPlan):
-        pytest.skip("a ring's planes are not all parallel to those of rig")
+    assert isinstance(part.plan, RotatedPlan)
+    if not isinstance(part.plan.plan, BlocksPlan):
+        pytest.skip("a ring's planes are not all parallel to those of the stand")
+    print_from_stand = part.print_from_rig @ rigid(part.plan.rig_from_stand, np.zeros(3))
+    part = replace(part, plan=part.plan.plan, make=make_blocks, print_from_rig=print_from_stand)
     solid = part.make(part.plan)
     sheet_says = dimensions_of(part, solid, HARDWARE.screw)
     box = solid.bounding_box()

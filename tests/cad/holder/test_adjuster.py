@@ -49,7 +49,7 @@ def test_an_adjustment_range_that_is_too_large_is_refused_with_a_remedy() -> Non
 
 
 def test_spaces_follow_from_the_parts_in_them() -> None:
-    assert head_diameter_mm() > 6.72
+    assert head_diameter_mm("M3") > 6.72
     assert boss_mm(with_screws()) == HARDWARE.screw.insert_hole_mm / 2.0 + HARDWARE.screw.insert_wall_mm
     assert boss_mm(with_screws("nut")) > HARDWARE.screw.nut_flats_mm / np.sqrt(3.0) + HARDWARE.printer.wall_mm
     assert travel_mm(10.0, HARDWARE) == pytest.approx(0.3 + 10.0 * np.tan(np.radians(1.0)))

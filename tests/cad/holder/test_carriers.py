@@ -16,7 +16,6 @@ from shapely import Point, Polygon
 from mirrorcam.cad.holder.adjuster import boss_mm
 from mirrorcam.cad.holder.back import mount_axes
 from mirrorcam.cad.holder.carriers import (
-    PITCH_MM,
     plan_areas,
     rig_from_carrier,
     rotation_about,
@@ -107,10 +106,12 @@ def test_equal_turns_of_all_screws_shift_a_mirror_straight_towards_the_holder() 
     for mirror, carrier in CARRIERS:
         motion = rig_from_carrier(carrier, np.array([0.4, 0.4, 0.4]))
         assert np.allclose(motion[:3, :3], np.eye(3))
-        assert np.allclose(motion[:3, 3], 0.4 * PITCH_MM * carrier.rig_from_back[:3, 2])
+        assert np.allclose(motion[:3, 3], 0.4 * carrier.pitch_mm * carrier.rig_from_back[:3, 2])
         moved = virtual_centre_after(mirror.virtual_centre_in_rig_mm, carrier, np.array([0.4, 0.4, 0.4]))
         along = -mirror.normal_in_rig @ carrier.rig_from_back[:3, 2]
-        assert tilt_and_shift(moved, mirror.virtual_centre_in_rig_mm) == pytest.approx((0.0, 0.4 * PITCH_MM * along))
+        assert tilt_and_shift(moved, mirror.virtual_centre_in_rig_mm) == pytest.approx(
+            (0.0, 0.4 * carrier.pitch_mm * along)
+        )
 
 
 def test_one_screw_tilts_by_the_pitch_over_the_triangles_altitude() -> None:

@@ -57,3 +57,20 @@ def test_the_glue_fills_the_gap_but_for_the_pads() -> None:
 
 def test_a_bead_pressed_to_the_bond_is_as_wide_as_the_land_of_a_groove() -> None:
     assert np.pi / 4.0 * bead_mm(GLUED) ** 2 / GLUED.holder.bond_mm == pytest.approx(GLUED.holder.groove_pitch_mm)
+
+
+@pytest.mark.parametrize(("gap_mm", "end_mm"), [(1.9, 1.9 - 0.24), (2.15, 2.1 - 0.9 - 0.2), (4.0, 2.3)])
+def test_a_groove_leaves_no_fin_between_its_end_and_the_slit_before_a_column(
+    default_layout: Layout, gap_mm: float, end_mm: float
+) -> None:
+    """The filler round a mirror ends 2.1 mm outside its outline: it adjoins a nearer column, or leaves a slit."""
+    mirror, normal = default_layout.mirrors[4], -default_layout.mirrors[4].normal_in_rig
+    frame = mirror.rig_from_plane
+    square = np.array([(-12.0, -12.0), (12.0, -12.0), (12.0, 12.0), (-12.0, 12.0)]) @ frame[:3, :2].T + frame[:3, 3]
+    first, second = (mirror.replaced(outline_in_rig_mm=square + shift * frame[:3, 1]) for shift in (0.0, 24.0 + gap_mm))
+    np.testing.assert_allclose(first.rig_from_plane, frame, atol=1e-9)
+    grooves = grooves_of(0, [first, second], normal, GLUED)
+    assert len(grooves) > 0
+    for groove in grooves:
+        assert groove.shape[:, 1].max() - 12.0 == pytest.approx(end_mm, abs=1e-6)
+        assert groove.shape[:, 1].min() + 12.0 == pytest.approx(-2.3, abs=1e-6)

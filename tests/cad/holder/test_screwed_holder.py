@@ -34,7 +34,7 @@ def test_carriers_are_a_gap_above_a_level_plate(kind: str) -> None:
 def test_holes_of_all_screws_are_apart_in_the_holder_and_in_the_mount() -> None:
     plan, hardware = planned(), with_screws()
     heads = plan.screws_in_mount_mm
-    assert min(np.linalg.norm(a - b) for a, b in combinations(heads, 2)) > head_diameter_mm()
+    assert min(np.linalg.norm(a - b) for a, b in combinations(heads, 2)) > head_diameter_mm("M3")
     wall, (low, high) = hardware.printer.wall_mm, DRIVER_HOLE_ENDS_MM
     room = head_space_mm(hardware)
     roof = room / np.sin(np.radians(ROOF_IN_WEBS_DEG))

@@ -15,8 +15,9 @@ from mirrorcam.cad.checks.clashes import overlap_mm3
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.part_checks import overhangs
 from mirrorcam.cad.parts.camera_box import body_box
-from mirrorcam.cad.parts.clip import REST_DEG, REST_TO_MM, TIE_THICK_MM, ClipPlan, plan_clip
+from mirrorcam.cad.parts.clip import REST_DEG, REST_TO_MM, ClipPlan, plan_clip
 from mirrorcam.cad.parts.part_solids import make_clip
+from mirrorcam.cad.parts.ties import TIE_THICK_MM
 from mirrorcam.cad.plan.dimension import Hole
 from mirrorcam.cad.plan.fasteners import Bore, head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
@@ -50,7 +51,7 @@ def test_every_hole_of_the_board_has_its_own_in_a_post() -> None:
     assert hardware.camera.held_by.kind == "board"
     pilots = [cut for cut in plan.cuts if isinstance(cut, Bore) and cut.radius_mm == pytest.approx(0.8)]
     np.testing.assert_allclose([cut.mouth[:2] for cut in pilots], hardware.camera.held_by.holes_mm)
-    np.testing.assert_allclose(plan.board_screws[:, 2], body.high[2])
+    np.testing.assert_allclose([screw.head[2] for screw in plan.screws], body.high[2])
     assert plan.nest is None
 
 

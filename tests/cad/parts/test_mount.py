@@ -222,13 +222,15 @@ def test_the_lightest_stiff_mount_is_chosen(planned: Planned) -> None:
     around = HARDWARE.screw.washer_mm / 2.0 + HARDWARE.fit.free_mm + HARDWARE.screw.insert_wall_mm
     screws = max(float(np.abs(holder.holes_in_mount_mm[:, 0]).max()), clip.slide_x_mm)
     assert mount.half_width_mm == pytest.approx(screws + around, abs=0.5)
-    assert mount.section.depth_mm < FOOT_DEPTH_MM + 5.0
+    assert mount.section.depth_mm < FOOT_DEPTH_MM + 7.0
     strict = HARDWARE.replaced(mount=HARDWARE.mount.replaced(tilt_deg=0.7 * mount.tilt_deg))
     taken = plan_mount(layout, holder, clip, strict)
-    volumes = {profile.section: profile.volume_mm3 for profile in profiles(holder, clip, strict)}
+    volumes = {profile.section: profile.volume_mm3 for profile in profiles(holder, clip, 30.0, strict)}
     assert len({section.width_mm for section in volumes}) > 3
     # No lighter one is stiff enough.
-    lighter = [profile for profile in profiles(holder, clip, strict) if profile.volume_mm3 < volumes[taken.section]]
+    lighter = [
+        profile for profile in profiles(holder, clip, 30.0, strict) if profile.volume_mm3 < volumes[taken.section]
+    ]
     limit = strict.mount.tilt_deg
     as_beams = [profile for profile in lighter if beam_tilt_deg(profile, mount.load_g, mount.load_at) <= limit]
     assert as_beams

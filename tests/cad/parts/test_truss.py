@@ -16,60 +16,77 @@ from mirrorcam.cad.parts.mount import MountPlan, plan_mount, profiles
 from mirrorcam.cad.parts.mount_openings import driver_holes_top_mm
 from mirrorcam.cad.parts.truss import (
     FOOT_DEPTH_MM,
-    FOOT_GRIP_MM,
+    foot_line,
+    foot_of,
     foot_plate_mm,
-    foot_screws,
     foot_stack,
-    foot_z_mm,
+    lean_of,
     truss,
     webs_between,
 )
-from mirrorcam.cad.plan.fasteners import stack
+from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.layout import Layout
 
+LEANS_DEG = (-30.0, 0.0, 30.0, 60.0)
 
-def test_the_clip_at_its_lowest_leaves_the_window_for_the_cable_over_the_foots_plate() -> None:
+
+@pytest.mark.parametrize("lean", LEANS_DEG)
+@pytest.mark.parametrize("depth_mm", [FOOT_DEPTH_MM, 45.0])
+def test_plate_and_window_are_below_the_clip_and_the_screwdriver_holes(lean: float, depth_mm: float) -> None:
     clip = plan_clip(HARDWARE)
-    top_of_plate = foot_z_mm(clip, FOOT_DEPTH_MM, HARDWARE) + foot_plate_mm(FOOT_DEPTH_MM, HARDWARE)
-    assert clip.bottom_mm - clip.travel_mm - top_of_plate > HARDWARE.mount.cable_window_mm[1]
+    line = foot_line(clip, depth_mm, lean, HARDWARE)
+    assert lean_of(line) == pytest.approx(lean)
+    assert line[:, 0] == pytest.approx([clip.slide_y_mm, clip.slide_y_mm - depth_mm])
+    # Both skins are upright in the rig frame, and meet plate and window over a length that grows with the lean.
+    above = (foot_plate_mm(depth_mm, HARDWARE) + HARDWARE.mount.cable_window_mm[1]) / np.cos(np.deg2rad(lean))
+    assert line[0, 1] + above < clip.bottom_mm - clip.travel_mm
+    drivers = min(clip.slide_z_mm) - clip.travel_mm - head_space_mm(HARDWARE)
+    assert line[1, 1] + above <= drivers + 1e-9
 
 
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 @pytest.mark.parametrize("grip_mm", [1.6, 5.5])
 def test_the_screws_of_a_back_hold_in_the_threads_of_the_plate(kind: str, grip_mm: float) -> None:
-    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
-    held = foot_stack(grip_mm, hardware)
-    assert held.wall_mm == stack(FOOT_GRIP_MM, hardware).wall_mm <= foot_plate_mm(FOOT_DEPTH_MM, hardware)
+    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind), back=HARDWARE.back.replaced(grip_mm=grip_mm))
+    held = foot_stack(hardware)
+    assert held.wall_mm <= foot_plate_mm(FOOT_DEPTH_MM, hardware)
     least = hardware.screw.engaged_mm if kind == "insert" else hardware.screw.nut_height_mm
     assert held.engaged_mm >= least - 1e-9
-    # There is plastic under an insert, and the hollow of the truss over a nut.
-    assert held.length_mm - grip_mm < (hardware.screw.insert_depth_mm if kind == "insert" else held.wall_mm + 1.0)
+    # There is plastic under an insert, and a nut at the end of its screw.
+    tip_mm = held.length_mm - grip_mm - held.washer_mm
+    assert tip_mm < (hardware.screw.insert_depth_mm if kind == "insert" else held.wall_mm + 1e-9)
 
 
 def test_screws_that_no_length_holds_are_refused() -> None:
     with pytest.raises(InputError, match=r"M3 screws through 40 mm engage 0\.0 mm of the thread"):
-        foot_stack(40.0, HARDWARE)
+        foot_stack(HARDWARE.replaced(back=HARDWARE.back.replaced(grip_mm=40.0)))
 
 
-def test_four_screws_enter_the_foots_lower_face_mirror_images_in_x() -> None:
+@pytest.mark.parametrize("lean", LEANS_DEG)
+def test_four_screws_enter_the_foots_level_face_and_stay_inside_the_mount(lean: float) -> None:
+    line = foot_line(plan_clip(HARDWARE), 34.0, lean, HARDWARE)
+    foot = foot_of(line, 28.0, HARDWARE)
+    assert foot is not None
+    assert {tuple(screw) for screw in foot.screws} == {tuple(screw * [-1.0, 1.0, 1.0]) for screw in foot.screws}
+    in_rig, plate = foot.screws_in_rig, foot_plate_mm(34.0, HARDWARE)
+    # They are on the face between its ends, and normal to it they stay between the skins up to the plate's top.
+    along = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
+    assert np.abs((in_rig[:, 1:] - line[0]) @ [-along[1], along[0]]).max() < 1e-9
+    for end in (in_rig, in_rig + plate * foot.up_in_rig):
+        assert (line[0, 0] - end[:, 1] > 2.0).all()
+        assert (end[:, 1] - line[1, 0] > 2.0).all()
+    # Level as the device stands.
+    assert np.ptp(foot.screws[:, 2]) == 0.0
+    np.testing.assert_allclose(foot.up_in_rig, [0.0, along[1], -along[0]], atol=1e-12)
+
+
+def test_a_foot_without_room_for_its_screws_is_none() -> None:
     clip = plan_clip(HARDWARE)
-    screws = foot_screws(clip, 30.0, HARDWARE)
-    assert screws.shape == (4, 3)
-    np.testing.assert_array_equal(screws[:, 2], np.full(4, foot_z_mm(clip, 30.0, HARDWARE)))
-    assert {tuple(screw) for screw in screws} == {tuple(screw * [-1.0, 1.0, 1.0]) for screw in screws}
-    assert (clip.slide_y_mm - screws[:, 1] > 0.0).all()
-    assert (clip.slide_y_mm - screws[:, 1] < FOOT_DEPTH_MM).all()
-
-
-def test_a_deep_mount_has_a_thick_plate_that_reaches_further_down() -> None:
-    clip, depths = plan_clip(HARDWARE), (FOOT_DEPTH_MM, 45.0, 60.0)
-    plates = [foot_plate_mm(depth, HARDWARE) for depth in depths]
-    assert plates == pytest.approx([stack(FOOT_GRIP_MM, HARDWARE).wall_mm, 15.0, 20.0])
-    tops = [foot_z_mm(clip, depth, HARDWARE) + plate for depth, plate in zip(depths, plates, strict=True)]
-    assert tops == pytest.approx([tops[0]] * 3)
+    assert foot_of(foot_line(clip, FOOT_DEPTH_MM, 0.0, HARDWARE), 28.0, HARDWARE) is not None
+    assert foot_of(foot_line(clip, FOOT_DEPTH_MM, 30.0, HARDWARE), 28.0, HARDWARE) is None
 
 
 Planned = tuple[Layout, HolderPlan, ClipPlan, MountPlan]
@@ -85,7 +102,7 @@ def planned(default_layout: Layout, device: Device) -> Planned:
 def test_the_predicted_volume_is_that_of_the_pieces(planned: Planned) -> None:
     """Skins and webs along the middle, and the foot's plate, apart from bends and short panels."""
     _, holder, clip, mount = planned
-    for profile in profiles(holder, clip, HARDWARE):
+    for profile in profiles(holder, clip, 30.0, HARDWARE):
         if profile.section.depth_mm > 2.0 * mount.section.depth_mm:
             continue
         skins, webs = truss(profile.inner, profile.outer, profile.section, HARDWARE)
@@ -99,7 +116,7 @@ def test_no_web_above_the_slide_enters_its_screwdriver_holes(planned: Planned) -
     _, holder, clip, _ = planned
     highest = driver_holes_top_mm(clip, HARDWARE)
     depths = set()
-    for profile in profiles(holder, clip, HARDWARE):
+    for profile in profiles(holder, clip, 30.0, HARDWARE):
         corners = profile.inner[1, 1], profile.outer[1, 1]
         assert min(corners) - profile.section.web_mm / 2.0 > highest
         depths.add(profile.section.depth_mm)
@@ -108,7 +125,7 @@ def test_no_web_above_the_slide_enters_its_screwdriver_holes(planned: Planned) -
 
 def test_webs_run_from_skin_to_skin_and_begin_over_the_cables_window(planned: Planned) -> None:
     _, holder, clip, mount = planned
-    profile = next(p for p in profiles(holder, clip, HARDWARE) if p.section == mount.section)
+    profile = next(p for p in profiles(holder, clip, 30.0, HARDWARE) if p.section == mount.section)
     lines = webs_between(profile.inner, profile.outer, profile.section, HARDWARE)
     skins = [LineString(line) for line in (lines.inner, lines.outer)]
     for web in lines.webs:
@@ -116,4 +133,5 @@ def test_webs_run_from_skin_to_skin_and_begin_over_the_cables_window(planned: Pl
         assert max(ends) < 1e-9
         assert {int(np.argmin([skin.distance(Point(end)) for skin in skins])) for end in web} == {0, 1}
     window = foot_plate_mm(profile.section.depth_mm, HARDWARE) + HARDWARE.mount.cable_window_mm[1]
-    assert lines.webs[..., 1].min() - profile.inner[0, 1] == pytest.approx(window + profile.section.web_mm / 2.0)
+    heights = (lines.webs - profile.inner[0]) @ profile.foot.up_in_rig[1:]
+    assert heights.min() == pytest.approx(window + profile.section.web_mm / 2.0)

@@ -14,22 +14,19 @@ from hypothesis import strategies as st
 
 from mirrorcam.cad.parts.part_solids import bore_solid, hexagon_solid
 from mirrorcam.cad.plan.fasteners import (
-    COUNTERSUNK,
     EXIT_GAP_MM,
     ROOF_DEG,
-    SUNK_HEAD,
-    THREADS,
     Bore,
     Hexagon,
-    diameter_mm,
     exit_move,
     frame_along,
     stack,
     stack_into,
     thread,
-    thread_of,
+    with_holes_for_screws,
 )
-from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.hardware import HARDWARE, Fastening
+from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, THREADS, diameter_mm, thread_of
 from mirrorcam.core.errors import InputError
 
 
@@ -100,13 +97,33 @@ def test_screws_end_flush_with_their_nuts(grip_mm: float) -> None:
     assert under >= 2.0 * NUTS.printer.wall_mm - 1e-9
 
 
-def test_a_grip_that_no_screw_fits_is_refused_with_the_engaged_length() -> None:
-    with pytest.raises(InputError, match=r"M3 screws through 40 mm engage 0\.0 mm of the thread"):
+def test_a_grip_that_no_screw_fits_is_refused_with_the_lengths_that_would_fit() -> None:
+    with pytest.raises(InputError, match=r"M3 screws through 40 mm engage 0\.0 mm .* a length of 42\.5 to 46\.5 mm"):
         stack(40.0, HARDWARE)
-    with pytest.raises(InputError, match=r"engage 3\.6 mm of the thread 0 to 5\.7 mm deep, expected at least 4 mm"):
-        stack_into(2.4, (0.0, 5.7), 5.4, 7.0, HARDWARE.screw)
-    with pytest.raises(InputError, match="longer than any on the list"):
-        stack(30.0, NUTS)
+    with pytest.raises(InputError, match=r"engage 2\.1 mm of the thread 0 to 5\.7 mm deep, expected at least 2\.5 mm"):
+        stack_into(3.9, (0.0, 5.7), 3.4, 7.0, HARDWARE.screw)
+    with pytest.raises(InputError, match=r"M2 screws through 18 mm must be at least 21\.\d mm .* ends at 20: add one"):
+        stack(18.0, HARDWARE.replaced(screw=Fastening(thread="M2", kind="nut")))
+
+
+@pytest.mark.parametrize(
+    ("lengths_mm", "insert_mm", "depth_mm"),
+    [
+        (HARDWARE.screw.lengths_mm, 5.7, 6.7),  # the lengths of shops need no deeper holes
+        ((10.0, 20.0, 30.0), 5.7, 7.2),  # 10 mm through 3 mm round the head of the mount
+        ((6.0, 8.0, 10.0, 16.0, 20.0), 3.0, 4.2),  # 8 mm through the slide's 4 mm
+        ((20.0, 30.0), 5.7, 6.7),  # too long
+    ],
+)
+def test_holes_are_deepened_for_the_lengths_at_hand(
+    lengths_mm: tuple[float, ...], insert_mm: float, depth_mm: float
+) -> None:
+    screw = Fastening(lengths_mm=lengths_mm, insert_mm=insert_mm, insert_depth_mm=insert_mm + 1.0)
+    deep = with_holes_for_screws(HARDWARE.replaced(screw=screw))
+    assert deep.screw.insert_depth_mm == pytest.approx(depth_mm)
+    if depth_mm > screw.insert_depth_mm:
+        for grip in (deep.mount.grip_mm, deep.mount.slide_skin_mm, deep.back.grip_mm):
+            assert stack(grip, deep).engaged_mm >= screw.engaged_mm
 
 
 @pytest.mark.parametrize("roof_deg", [45.0, 42.0, 30.0])

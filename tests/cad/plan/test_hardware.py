@@ -11,27 +11,43 @@ from pathlib import Path
 import pytest
 from bd_warehouse.fastener import HeatSetNut, HexNut, PlainWasher, SocketHeadCapScrew
 
-from mirrorcam.cad.plan.hardware import HARDWARE, PRINT_SETTINGS, Hardware, require_same_camera
+from mirrorcam.cad.plan.hardware import HARDWARE, PRINT_SETTINGS, Fastening, Hardware, require_same_camera
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import read_body
 
 
-def test_fasteners_are_those_of_the_standards() -> None:
-    """ISO 4762, ISO 4032, ISO 273 and the insert's data sheet, from bd_warehouse."""
-    ours = HARDWARE.screw
-    screw, nut = SocketHeadCapScrew("M3-0.5", length=8.0, simple=True), HexNut("M3-0.5", simple=True)
-    insert = HeatSetNut("M3-0.5-5.7", fastener_type="CNCKitchen", simple=True)  # type: ignore[arg-type]  # not declared
+@pytest.mark.parametrize(
+    ("thread", "pitch", "insert"), [("M2", "0.4", 3.0), ("M2.5", "0.45", 4.0), ("M3", "0.5", 5.7), ("M4", "0.7", 8.1)]
+)
+def test_fasteners_are_those_of_the_standards(thread: str, pitch: str, insert: float) -> None:
+    """ISO 4762, ISO 4032, ISO 273, ISO 7089 and the insert's data sheet, from bd_warehouse."""
+    ours = Fastening(thread=thread)
+    size = f"{thread}-{pitch}"
+    screw, nut = SocketHeadCapScrew(size, length=8.0, simple=True), HexNut(size, simple=True)
     assert ours.clearance_hole_mm == screw.clearance_hole_diameters["Normal"]
     assert ours.head_mm == pytest.approx(screw.screw_data["dk"], abs=0.05)
     assert ours.head_height_mm == screw.screw_data["k"]
     assert (ours.nut_flats_mm, ours.nut_height_mm) == (nut.nut_data["s"], nut.nut_data["m"])
-    washer = PlainWasher("M3", fastener_type="iso7089").washer_data
+    assert min(ours.lengths_mm) >= screw.screw_data["short"]
+    assert max(ours.lengths_mm) <= screw.screw_data["long"]
+    washer = PlainWasher(thread, fastener_type="iso7089").washer_data
     assert ours.washer_mm == washer["d2"]
-    # bd_warehouse has the largest thickness of the standard; 0.5 mm is nominal.
-    assert ours.washer_height_mm == pytest.approx(washer["h"], abs=0.06)
-    assert (ours.insert_hole_mm, ours.insert_mm) == (insert.nut_data["dc"], insert.nut_data["m"])
+    # bd_warehouse has the largest thickness of the standard; ours is nominal.
+    assert ours.washer_height_mm == pytest.approx(washer["h"], abs=0.11)
+    data = HeatSetNut.fastener_data[f"{size}-{insert:g}"]
+    assert (ours.insert_hole_mm, ours.insert_mm) == tuple(float(data[f"CNCKitchen:{key}"]) for key in ("dc", "m"))
+    assert ours.insert_wall_mm >= float(data["CNCKitchen:material_thickness"])
+
+
+def test_a_thread_that_is_not_given_passes_the_clearance_hole() -> None:
+    assert [Fastening(clearance_hole_mm=hole).thread for hole in (2.2, 2.9, 3.2, 4.5)] == ["M2", "M2.5", "M3", "M4"]
+    assert Fastening(clearance_hole_mm=2.4, head_mm=4.0).nut_flats_mm == Fastening(thread="M2").nut_flats_mm
+    with pytest.raises(InputError, match=r"clearance_hole_mm 3\.4, expected more than 4: the screws are M4"):
+        Fastening(thread="M4", clearance_hole_mm=3.4)
+    with pytest.raises(InputError, match=r"insert_mm 2, expected at least engaged_mm, 2\.5: .* hold M3 screws"):
+        Fastening(insert_mm=2.0)
 
 
 def test_a_file_replaces_any_entry_of_the_table(tmp_path: Path) -> None:

@@ -25,9 +25,10 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.back_table import Gen2Back
 from mirrorcam.cad.plan.part_plan import BuiltPart, Connection, PurchasedItem
 from mirrorcam.cad.plan.seats import mirror_prism
+from mirrorcam.cad.plan.stand import rig_from_stand
 from mirrorcam.cad.write import assembly_files
 from mirrorcam.cad.write.assembly_files import (
-    GLTF_FROM_RIG,
+    GLTF_FROM_STAND,
     assemble,
     connect,
     linear,
@@ -41,6 +42,8 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from tests.cad.write.freecad import LISTED, NEEDS_FREECAD, run_in_freecad
 from tests.hostile_names import ACCEPTED
+
+LEAN_DEG = 30.0
 
 GEOMETRY = """#1 = SOLID('it''s #3',#2);
 #2 = POINT('',(0.,1.),
@@ -276,7 +279,7 @@ def components(default_layout: Layout, built_block: BuiltPart) -> tuple[Componen
 @pytest.fixture(scope="module")
 def written(components: tuple[Component, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("gltf") / "assembly.glb"
-    write_glb(path, components)
+    write_glb(path, components, rig_from_stand(LEAN_DEG))
     return path
 
 
@@ -292,12 +295,12 @@ def test_it_is_in_metres_with_y_up_and_looks_along_z(written: Path, components: 
     for component in components:
         matrix, geometry = scene.graph[component.name]
         found = trimesh.transform_points(scene.geometry[geometry].vertices, matrix)
-        rig = component.mesh.vertices
-        # Up in the device is the rig's z, the scene is along its y; x follows for a right-handed frame.
-        expected = np.column_stack([-rig[:, 0], rig[:, 2], rig[:, 1]]) / 1000.0
+        stand = component.mesh.vertices @ rig_from_stand(LEAN_DEG)
+        # Up is the stand's z, the scene is along its y; x follows for a right-handed frame.
+        expected = np.column_stack([-stand[:, 0], stand[:, 2], stand[:, 1]]) / 1000.0
         np.testing.assert_allclose(found.min(axis=0), expected.min(axis=0), atol=1e-7)
         np.testing.assert_allclose(found.max(axis=0), expected.max(axis=0), atol=1e-7)
-    assert np.linalg.det(GLTF_FROM_RIG[:3, :3]) == pytest.approx(1e-9)
+    assert np.linalg.det(GLTF_FROM_STAND[:3, :3]) == pytest.approx(1e-9)
 
 
 def test_every_piece_is_a_node_below_the_device(written: Path, components: tuple[Component, ...]) -> None:
@@ -305,7 +308,9 @@ def test_every_piece_is_a_node_below_the_device(written: Path, components: tuple
     nodes = {node["name"]: node for node in tree["nodes"]}
     assert [tree["nodes"][index]["name"] for index in tree["scenes"][0]["nodes"]] == ["device"]
     assert [tree["nodes"][index]["name"] for index in nodes["device"]["children"]] == [p.name for p in components]
-    np.testing.assert_allclose(np.array(nodes["device"]["matrix"]).reshape(4, 4).T, GLTF_FROM_RIG)
+    turn = np.eye(4)
+    turn[:3, :3] = rig_from_stand(LEAN_DEG).T
+    np.testing.assert_allclose(np.array(nodes["device"]["matrix"]).reshape(4, 4).T, GLTF_FROM_STAND @ turn)
     for component in components:
         extras = nodes[component.name]["extras"]
         assert set(extras) == {"kind", "number", "title", "explode_mm"}
@@ -320,7 +325,7 @@ def test_every_piece_is_a_node_below_the_device(written: Path, components: tuple
 
 def test_a_reader_finds_any_title_as_it_is(components: tuple[Component, ...], tmp_path: Path) -> None:
     titled = [replace(components[0], name=f"piece_{number}", title=title) for number, title in enumerate(ACCEPTED)]
-    write_glb(tmp_path / "titles.glb", titled)
+    write_glb(tmp_path / "titles.glb", titled, np.eye(3))
     found = {node["name"]: node.get("extras", {}).get("title") for node in tree_of(tmp_path / "titles.glb")["nodes"]}
     assert [found[component.name] for component in titled] == list(ACCEPTED)
     assert set(trimesh.load_scene(tmp_path / "titles.glb").graph.nodes_geometry) == {
@@ -352,7 +357,7 @@ def test_normals_are_units_even_where_a_facet_has_no_area(components: tuple[Comp
     # A square with one side split by a point on it: one facet is degenerate.
     corners = np.array([[0.0, 0.0, 0.0], [9.0, 0.0, 0.0], [9.0, 9.0, 0.0], [0.0, 9.0, 0.0], [4.0, 0.0, 0.0]])
     mesh = trimesh.Trimesh(corners, [[0, 1, 2], [0, 2, 3], [0, 4, 1]], process=False)
-    write_glb(tmp_path / "flat.glb", [replace(components[0], mesh=mesh)])
+    write_glb(tmp_path / "flat.glb", [replace(components[0], mesh=mesh)], np.eye(3))
     found = trimesh.load_scene(tmp_path / "flat.glb", process=False).geometry["block"]
     assert len(found.faces) == 3
     np.testing.assert_allclose(np.linalg.norm(found.vertex_normals, axis=1), 1.0, atol=1e-6)
@@ -369,7 +374,7 @@ def test_bytes_say_what_they_are_for(written: Path) -> None:
 def test_the_same_pieces_give_the_same_bytes_and_no_path(
     written: Path, components: tuple[Component, ...], tmp_path: Path
 ) -> None:
-    write_glb(tmp_path / "again.glb", components)
+    write_glb(tmp_path / "again.glb", components, rig_from_stand(LEAN_DEG))
     assert (tmp_path / "again.glb").read_bytes() == written.read_bytes()
     assert str(tmp_path.parent.parent).encode() not in written.read_bytes()
     assert b"block.stl" not in written.read_bytes()

@@ -135,13 +135,15 @@ def test_views_of_another_fold_look_along_their_own_axis(
 
 def test_the_link_stands_on_the_wrist_and_looks_forward(urdf: Element, device: Device) -> None:
     link_from_rig = np.linalg.inv(root_from(urdf, "mirrorcam_link")) @ root_from(urdf, "mirrorcam_camera_optical_frame")
-    saddle = device.back.parts[0].plan
+    saddle = device.back.parts[0].plan.plan
     assert isinstance(saddle, RingPlan)
-    on_axis = np.array([0.0, saddle.band_mm.mean() / 1000.0, saddle.axis_z_mm / 1000.0, 1.0])
-    np.testing.assert_allclose(link_from_rig @ on_axis, [0.0, 0.0, 0.0, 1.0], atol=1e-9)
-    # REP 103: x forward (the rig's y), z up (the rig's z), y left.
-    np.testing.assert_allclose(link_from_rig[:3, :3] @ [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], atol=1e-9)
-    np.testing.assert_allclose(link_from_rig[:3, :3] @ [0.0, 0.0, 1.0], [0.0, 0.0, 1.0], atol=1e-9)
+    on_axis = device.back.rig_from_stand @ [0.0, saddle.band_mm.mean() / 1000.0, saddle.axis_z_mm / 1000.0]
+    np.testing.assert_allclose(link_from_rig @ [*on_axis, 1.0], [0.0, 0.0, 0.0, 1.0], atol=1e-9)
+    # REP 103: x forward, as the views look, z up, y left.
+    right, down, forward = device.layout.view_from_rig
+    np.testing.assert_allclose(link_from_rig[:3, :3] @ forward, [1.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(link_from_rig[:3, :3] @ -down, [0.0, 0.0, 1.0], atol=1e-9)
+    np.testing.assert_allclose(link_from_rig[:3, :3] @ -right, [0.0, 1.0, 0.0], atol=1e-9)
     # The arm's fingers and the scene are towards its link's -z, and the clamp is at z = -14 mm.
     np.testing.assert_allclose(root_from(urdf, "mirrorcam_link")[:3, 3], [0.0, 0.0, -0.014], atol=1e-9)
     np.testing.assert_allclose(root_from(urdf, "mirrorcam_link")[:3, 0], [0.0, 0.0, -1.0], atol=1e-9)

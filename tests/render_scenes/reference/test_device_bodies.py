@@ -181,7 +181,7 @@ def test_the_files_of_a_device_are_read(tmp_path: Path, default_layout: Layout) 
     write_stl(tmp_path / "another.stl", wall)
     with pytest.raises(InputError, match="parts have changed since the set was started"):
         read_device(parts)
-    write_glb(tmp_path / "assembly.glb", {"holder": ("part", wall), "mirror_0-0": ("mirror", wall)})
+    write_glb(tmp_path / "assembly.glb", {"holder": ("part", wall), "mirror_0-0": ("mirror", wall)}, np.eye(3))
     with pytest.raises(InputError, match="parts of a different layout"):
         parts_of(tmp_path, default_layout, default_layout)
     (holder,) = read_bodies(tmp_path)

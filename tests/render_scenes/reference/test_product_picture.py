@@ -10,10 +10,17 @@ import pytest
 import shapely
 
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.render_scenes.reference.device_bodies import DeviceBody
+from mirrorcam.render_scenes.reference.device_bodies import Assembly, DeviceBody
 from mirrorcam.render_scenes.reference.product_picture import product_picture, viewpoints
 from tests.render_scenes.devices import box, write_glb
+
+
+def level_from_rig(layout: Layout) -> FloatArray:
+    """The rotation (3, 3) to the axes in which a device with level views stands."""
+    right, down, forward = layout.view_from_rig
+    return np.array([right, forward, -down])
 
 
 def boxed(layout: Layout) -> dict[str, tuple[str, DeviceBody]]:
@@ -31,7 +38,13 @@ def boxed(layout: Layout) -> dict[str, tuple[str, DeviceBody]]:
 
 
 def test_the_lens_is_seen_in_every_mirror_from_the_front(default_layout: Layout) -> None:
-    front, aside = viewpoints(default_layout, [body for _, body in boxed(default_layout).values()])
+    level, lean = level_from_rig(default_layout), np.deg2rad(20.0)
+    leaning = np.array([[1, 0, 0], [0, np.cos(lean), -np.sin(lean)], [0, np.sin(lean), np.cos(lean)]]) @ level
+    bodies = tuple(body for _, body in boxed(default_layout).values())
+    upright = viewpoints(default_layout, Assembly(bodies, level))
+    front, aside = viewpoints(default_layout, Assembly(bodies, leaning))
+    # From the same place in front, whichever direction is up.
+    np.testing.assert_allclose(front.eye_in_rig_mm, upright[0].eye_in_rig_mm)
     for mirror in default_layout.mirrors:
         way = mirror.virtual_centre_in_rig_mm - front.eye_in_rig_mm
         height, slope = front.eye_in_rig_mm @ mirror.normal_in_rig + mirror.distance_mm, way @ mirror.normal_in_rig
@@ -43,13 +56,14 @@ def test_the_lens_is_seen_in_every_mirror_from_the_front(default_layout: Layout)
     for view in (front, aside):
         np.testing.assert_allclose(view.axes @ view.axes.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(view.axes) == pytest.approx(1.0)
-        assert view.axes[1] @ default_layout.view_from_rig[1] > 0.0  # upright: down is down in the views
+        assert view.axes[1] @ leaning[2] < -0.5  # up is up as the device stands
+        assert abs(view.axes[0] @ leaning[2]) < 1e-9
 
 
 def test_the_picture_shows_the_device_whole_and_nine_lenses(tmp_path: Path, default_layout: Layout) -> None:
     with pytest.raises(InputError, match=r"no assembly\.glb"):
         product_picture(default_layout, tmp_path, spp=1)
-    write_glb(tmp_path / "assembly.glb", boxed(default_layout))
+    write_glb(tmp_path / "assembly.glb", boxed(default_layout), level_from_rig(default_layout))
     fewer = default_layout.replaced(rows=1, mirrors=default_layout.mirrors[:3])
     with pytest.raises(InputError, match="parts of a different layout"):
         product_picture(fewer, tmp_path, spp=1)

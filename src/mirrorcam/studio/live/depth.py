@@ -18,6 +18,8 @@ from mirrorcam.optics.light_field.io.view_images import INVALID_RGB
 from mirrorcam.optics.light_field.light_field import LightField
 
 JPEG_QUALITY = 85
+WORKERS = 2
+"""Number of threads that measure depth."""
 MIN_CONFIDENCE = 0.5
 """Minimum confidence of depth that is shown in colour."""
 
@@ -49,7 +51,7 @@ class LiveDepth:
         decoder = Decoder(Layout.load(layout), width_px=width_px)
         self._views, self._weights = decoder.views, decoder.weights
         samples = np.zeros((*decoder.weights.shape, 3), np.uint8)
-        self._estimator = DepthEstimator(self._light_field(samples), quality="fast", workers=1)
+        self._estimator = DepthEstimator(self._light_field(samples), quality="fast", workers=WORKERS)
         self._video = VideoDepth(self._estimator)
 
     def measure(self, samples: NDArray[np.uint8]) -> DepthPicture:

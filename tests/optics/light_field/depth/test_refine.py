@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.parallax import other_views, parallax
+from mirrorcam.optics.light_field.depth.parallax import halved, other_views, parallax
 from mirrorcam.optics.light_field.depth.photometry import ViewPicture
 from mirrorcam.optics.light_field.depth.refine import GradientPicture, Refiner, align_to_picture_edges, depth_edges
 from mirrorcam.optics.light_field.depth.sweep import Sweep, sweep
@@ -132,3 +132,25 @@ def test_a_single_wrong_pixel_is_outvoted() -> None:
     planes = np.full((20, 20), 5.0, np.float32)
     planes[10, 10] = 15.0
     assert (align_to_picture_edges(planes, np.full((20, 20, 3), 90.0, np.float32), 1.2) == 5.0).all()
+
+
+def test_a_grid_of_half_the_pixels_finds_a_slanted_plane() -> None:
+    views = grid_views()
+    light_field, depth, _ = photograph(views, [Surface(DISTANCE_MM, slope=(0.4, -0.2), grain_mm=3.0)], noise=0.0)
+    planes = sweep(halved(views), INVERSE_DISTANCES)
+    pictures = [ViewPicture.of(light_field, index) for index in ((1, 1), *other_views(views))]
+    reference, *others = (GradientPicture.of(picture.grey, picture.interior, 2) for picture in pictures)
+    refiner = Refiner(planes, [parallax(views, index) for index in other_views(views)], spacing=2)
+    inverse = 1.0 / (depth - views.reference_view_depth_mm)
+    # Inverse distance is linear over a plane, so the mean of a block is that of its centre.
+    truth = (inverse.reshape(45, 2, 60, 2).mean(axis=(1, 3)) - INVERSE_DISTANCES[0]) / planes.step
+    start = (truth + 0.3 / refiner.step_px).astype(np.float32)
+    found = refiner.refined(start, reference, others, 3, 30)[0]
+    error_px = np.abs(found - truth)[8:-8, 8:-8] * refiner.step_px
+    assert np.median(error_px) < 0.02
+    assert np.quantile(error_px, 0.95) < 0.08
+    cold, warm = (
+        np.median(np.abs(refiner.refined(start, reference, others, 1, 30, earlier)[0] - truth)[8:-8, 8:-8])
+        for earlier in (None, truth.astype(np.float32))
+    )
+    assert warm < 0.6 * cold

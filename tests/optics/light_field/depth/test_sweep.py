@@ -17,6 +17,7 @@ from mirrorcam.optics.light_field.depth.sweep import (
     nearest_planes,
     range_around,
     sweep,
+    tracked_range,
 )
 from tests.optics.light_field.depth.surfaces import Surface, everywhere, grid_views, met
 
@@ -104,11 +105,13 @@ def test_costs_are_contiguous() -> None:
     assert everywhere(Volume.empty(full_range((2, 3), 5))).shape == (2, 3, 5)
 
 
+@pytest.mark.parametrize("farthest", [0.0, 240.0])
 @pytest.mark.parametrize("shape", [(40, 64), (37, 51), (9, 8)])
-def test_a_tile_is_searched_around_all_known_planes_near_it(shape: tuple[int, int]) -> None:
-    known = np.random.default_rng(0).uniform(0, 60, shape).astype(np.float32)
-    known[:, shape[1] // 2 :] = 25.3
-    ranges = range_around(known, 60)
+def test_a_tile_is_searched_around_all_known_planes_near_it(shape: tuple[int, int], farthest: float) -> None:
+    planes = 300
+    known = farthest + np.random.default_rng(0).uniform(0, 60, shape).astype(np.float32)
+    known[:, shape[1] // 2 :] = 25.3 + farthest
+    ranges = range_around(known, planes)
     for v in range(0, shape[0], TILE_PX):
         for u in range(0, shape[1], TILE_PX):
             tile = slice(v, v + TILE_PX), slice(u, u + TILE_PX)
@@ -116,8 +119,8 @@ def test_a_tile_is_searched_around_all_known_planes_near_it(shape: tuple[int, in
                 max(v - NEIGHBOUR_PX, 0) : v + TILE_PX + NEIGHBOUR_PX,
                 max(u - NEIGHBOUR_PX, 0) : u + TILE_PX + NEIGHBOUR_PX,
             ]
-            low = np.clip(np.floor(near.min()) - MARGIN_PLANES, 0, 60 - MIN_PLANES)
-            high = min(np.ceil(near.max()) + MARGIN_PLANES + 1, 60)
+            low = np.clip(np.floor(near.min()) - MARGIN_PLANES, 0, planes - MIN_PLANES)
+            high = min(np.ceil(near.max()) + MARGIN_PLANES + 1, planes)
             assert (ranges.low[tile] == low).all()
             assert (ranges.low[tile] + ranges.plane_count[tile] == high).all()
 
@@ -126,3 +129,14 @@ def test_all_planes_are_searched_if_there_are_few() -> None:
     ranges = range_around(np.full((16, 16), 1.0, np.float32), MIN_PLANES)
     assert (ranges.low == 0).all()
     assert (ranges.plane_count == MIN_PLANES).all()
+
+
+def test_a_tracked_range_holds_all_maps_and_all_planes_where_they_are_unknown() -> None:
+    before, after = np.full((24, 40), 20.0, np.float32), np.full((24, 40), 26.0, np.float32)
+    unknown = np.zeros((24, 40), bool)
+    unknown[12, 36] = True
+    found = tracked_range([before, after], 60, unknown)
+    assert found.low[0, 0] <= 18 and found.low[0, 0] + found.plane_count[0, 0] >= 28
+    assert found.plane_count[0, 0] < 15
+    assert (found.plane_count[8:16, 32:40] == 60).all()
+    assert (found.plane_count[:, :24] < 15).all()

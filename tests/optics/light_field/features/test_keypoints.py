@@ -17,10 +17,11 @@ from mirrorcam.optics.light_field.features.keypoints import (
     Keypoints,
     detect,
     detector,
-    distances,
+    differing_bits,
     focal_slice,
     grey_views,
     inner_masks,
+    pairwise_distances,
     slice_inverse_distances,
     stack_keypoints,
     to_comparable,
@@ -86,7 +87,7 @@ def test_bits_are_counted() -> None:
     random = np.random.default_rng(1)
     one, other = random.integers(0, 256, (2, 20, 61), dtype=np.uint8)
     expected = np.unpackbits(one ^ other, axis=1).sum(axis=1)
-    assert (distances(to_comparable(one), to_comparable(other)) == expected).all()
+    assert (differing_bits(to_comparable(one), to_comparable(other)) == expected).all()
 
 
 def test_descriptors_of_sift_are_compared_by_their_angle() -> None:
@@ -94,8 +95,9 @@ def test_descriptors_of_sift_are_compared_by_their_angle() -> None:
     one = random.uniform(0, 100, (20, 128)).astype(np.float32)
     unit = to_comparable(one)
     assert np.allclose(np.linalg.norm(unit, axis=1), 1.0, atol=1e-5)
-    assert np.allclose(distances(unit, to_comparable(3 * one)), 0.0, atol=1e-5)
-    assert distances(unit, unit[::-1].copy()).min() > 0.01
+    between = pairwise_distances(unit, to_comparable(3 * one))
+    assert np.allclose(np.diagonal(between), 0.0, atol=1e-5)
+    assert (between + np.eye(20) > 0.01).all()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -113,7 +115,7 @@ def test_without_its_module_akaze_is_refused_in_one_line(monkeypatch: pytest.Mon
 
 
 def test_other_detectors_are_refused_in_one_line() -> None:
-    with pytest.raises(InputError, match="detector 'SURF', expected SIFT, ORB, AKAZE"):
+    with pytest.raises(InputError, match="detector 'SURF', expected ORB, AKAZE"):
         detector("SURF", 100)  # type: ignore[arg-type]  # this must fail
 
 
@@ -123,9 +125,15 @@ def scene() -> LightField:
 
 
 def found(light_field: LightField, count: int = 400) -> tuple[Keypoints, FloatArray]:
+    """Return the keypoints of the stack and their own inverse distances (n,), without competing ones."""
     images = grey_views(light_field)
     everywhere = np.full(images.shape, 255, np.uint8)
-    return stack_keypoints(ViewGeometry.of(light_field), images, everywhere, everywhere[0], RANGE, count)
+    keypoints, rows, inverse_distance = stack_keypoints(
+        ViewGeometry.of(light_field), images, everywhere, everywhere[0], RANGE, count
+    )
+    own = len(keypoints.pixels)
+    assert np.array_equal(rows[:own], np.arange(own))
+    return keypoints, inverse_distance[:own]
 
 
 def test_the_slice_of_a_plane_is_the_central_view_with_less_noise() -> None:

@@ -11,7 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.light_field.features import DetectorName, FeatureFinder, Features
+from mirrorcam.optics.light_field.features import DetectorName, FeatureDetector, FeatureFinder, Features
 from mirrorcam.optics.light_field.features.light_field_features import _one_per_pixel
 from mirrorcam.optics.light_field.light_field import Axis, LightField, Views
 from tests.nightly import a_few
@@ -30,7 +30,7 @@ def scene() -> tuple[LightField, FloatArray]:
 
 @pytest.fixture(scope="module")
 def found(scene: tuple[LightField, FloatArray]) -> Features:
-    return FeatureFinder(scene[0], "SIFT").find(scene[0])
+    return FeatureFinder(scene[0], "ORB").find(scene[0])
 
 
 def true_at(features: Features, depth_mm: FloatArray) -> FloatArray:
@@ -91,9 +91,10 @@ def test_errors_match_their_uncertainties(scene: tuple[LightField, FloatArray], 
     assert np.allclose(ratio, found.depth_sigma_mm)
 
 
-def test_occluded_views_are_not_counted(scene: tuple[LightField, FloatArray], found: Features) -> None:
+def test_occluded_views_are_not_counted(scene: tuple[LightField, FloatArray]) -> None:
     """Features of the wall that the board hides from a view."""
     light_field = scene[0]
+    found = FeatureFinder(light_field).find(light_field)
     wall = found.depth_mm > 420
     pixels = np.moveaxis(light_field.project(found.points_in_rig_mm), 2, 0)
     corners = np.array([[-30.0, -60.0], [55.0, -60.0], [55.0, 25.0], [-30.0, 25.0]])
@@ -112,7 +113,7 @@ def test_occluded_views_are_not_counted(scene: tuple[LightField, FloatArray], fo
 
 
 def test_the_same_light_field_has_the_same_features(scene: tuple[LightField, FloatArray], found: Features) -> None:
-    finder = FeatureFinder(scene[0], "SIFT")
+    finder = FeatureFinder(scene[0], "ORB")
     for features in (finder.find(scene[0]), finder.find(scene[0])):
         for field in fields(Features):
             one, other = getattr(features, field.name), getattr(found, field.name)
@@ -124,7 +125,7 @@ def test_views_assumed_on_an_even_grid_find_few_features(scene: tuple[LightField
     even = np.zeros((3, 3, 3))
     even[..., 0], even[..., 1] = [-35.0, 0.0, 35.0], [[-25.0], [0.0], [25.0]]
     moved = LightField.of(uneven_views(positions_mm=even), light_field.samples, light_field.weights)
-    features = FeatureFinder(moved, "SIFT").find(moved)
+    features = FeatureFinder(moved, "ORB").find(moved)
     assert len(features) < 0.35 * len(found)
 
 
@@ -132,17 +133,17 @@ def test_more_views_or_a_shorter_distance_give_fewer_and_more_certain_features(
     scene: tuple[LightField, FloatArray], found: Features
 ) -> None:
     light_field = scene[0]
-    everywhere = FeatureFinder(light_field, "SIFT", min_views=8).find(light_field)
+    everywhere = FeatureFinder(light_field, "ORB", min_views=8).find(light_field)
     assert 20 < len(everywhere) < len(found)
     assert everywhere.seen.all()
-    strict = FeatureFinder(light_field, "SIFT", max_distance_px=0.1).find(light_field)
+    strict = FeatureFinder(light_field, "ORB", max_distance_px=0.1).find(light_field)
     assert 20 < len(strict) < len(found)
     assert np.median(strict.residual_px) < np.median(found.residual_px)
 
 
 def test_features_are_sought_between_the_given_depths(scene: tuple[LightField, FloatArray]) -> None:
     light_field = scene[0]
-    near = FeatureFinder(light_field, "SIFT", nearest_mm=250.0, farthest_mm=420.0).find(light_field)
+    near = FeatureFinder(light_field, "ORB", nearest_mm=250.0, farthest_mm=420.0).find(light_field)
     assert len(near) > 20
     assert near.depth_mm.max() < 420
 
@@ -155,7 +156,7 @@ def test_two_slopes_along_any_directions_are_flagged(turn_deg: float) -> None:
     shares = []
     for apart in (0.0, 2e-5):
         light_field = astigmatic(views, axes @ np.diag([1 / 450.0 + apart, 1 / 450.0 - apart]) @ axes.T)
-        features = FeatureFinder(light_field, "SIFT", max_distance_px=1.5).find(light_field)
+        features = FeatureFinder(light_field, "ORB", max_distance_px=1.5).find(light_field)
         assert len(features) > 50
         shares.append(np.mean(features.refracted))
         assert np.median(features.depth_mm) == pytest.approx(370.0, rel=0.01)
@@ -166,12 +167,13 @@ def test_two_slopes_along_any_directions_are_flagged(turn_deg: float) -> None:
 def test_two_slopes_have_the_right_size_and_sign() -> None:
     views = uneven_views(positions_mm=uneven_views().positions_mm * [1.0, 1.0, 0.0])
     light_field = astigmatic(views, np.diag([1 / 440.0, 1 / 460.0]))
-    features = FeatureFinder(light_field, "SIFT", max_distance_px=1.5).find(light_field)
+    features = FeatureFinder(light_field, "ORB", max_distance_px=1.5).find(light_field)
     expected = views.disparity_px_from_depth(np.array([440.0, 460.0]) - 80.0)
     assert np.allclose(np.median(features.apart_disparity_px, axis=0), expected, atol=0.03)
 
 
-def test_a_repeating_pattern_gives_no_wrong_depth() -> None:
+@pytest.mark.parametrize("name", ["SIFT4D", "AKAZE"])
+def test_a_repeating_pattern_gives_no_wrong_depth(name: FeatureDetector) -> None:
     """With a regular grid of views and a periodic pattern, several depths look alike; none is guessed."""
     positions = np.zeros((3, 3, 3))
     positions[..., 0], positions[..., 1] = [-30.0, 0.0, 30.0], [[-30.0], [0.0], [30.0]]
@@ -186,7 +188,7 @@ def test_a_repeating_pattern_gives_no_wrong_depth() -> None:
         across, down = np.int64(u + 5 * (s - 1)) % 16, np.int64(v + 5 * (t - 1)) % 16
         grey[t, s] = 128 + cell[down, across]
     light_field = of_grey(views, grey)
-    features = FeatureFinder(light_field, "SIFT").find(light_field)
+    features = FeatureFinder(light_field, name).find(light_field)
     step_px = 800.0 * 30.0 / (features.depth_mm + 80) - 800.0 * 30.0 / views.reference_distance_mm
     wrong = np.abs(step_px - 5.0) > 1
     assert wrong.sum() <= 2
@@ -213,7 +215,7 @@ def test_a_blank_light_field_has_no_features() -> None:
     for weight in (0.0, 1.0):
         samples = np.full((*shape, 1), 80 * int(weight), np.uint8)
         blank = LightField.of(views, samples, np.full(shape, weight, np.float32))
-        names: tuple[DetectorName, ...] = ("SIFT", "ORB")
+        names: tuple[FeatureDetector, ...] = ("SIFT4D", "ORB")
         for name in names:
             features = FeatureFinder(views, name).find(blank)
             assert len(features) == 0

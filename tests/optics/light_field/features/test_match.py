@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.keypoints import Keypoints
@@ -13,14 +14,14 @@ from tests.optics.light_field.features.scenes import uneven_views
 RANGE = (1 / 5000.0, 1 / 200.0)
 
 
-def keypoints(pixels: FloatArray, descriptors: FloatArray, scale: float = 1.0, angle: float = 0.0) -> Keypoints:
+def keypoints(pixels: FloatArray, descriptors: NDArray[np.uint64], scale: float = 1.0, angle: float = 0.0) -> Keypoints:
     count = len(pixels)
-    return Keypoints(pixels, np.full(count, scale), np.full(count, angle), descriptors.astype(np.float32))
+    return Keypoints(pixels, np.full(count, scale), np.full(count, angle), descriptors)
 
 
-def unit(count: int) -> FloatArray:
-    random = np.random.default_rng(0).standard_normal((count, 128))
-    return np.asarray(random / np.linalg.norm(random, axis=1, keepdims=True))
+def bits(count: int) -> NDArray[np.uint64]:
+    """Return different descriptors (count, 4) of 256 bits."""
+    return np.random.default_rng(0).integers(0, 2**64, (count, 4), dtype=np.uint64)
 
 
 def scene(count: int = 30) -> tuple[ViewGeometry, FloatArray, FloatArray]:
@@ -32,10 +33,10 @@ def scene(count: int = 30) -> tuple[ViewGeometry, FloatArray, FloatArray]:
 
 def test_matches_give_the_inverse_distance_for_any_view_positions() -> None:
     geometry, inverse, seen = scene()
-    looks = unit(30)
+    looks = bits(30)
     shuffled = np.random.default_rng(1).permutation(30)
     others = {view: keypoints(seen[view][shuffled], looks[shuffled]) for view in (0, 3, 7)}
-    found = find_candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.full(30, 1.0), map)
+    found = find_candidates(geometry, keypoints(seen[4], looks), others, "ORB", RANGE, np.full(30, 1.0), map)
     assert found.inverse_distance.shape == (30, 3, CANDIDATES_PER_VIEW)
     assert np.allclose(found.inverse_distance[..., 0], inverse[:, None], rtol=1e-9)
     assert np.abs(found.epipolar_distance_px[..., 0]).max() < 1e-9
@@ -48,13 +49,13 @@ def test_matches_give_the_inverse_distance_for_any_view_positions() -> None:
 
 def test_matches_off_the_line_out_of_range_or_of_other_appearance_are_left_out() -> None:
     geometry, inverse, seen = scene()
-    looks = unit(30)
+    looks = bits(30)
     line = geometry.predict(1, geometry.directions(seen[4]), inverse + 1e-5) - seen[1]
     across = np.stack([-line[:, 1], line[:, 0]], axis=1) / np.linalg.norm(line, axis=1, keepdims=True)
 
     def matched(other: Keypoints, reference: Keypoints | None = None) -> int:
         at = keypoints(seen[4], looks) if reference is None else reference
-        found = find_candidates(geometry, at, {1: other}, "SIFT", RANGE, np.full(30, 1.0), map)
+        found = find_candidates(geometry, at, {1: other}, "ORB", RANGE, np.full(30, 1.0), map)
         return int(np.isfinite(found.inverse_distance[:, 0, 0]).sum())
 
     assert matched(keypoints(seen[1], looks)) == 30
@@ -70,17 +71,16 @@ def test_matches_off_the_line_out_of_range_or_of_other_appearance_are_left_out()
 
 def test_similar_matches_keep_their_order_and_too_many_are_dropped() -> None:
     geometry, _, seen = scene(1)
-    looks = unit(1)
+    looks = bits(1)
     steps = np.linspace(1 / 4000.0, 1 / 300.0, CANDIDATES_PER_VIEW + 1)
     pixels = np.concatenate([geometry.predict(1, geometry.directions(seen[4]), step) for step in steps])
     other = geometry.predict(3, geometry.directions(seen[4]), steps[1])
     described = np.repeat(looks, CANDIDATES_PER_VIEW + 1, axis=0)
-    described[:, 0] += 0.01 * np.array([3, 1, 0, 2, 4])
-    described /= np.linalg.norm(described, axis=1, keepdims=True)
+    described[:, 0] ^= np.uint64(2) ** np.array([3, 1, 0, 2, 4], np.uint64) - np.uint64(1)  # so many bits differ
 
     def found(count: int) -> Candidates:
         others = {1: keypoints(pixels[:count], described[:count]), 3: keypoints(other, looks)}
-        return find_candidates(geometry, keypoints(seen[4], looks), others, "SIFT", RANGE, np.ones(1), map)
+        return find_candidates(geometry, keypoints(seen[4], looks), others, "ORB", RANGE, np.ones(1), map)
 
     assert np.allclose(found(CANDIDATES_PER_VIEW).inverse_distance[0, 0], steps[[2, 1, 3, 0]])
     assert np.allclose(found(CANDIDATES_PER_VIEW).inverse_distance[0, 1, 0], steps[1])

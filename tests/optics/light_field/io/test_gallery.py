@@ -47,11 +47,26 @@ SETS = (
     *(
         PublicSet(
             name,
-            "Middlebury 2003, im2.png and im6.png",
+            "Middlebury 2003, im2.png and im6.png, github.com/xland16/disparitymapping",
             Assumed(cols=2, step_mm=160.0, focal_px=900.0, reference_depth_mm=PARALLEL),
             (1, 2, 450, 375),
         )
         for name in ("cones", "teddy")
+    ),
+    PublicSet(
+        "lf_gs",
+        "nine views with a binary COLMAP model, github.com/yixuhuang72-hue/LF-GS, data",
+        NOTHING,
+        (3, 3, 541, 375),
+        ("cameras turned by up to 9.5 deg",),
+    ),
+    PublicSet(
+        "three_photos",
+        "photographs of a phone with a COLMAP model as text, github.com/Brianmax/NeRF, colmap_text as sparse and fotos "
+        "as images",
+        NOTHING,
+        (1, 3, 1152, 864),
+        ("cameras turned by up to 12 deg",),
     ),
     PublicSet(
         "midd1",
