@@ -200,10 +200,10 @@ class CompressionSpring(Value):
 class HolderDimensions(Value):
     """Dimensions of the mirror holder that do not follow from the layout."""
 
-    mirrors: Literal["tape", "glue", "screws"] = Field(
-        default="tape",
-        description="how mirrors are mounted: on the three pads of their seats by double-sided tape, glued to their "
-        "seats, or each glued to a carrier that three sprung screws from behind draw to the holder and tilt",
+    mirrors: Literal["glue", "tape", "screws"] = Field(
+        default="glue",
+        description="how mirrors are mounted: glued to their seats, on the three pads of their seats by double-sided "
+        "tape, or each glued to a carrier that three sprung screws from behind draw to the holder and tilt",
     )
     tape_mm: float = Bounds(0.02, 1.0).field(
         0.2, "thickness of the tape: a film with adhesive on both sides, not foam, which creeps and sets no distance"
@@ -255,7 +255,7 @@ class HolderDimensions(Value):
         0.8, "how far the baffle stands outside the rims: if less than its thickness, no slit remains"
     )
     shade_step_mm: float = _positive(5.0, "length of the baffle's straight pieces")
-    dust_cover: bool = Field(default=True, description="print a cap for the mirrors, where it fits the bed")
+    dust_cover: bool = Field(default=False, description="print a cap for the mirrors, where it fits the bed")
     pin_mm: tuple[_Size, _Size] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
     depth_without_spec_mm: float = _positive(500.0, "working distance of a layout without a spec")
 

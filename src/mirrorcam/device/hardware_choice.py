@@ -37,10 +37,10 @@ class HardwareChoice(Value):
         description="what carries the device: a desk, a tripod, an arm and others (docs/cad.md). "
         + UNSET.format("none"),
     )
-    mounting: Literal["tape", "glue", "screws"] | None = Field(
+    mounting: Literal["glue", "tape", "screws"] | None = Field(
         default=None,
-        description="mounting of the mirrors: by tape or glue on the holder, or each on a carrier that three sprung "
-        "screws tilt. " + UNSET.format("tape"),
+        description="mounting of the mirrors: by glue or tape on the holder, or each on a carrier that three sprung "
+        "screws tilt. " + UNSET.format("glue"),
     )
 
     look_deg: float | None = Bounds(-90.0, 90.0).field(

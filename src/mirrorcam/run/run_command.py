@@ -23,7 +23,7 @@ def run(
     *,
     quick: Annotated[bool, Parameter(help="smaller example in a minute: 2 x 2 mirrors, half the resolution")] = False,
     adapter: AdapterOption = "none",
-    mounting: Mounting = "tape",
+    mounting: Mounting = "glue",
     seed: Annotated[int, bounded(SEED, "seed of poses, tolerances and noise")] = 0,
     out: Annotated[
         Path | None, Parameter(help="output folder; valid results in it are reused [default: output/default or quick]")
@@ -52,7 +52,7 @@ def run(
     out = out or Path("output/quick" if quick else "output/default")
     options = f" {design.name}" if design else " --quick" if quick else ""
     options += "" if adapter == "none" else f" --adapter {adapter}"
-    options += "" if mounting == "tape" else f" --mounting {mounting}"
+    options += "" if mounting == "glue" else f" --mounting {mounting}"
     figures = run_all(recipe, out, f"mirrorcam run{options} --seed {seed}", TERMINAL, force=force)
     failed = {name: metric for name, metric in figures.parts.items() if not metric.passed}
     limited = {name: metric for name, metric in figures.validation.items() if metric.limit is not None}

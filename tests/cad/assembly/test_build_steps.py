@@ -15,7 +15,6 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.hardware import Cutting
 from mirrorcam.cad.plan.part_plan import BoughtKind, PurchasedItem
 from mirrorcam.optics.geometry.camera_library import read_body
-from tests.cad.glued import GLUED
 
 PIECES = ("mirror_holder_1", "mirror_holder_2", "mount", "camera_clip", "adapter_cap", "mirror_0-0", "camera")
 FASTENED = {
@@ -96,8 +95,7 @@ def test_tools_follow_fasteners_and_material(device: Device) -> None:
         return {tool.name for tool in tools_of(of, items)}
 
     assert names(device, item("insert", "M3")) - names(device) == {"soldering iron with a tip for M3 inserts"}
-    glued = replace(device, hardware=GLUED)
-    assert names(glued, item("nut", "M3")) - names(glued) == {"tweezers"}
+    assert names(device, item("nut", "M3")) - names(device) == {"tweezers"}
     forming = item("screw", "M2 thread-forming")
     assert names(device, forming) - names(device) == {"small screwdriver"}
     glass = replace(device, hardware=device.hardware.replaced(cutting=Cutting(material="glass")))

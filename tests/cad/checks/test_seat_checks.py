@@ -17,15 +17,15 @@ from scipy.spatial.transform import Rotation
 from shapely import Polygon
 
 from mirrorcam.cad.checks.seat_checks import FlatFace, _loop, check_seats, find_seat, flat_faces, pocket_gaps_mm
+from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from tests.cad.glued import GLUED
 
-FIT = GLUED.fit.free_mm
+FIT = HARDWARE.fit.free_mm
 WIDTH, HEIGHT, THICKNESS = 30.0, 20.0, 2.0
-BOND = GLUED.holder.bond_mm
+BOND = HARDWARE.holder.bond_mm
 PADS_AT = ((-12.0, -7.0), (12.0, -7.0), (0.0, 7.0))
 PADS_OF_AREA = 12.0 / (WIDTH * HEIGHT)
 Seated = tuple[Layout, tuple[Part, ...]]
@@ -80,7 +80,7 @@ def cover_of(layout: Layout) -> tuple[float, ...]:
 def test_blocks_with_pockets_seat_their_mirrors(seated: Seated, tmp_path: Path) -> None:
     layout, parts = seated
     faces = read_back(parts, tmp_path)
-    checks = check_seats(faces, layout, GLUED, cover_of(layout))
+    checks = check_seats(faces, layout, HARDWARE, cover_of(layout))
     assert failed(checks) == set()
     assert checks["seat_offset_um"].value < 1e-3
     assert checks["seat_cover"].value == pytest.approx(1.0 - PADS_OF_AREA)
@@ -94,7 +94,7 @@ def test_blocks_with_pockets_seat_their_mirrors(seated: Seated, tmp_path: Path) 
 def test_a_seat_two_microns_too_deep_is_found(seated: Seated, tmp_path: Path) -> None:
     layout, parts = seated
     deep = (parts[0], seat_block(layout.mirrors[1], sink=0.002))
-    checks = check_seats(read_back(deep, tmp_path), layout, GLUED, cover_of(layout))
+    checks = check_seats(read_back(deep, tmp_path), layout, HARDWARE, cover_of(layout))
     assert failed(checks) == {"seat_offset_um", "bond_error_um"}
     assert checks["seat_offset_um"].value == pytest.approx(2.0, abs=1e-3)
 
@@ -103,7 +103,7 @@ def test_a_seat_two_microns_too_deep_is_found(seated: Seated, tmp_path: Path) ->
 def test_a_bond_two_microns_off_is_found(seated: Seated, tmp_path: Path, error_mm: float) -> None:
     layout, parts = seated
     off = (parts[0], seat_block(layout.mirrors[1], bond=BOND + error_mm))
-    checks = check_seats(read_back(off, tmp_path), layout, GLUED, cover_of(layout))
+    checks = check_seats(read_back(off, tmp_path), layout, HARDWARE, cover_of(layout))
     assert failed(checks) == {"bond_error_um"}
     assert checks["bond_error_um"].value == pytest.approx(2.0, abs=1e-3)
 
@@ -116,7 +116,7 @@ def test_a_mirror_that_is_not_on_three_pads_about_its_middle_is_found(
 ) -> None:
     layout, parts = seated
     wobbly = (parts[0], seat_block(layout.mirrors[1], pads=pads))
-    checks = check_seats(read_back(wobbly, tmp_path), layout, GLUED, cover_of(layout))
+    checks = check_seats(read_back(wobbly, tmp_path), layout, HARDWARE, cover_of(layout))
     assert "seats_without_three_pads" in failed(checks) <= {"seats_without_three_pads", "seat_cover_lost"}
     assert checks["seats_without_three_pads"].value == 1
 
@@ -127,7 +127,7 @@ def test_a_seat_tilted_by_two_thousandths_of_a_degree_is_found(seated: Seated, t
     axis = mirror.rig_from_plane[:3, 0] * np.radians(0.002)
     tilted = mirror.moved(Rotation.from_rotvec(axis).as_matrix(), np.zeros(3))
     checks = check_seats(
-        read_back(parts, tmp_path), layout.replaced(mirrors=(layout.mirrors[0], tilted)), GLUED, cover_of(layout)
+        read_back(parts, tmp_path), layout.replaced(mirrors=(layout.mirrors[0], tilted)), HARDWARE, cover_of(layout)
     )
     assert checks["seat_angle_deg"].value == pytest.approx(0.002, rel=1e-4)
     assert "seat_angle_deg" in failed(checks)
@@ -159,7 +159,7 @@ def test_a_border_is_read_in_order_though_its_edges_do_not_quite_meet(turned: in
 def test_a_missing_seat_is_found(seated: Seated, tmp_path: Path) -> None:
     layout, parts = seated
     sunk = (parts[0], seat_block(layout.mirrors[1], sink=0.5))
-    checks = check_seats(read_back(sunk, tmp_path), layout, GLUED, cover_of(layout))
+    checks = check_seats(read_back(sunk, tmp_path), layout, HARDWARE, cover_of(layout))
     assert failed(checks) == {"seats_missing", "seats_without_three_pads", "seat_cover_lost"}
     assert checks["seat_cover_lost"].value == pytest.approx(1.0 - PADS_OF_AREA)
 
@@ -170,25 +170,25 @@ def test_a_groove_in_a_seat_bears_nothing_and_has_to_be_planned(seated: Seated, 
     groove = plane_of(layout.mirrors[0]) * Pos(6, 0, 0) * Box(4.0, HEIGHT, 1.2)
     grooved = (Part((parts[0] - groove).solids()), parts[1])
     faces = read_back(grooved, tmp_path)
-    unplanned = check_seats(faces, layout, GLUED, cover_of(layout))
+    unplanned = check_seats(faces, layout, HARDWARE, cover_of(layout))
     assert failed(unplanned) == {"seat_cover_lost"}
     assert unplanned["seat_cover"].value == pytest.approx(26.0 / 30.0 - PADS_OF_AREA, abs=1e-6)
     assert unplanned["seat_span_mm"].value == pytest.approx(4.0, abs=0.05)
-    assert failed(check_seats(faces, layout, GLUED, (26.0 / 30.0 - PADS_OF_AREA, *cover_of(layout)[1:]))) == set()
+    assert failed(check_seats(faces, layout, HARDWARE, (26.0 / 30.0 - PADS_OF_AREA, *cover_of(layout)[1:]))) == set()
 
 
 def test_a_seat_may_lie_on_two_parts(seated: Seated, tmp_path: Path) -> None:
     layout, parts = seated
     half = plane_of(layout.mirrors[0]) * Pos(50, 0, 0) * Box(100.0, 100.0, 100.0)
     cut = (Part((parts[0] - half).solids()), Part((parts[0] & half).solids()), parts[1])
-    assert failed(check_seats(read_back(cut, tmp_path), layout, GLUED, cover_of(layout))) == set()
+    assert failed(check_seats(read_back(cut, tmp_path), layout, HARDWARE, cover_of(layout))) == set()
 
 
 @pytest.mark.parametrize("error_mm", [0.002, -0.002])
 def test_a_pocket_two_microns_off_is_found(seated: Seated, tmp_path: Path, error_mm: float) -> None:
     layout, parts = seated
     off = (parts[0], seat_block(layout.mirrors[1], clearance=FIT + error_mm))
-    checks = check_seats(read_back(off, tmp_path), layout, GLUED, cover_of(layout))
+    checks = check_seats(read_back(off, tmp_path), layout, HARDWARE, cover_of(layout))
     assert failed(checks) == {"pocket_error_um"}
     assert checks["pocket_error_um"].value == pytest.approx(2.0, abs=1e-3)
 

@@ -24,8 +24,6 @@ from mirrorcam.cad.checks.cut_outlines import check_cuts
 from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of
 from mirrorcam.cad.guide.assembly_guide import camera_toml, focus_of, write_guide
 from mirrorcam.cad.guide.device_pictures import EDGE_TEXT, scale_edges
-from mirrorcam.cad.holder.holder_plan import plan_holder
-from mirrorcam.cad.holder.holder_solid import make_holder
 from mirrorcam.cad.mirrors.sheet_files import write_sheets
 from mirrorcam.cad.parts.reclamping import repeatability
 from mirrorcam.cad.plan.back_table import Gen2Back
@@ -35,7 +33,6 @@ from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism, outline_at
 from mirrorcam.cad.write.bill_of_materials import as_markdown, bill_of
-from mirrorcam.cad.write.part_export import write_stl
 from mirrorcam.cad.write.slicer import LAYERS, NOZZLE
 from mirrorcam.core.figures.figure_texts import TIMES
 from mirrorcam.core.values import Metric
@@ -43,8 +40,8 @@ from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror_gaps import edges_mm
-from tests.cad.glued import GLUED
 from tests.cad.guide.conftest import Made
+from tests.cad.taped import TAPED
 
 
 def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
@@ -71,32 +68,30 @@ def test_every_screw_inside_the_mount_has_an_opening_behind_it_that_its_head_pas
     assert len(wide) >= len(made.device.holder.holes_in_mount_mm) + len(made.device.clip.slide_points)
 
 
-def test_the_guide_and_the_parts_list_state_three_squares_of_tape_for_each_mirror(made: Made) -> None:
+def test_the_guide_and_the_parts_list_state_the_glue_that_fills_the_gap(made: Made) -> None:
+    """The gap is measured: the space behind the mirrors, as thick as the bond, that the printed holder leaves free."""
     guide, bill = ((made.folder / name).read_text(encoding="utf-8") for name in ("guide.md", "bom.md"))
-    count, width = 3 * len(made.device.layout.mirrors), made.device.hardware.holder.tape_pad_mm
-    assert f"cut {count} squares of {width:g} mm" in guide
-    assert f"{count} squares of {width:g} mm" in bill
-    assert "silicone" not in guide
-
-
-@pytest.fixture(scope="module")
-def glued_guide(made: Made, tmp_path_factory: pytest.TempPathFactory) -> str:
-    folder = tmp_path_factory.mktemp("glued")
-    write_guide(folder, plan_device(made.device.layout, GLUED), made.parts, made.components)
-    return (folder / "guide.md").read_text(encoding="utf-8")
-
-
-def test_the_guide_states_the_glue_that_fills_the_gap(made: Made, glued_guide: str, tmp_path: Path) -> None:
-    """The gap is measured: the space behind the mirrors, as thick as the bond, that the holder leaves free."""
-    bond = GLUED.holder.bond_mm
-    write_stl(tmp_path / "holder.stl", make_holder(plan_holder(made.device.layout, GLUED)))
-    solid = solid_of(read_stl(tmp_path / "holder.stl"))
+    bond = made.device.hardware.holder.bond_mm
+    (holder,) = (part for part in made.parts if part.name == "mirror_holder")
+    solid = solid_of(read_stl(holder.stl))
     gap_mm3 = 0.0
     for mirror in made.device.layout.mirrors:
         seat = outline_at(mirror, mirror.back_mm - bond)
         gap_mm3 += (Manifold.hull_points(np.vstack([seat, mirror_prism(mirror).base])) - solid).volume()
-    (stated,) = re.findall(r"not on the pads: ([0-9.]+) ml for all mirrors", glued_guide)
-    assert float(stated) == pytest.approx(gap_mm3 / 1000.0, rel=0.2)
+    stated = re.findall(r"not on the pads: ([0-9.]+) ml for all mirrors", guide)
+    stated += re.findall(rf"\| ([0-9.]+) ml, {bond:g} mm behind every mirror \|", bill)
+    assert len(stated) == 2
+    assert [float(ml) for ml in stated] == pytest.approx([gap_mm3 / 1000.0] * 2, rel=0.2)
+
+
+def test_the_guide_and_the_parts_list_state_three_squares_of_tape_for_each_mirror(made: Made, tmp_path: Path) -> None:
+    device = plan_device(made.device.layout, TAPED)
+    write_guide(tmp_path, device, made.parts, made.components)
+    guide, bill = (tmp_path / "guide.md").read_text(encoding="utf-8"), as_markdown(bill_of(device, made.parts, ()))
+    count, width = 3 * len(device.layout.mirrors), TAPED.holder.tape_pad_mm
+    assert f"cut {count} squares of {width:g} mm" in guide
+    assert f"{count} squares of {width:g} mm" in bill
+    assert "silicone" not in guide
 
 
 def test_commands_of_the_guide_name_the_layout_by_its_path(made: Made) -> None:
@@ -336,10 +331,10 @@ def test_the_picture_is_checked_once_the_device_stands(made: Made, tmp_path: Pat
     assert places == sorted(places)
 
 
-def test_the_glue_has_the_time_that_its_air_needs(made: Made, glued_guide: str) -> None:
+def test_the_glue_has_the_time_that_its_air_needs(made: Made) -> None:
     """Glue cures by 2 to 3 mm a day, up to the radius of the largest circle in a mirror."""
-    pattern = r"is (\d+) mm from its edge, which takes (\d+) to (\d+) days"
-    far, least, most = map(int, re.findall(pattern, glued_guide)[0])
+    text = (made.folder / "guide.md").read_text(encoding="utf-8")
+    far, least, most = map(int, re.findall(r"is (\d+) mm from its edge, which takes (\d+) to (\d+) days", text)[0])
     widest = max(Polygon(mirror.outline_in_plane_mm).minimum_clearance for mirror in made.device.layout.mirrors)
     assert far == pytest.approx(widest / 2.0, abs=3.0)
     assert (least, most) == (math.ceil(far / 3), math.ceil(far / 2))

@@ -267,6 +267,11 @@ NAMES = ("mount", "camera_clip", "fit_coupon", *OF_BACKS)
 ALL = (*NAMES, "dust_cover")
 
 
+@pytest.fixture(scope="module")
+def device(covered_device: Device) -> Device:
+    return covered_device
+
+
 @cache
 def parts_with(device: Device, kind: str) -> dict[str, PartPlan]:
     """The parts of the default device with a back, by their names."""

@@ -20,11 +20,11 @@ from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.holder_solid import check_gaps, make_holder, solid_of
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.rims import GROUND_MM
+from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from tests.cad.glued import GLUED
 
 
 def test_a_frustums_solid_has_its_volume() -> None:
@@ -58,7 +58,7 @@ def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
     make_flat_pair: Callable[..., Layout], kind: Literal["insert", "nut"]
 ) -> None:
     """All seats coplanar: a plate with rims on a flange, minus its grooves, hollows and holes."""
-    hardware = GLUED.replaced(screw=GLUED.screw.replaced(kind=kind))
+    hardware = HARDWARE.replaced(screw=HARDWARE.screw.replaced(kind=kind))
     layout = make_flat_pair(gap_mm=8.0, width_mm=40.0, height_mm=30.0, thickness_mm=2.0)
     plan = without_walls(plan_holder(layout, hardware))
     margin, dimensions, screw = hardware.fit.free_mm + hardware.holder.rim_mm, hardware.holder, hardware.screw
@@ -106,7 +106,7 @@ def test_the_back_is_one_flat_face(device: Device) -> None:
     assert len(outermost.inner_wires()) == 4 + len(plan.hollows)
     drilled = part.faces().filter_by(GeomType.CYLINDER)
     assert len(drilled) == 4
-    assert all(face.radius == pytest.approx(GLUED.screw.insert_hole_mm / 2) for face in drilled)
+    assert all(face.radius == pytest.approx(HARDWARE.screw.insert_hole_mm / 2) for face in drilled)
     # Nothing protrudes from it: the part is flat on the bed.
     corners = np.array([tuple(vertex) for vertex in part.vertices()]) @ away
     assert corners.max() == pytest.approx(float(np.array(tuple(outermost.center())) @ away))
@@ -115,7 +115,7 @@ def test_the_back_is_one_flat_face(device: Device) -> None:
 @pytest.mark.slow
 def test_grooves_cut_nothing_out_of_the_walls(fold_90_layout: Layout) -> None:
     """A groove passes through its rim; a slot in the wall behind the rim would have a ceiling, which needs support."""
-    plan = plan_holder(fold_90_layout, GLUED)
+    plan = plan_holder(fold_90_layout, HARDWARE)
     wall, solid = PlanarCsg().solid(plan.walls), make_holder(plan).solid()
     assert solid is not None
     bites = [
@@ -129,15 +129,15 @@ def test_grooves_cut_nothing_out_of_the_walls(fold_90_layout: Layout) -> None:
 
 
 def test_sheets_that_nearly_touch_are_refused(make_flat_pair: Callable[..., Layout]) -> None:
-    check_gaps(make_flat_pair(gap_mm=0.31), GLUED)
+    check_gaps(make_flat_pair(gap_mm=0.31), HARDWARE)
     with pytest.raises(
         InputError, match=r"mirrors 0-0 and 0-1 are 0\.25 mm apart as cut from sheet, expected at least 0\.30"
     ):
-        check_gaps(make_flat_pair(gap_mm=0.25), GLUED)
+        check_gaps(make_flat_pair(gap_mm=0.25), HARDWARE)
 
 
 def test_a_holder_that_the_light_cuts_apart_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
-    body = plan_holder(make_flat_pair(gap_mm=30.0), GLUED)
+    body = plan_holder(make_flat_pair(gap_mm=30.0), HARDWARE)
     origin, turn = body.rig_from_mount[:3, 3], body.rig_from_mount[:3, :3]
     square = np.array([[-5.0, -60.0, 1.0], [5.0, -60.0, 1.0], [5.0, 60.0, 1.0], [-5.0, 60.0, 1.0]])
     slot = Frustum(square @ turn.T + origin, (square - [0.0, 0.0, 60.0]) @ turn.T + origin)

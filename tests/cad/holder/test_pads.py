@@ -64,13 +64,15 @@ def test_pads_keep_away_from_grooves_and_cuts() -> None:
     assert LineString(bare).distance(slot) == 0.0
 
 
-def test_pads_of_a_device_reach_from_inside_the_seat_to_the_tape(default_layout: Layout, device: Device) -> None:
+def test_pads_of_a_device_reach_from_inside_the_seat_to_the_mirrors_back(
+    default_layout: Layout, device: Device
+) -> None:
     assert len(device.holder.pads) == 3 * len(default_layout.mirrors)
     for mirror, pads in zip(default_layout.mirrors, device.holder.pads_of_mirrors, strict=True):
         for pad in pads:
             heights = np.vstack([pad.base, pad.top]) @ mirror.normal_in_rig + mirror.distance_mm
             assert heights.min() == pytest.approx(seat_height_mm(mirror, HARDWARE) - GAP_MM)
-            assert heights.max() == pytest.approx(mirror.back_mm - HARDWARE.holder.tape_mm)
+            assert heights.max() == pytest.approx(mirror.back_mm)
             others = [
                 v
                 for index, group in enumerate(device.holder.keep_outs)
@@ -87,8 +89,8 @@ def test_a_pad_is_as_wide_as_the_table_says() -> None:
 
 
 def test_a_mirror_without_space_for_three_pads_is_refused_by_its_name() -> None:
-    with pytest.raises(InputError, match=r"mirror 0-1 of 5\.0 x 4\.0 mm has no space for three pads of 5 mm"):
+    with pytest.raises(InputError, match=r"mirror 0-1 of 5\.0 x 4\.0 mm has no space for three pads of 2 mm"):
         pads_of(rectangle(5.0, 4.0))
-    with pytest.raises(InputError, match=r"smaller holder\.tape_pad_mm"):
+    with pytest.raises(InputError, match=r"smaller holder\.glue_pad_mm"):
         mirror = rectangle(40.0, 20.0)
         plan_pads("0-1", mirror, box(5.0, -10.0, 20.0, 10.0), (), np.eye(3), NO_CUTS, HARDWARE)

@@ -18,6 +18,11 @@ from mirrorcam.optics.geometry.transforms import inverse, transform
 
 
 @pytest.fixture
+def device(covered_device: Device) -> Device:
+    return covered_device
+
+
+@pytest.fixture
 def cover(device: Device) -> CoverPlan:
     assert device.cover is not None
     return device.cover

@@ -25,7 +25,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from tests.cad.glued import GLUED
+from tests.cad.taped import TAPED
 
 CUBE = Frustum(
     np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]]),
@@ -61,7 +61,7 @@ def test_faces_of_a_frustum_point_outwards_whichever_way_its_corners_run() -> No
     assert not CUBE.may_touch_ball(np.array([1.0, 1.0, 3.0]), 0.9)
 
 
-@pytest.mark.parametrize(("hardware", "behind"), [(HARDWARE, 0.4), (GLUED, 0.2)])
+@pytest.mark.parametrize(("hardware", "behind"), [(HARDWARE, 0.2), (TAPED, 0.4)])
 def test_the_seat_is_behind_the_mirrors_back_by_pads_and_tape(
     default_layout: Layout, hardware: Hardware, behind: float
 ) -> None:

@@ -35,10 +35,10 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         ("M3 x 8 screw", 5),
         ("M3 x 5.7 heat-set insert", 4),
         ("Cable tie, at most 4 mm wide", 2),
-        ("Double-sided tape, clear film with acrylic adhesive, 0.2 mm thick", None),
+        ("Glue for acrylic that does not craze it (neutral silicone)", None),
         *((f"Tool: {tool}", None) for tool in ("calipers", "kitchen scale", "steel ruler", "blade")),
         ("Tool: soldering iron with a tip for M3 inserts", None),
-        *((f"Tool: {tool}", None) for tool in ("tweezers", "cotton gloves", "2.5 mm hex key", "dental floss")),
+        *((f"Tool: {tool}", None) for tool in ("5 ml syringe", "cotton gloves", "2.5 mm hex key", "dental floss")),
         ("Also needed: calibration board, printed on paper", None),
         ("Also needed: flat stiff plate of the same size, glass or aluminium", None),
     ]
