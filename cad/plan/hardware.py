@@ -252,7 +252,7 @@ class HolderDimensions(Value):
         "the sides; 0: only as high as the camera sees past the mirrors",
     )
     shade_out_mm: float = PART_GAP_MM.field(
-        0.8, "how far the baffle stands outside the rims: if less than its thickness, no slit remains"
+        0.7, "how far the baffle stands outside the rims: if less than its thickness, no slit remains"
     )
     shade_step_mm: float = _positive(5.0, "length of the baffle's straight pieces")
     dust_cover: bool = Field(default=False, description="print a cap for the mirrors, where it fits the bed")
