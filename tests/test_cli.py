@@ -143,6 +143,7 @@ def test_no_help_needs_a_heavy_import(tmp_path: Path) -> None:
         ("[design]\nforce = 'perhaps'", "--force 'perhaps' of mirrorcam.toml: expected BOOL"),
         ("[design.rows]\na = 3", 'Unknown option: "[rows][a]" from mirrorcam.toml'),
         ("design = 3", "must be a mapping"),
+        ("[cad]\nadapter = 'own.py'", "mirrorcam.toml: cad.adapter is a file, which only the command line may name"),
         ("[design", "mirrorcam.toml: not valid TOML"),
         ("\n".join(f"design.x{number}.y = 1" for number in range(10_000)), "mirrorcam.toml: is larger than"),
         (f"design{'.a' * 1000} = 1", "a key of more than 32 parts"),

@@ -17,9 +17,13 @@ from numpy.typing import NDArray
 from benchmarks.light_field_depth.rooms import FAR_MM, NEAR_MM, noise, room
 from benchmarks.light_field_depth.scenes import truth_of
 from benchmarks.light_field_depth.stereo import BORDER_PX
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.light_field.depth.estimate import DEFAULT_FAR, DEFAULT_NEAR
 from mirrorcam.optics.light_field.io.formats.hci import read_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.render.linear_light import light_from_levels
+from mirrorcam.render_scenes.sets.sensor_model import photograph
+from mirrorcam.render_scenes.settings import SENSORS, SensorName
 
 Floats = NDArray[np.float32]
 PAIRS = {("im2.png", "im6.png", "disp2.pgm"): 4.0, ("view1.png", "view5.png", "disp1.png"): 3.0}
@@ -28,7 +32,9 @@ PAIR_FOCAL_PX, PAIR_STEP_MM = 1000.0, 100.0
 MAX_PAIR_PX = 80.0
 NOISES = ((5.0, 0.0), (20.0, 0.0), (20.0, 1.0))
 """Standard deviations of white noise, grey levels, and of its blur, px: decoding and compression blur noise."""
-ROOM_NOISES_GREY = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+CAMERAS: tuple[SensorName, ...] = ("c920", "webcam", "poor")
+ROOM_NOISE_GREY = 0.5, 20.0
+"""Least and most noise of a room, grey levels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +63,30 @@ class Case:
             changed[index] = np.rint(np.clip(noisy, 0, 255))
         name = f"noise {grey:g}" + (f" blurred by {blur_px:g} px" if blur_px else "")
         return self._with("noise", name, LightField.of(self.light_field, changed, self.light_field.weights))
+
+    def photographed(self, sensor: SensorName, seed: int) -> Case:
+        """Return the case as a camera sees it: soft, with noise by brightness, processed and compressed."""
+        views, model = self.light_field, SENSORS[sensor].replaced(tone_curve="srgb")
+        width_px, height_px, focal_px = views.width_px, views.height_px, views.focal_px
+        centre_px = (width_px - 1) / 2.0, (height_px - 1) / 2.0
+        camera = Camera(
+            width_px=width_px,
+            height_px=height_px,
+            fx_px=focal_px,
+            fy_px=focal_px,
+            cx_px=centre_px[0],
+            cy_px=centre_px[1],
+        )
+        quality = [cv2.IMWRITE_JPEG_QUALITY, model.jpeg_quality or 100]
+        random = np.random.default_rng(seed)
+        samples: Any = views.samples
+        changed = np.empty_like(samples)
+        for index in np.ndindex(samples.shape[:2]):
+            picture = photograph(light_from_levels(samples[index]), 1, camera, model, random)
+            encoded = cv2.imencode(".jpg", picture[..., ::-1], quality)[1]
+            decoded: Any = cv2.imdecode(encoded, cv2.IMREAD_COLOR)
+            changed[index] = decoded[..., ::-1]
+        return self._with("photographed", f"by {sensor}", LightField.of(views, changed, views.weights))
 
     def within(self, name: str, start: float, end: float) -> Case:
         """Return the case searched over a part of its range of inverse depth only, from fraction `start` to `end`."""
@@ -135,10 +165,12 @@ def _read_pair(folder: Path, names: tuple[str, str, str], units: float) -> Case:
 
 
 def variants(case: Case, seed: int) -> Iterator[Case]:
-    """Yield a scene as it is, with noise, with wrong ranges, with views in a wrong order, and with fewer views."""
+    """Yield a scene as it is, with noise, as cameras see it, with wrong ranges or order of views, with fewer views."""
     yield case
     for number, (grey, blur_px) in enumerate(NOISES):
         yield case.noisy(grey, seed + number, blur_px)
+    for number, sensor in enumerate(CAMERAS):
+        yield case.photographed(sensor, seed + number)
     yield case.within("range too near", 0.6, 1.0)
     yield case.within("range too far", 0.0, 0.4)
     if case.light_field.rows == case.light_field.cols == 3:
@@ -148,13 +180,13 @@ def variants(case: Case, seed: int) -> Iterator[Case]:
 
 
 def rooms(first_seed: int, count: int) -> Iterator[Case]:
-    """Yield rooms with bare walls: every third unfurnished, with a ramp in every second of these."""
+    """Yield rooms with bare walls and noise of any kind: every third unfurnished, half of these with a ramp."""
     for seed in range(first_seed, first_seed + count):
-        grey = ROOM_NOISES_GREY[seed % len(ROOM_NOISES_GREY)]
-        blur_px = float(seed // len(ROOM_NOISES_GREY) % 2)
+        random = np.random.default_rng(seed)
+        grey = float(np.exp(random.uniform(*np.log(ROOM_NOISE_GREY))))
+        blur_px, ramp_grey = random.choice([0.0, 1.0]), random.choice([0.0, 30.0])
         furnished = seed % 3 > 0
-        ramp = None if furnished else 30.0 * (seed % 2)
-        light_field, truth = room(seed, grey, blur_px, furnished=furnished, ramp_grey=ramp)
-        name = "room" if furnished else "wall with a ramp" if ramp else "bare wall"
+        light_field, truth = room(seed, grey, blur_px, furnished=furnished, ramp_grey=None if furnished else ramp_grey)
+        name = "room" if furnished else "wall with a ramp" if ramp_grey else "bare wall"
         blurred = f" blurred by {blur_px:g} px" if blur_px else ""
-        yield Case(f"{name} {seed}, noise {grey:g}{blurred}", "bare walls", light_field, truth, NEAR_MM, FAR_MM)
+        yield Case(f"{name} {seed}, noise {grey:.1f}{blurred}", "bare walls", light_field, truth, NEAR_MM, FAR_MM)

@@ -29,7 +29,7 @@ STEPS = 12
 LIMITS = 0.005
 """Fraction of the pixels beyond each limit of a statistic."""
 TRAINING_SEED, TEST_SEED = 0, 1000
-ROOMS = 18
+ROOMS = 36
 SURE = 0.9
 MIN_CLASS = 0.01
 COLUMNS = "mean confidence", "right", "calibration error", "beyond 3 sigma", "of those sure by 0.9"

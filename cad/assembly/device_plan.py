@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mirrorcam.cad.backs.back import Back
+from mirrorcam.cad.backs.own_back import require_own
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.holder_body import HolderPlan
@@ -18,6 +19,7 @@ from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
 from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
 from mirrorcam.cad.parts.dust_cover import CoverPlan, plan_cover
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
+from mirrorcam.cad.plan.back_table import FileBack
 from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.fasteners import with_holes_for_screws
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
@@ -88,6 +90,8 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     require_same_camera(layout.camera, hardware.camera)
     _require_known_screws(hardware)
     require_cuttable(layout, hardware.cutting)
+    if isinstance(hardware.back, FileBack):
+        require_own(hardware.back)
     clip = plan_clip(hardware)
     light = keep_outs(layout, hardware)
     # The camera's cones end in the pupil, inside the camera.
@@ -98,9 +102,9 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     screwed = hardware.holder.mirrors == "screws"
     holder = plan_screwed_holder(layout, hardware) if screwed else plan_holder(layout, hardware)
     mount = plan_mount(layout, holder, clip, hardware)
-    back = plan_back(clip, mount, hardware)
+    back = plan_back(clip, mount, hardware, tuple(volume for volumes in light for volume in volumes))
     for part in back.parts:
-        require_clear_of_light(part.title.lower(), (part.plan.bounds,), layout, light)
+        require_clear_of_light(part.title.lower(), part.plan.hulls, layout, light)
     for support in back.supports:
         require_clear_of_light(support.name, support.solids, layout, light)
     return Device(

@@ -18,7 +18,7 @@ from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.cad.plan.fasteners import Stack
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem, Rgb
-from mirrorcam.cad.plan.prisms import box, volume_mm3
+from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.stand import aim_in_rig, design_depths_mm, rotated
 from mirrorcam.core.values import FloatArray
@@ -47,6 +47,11 @@ class PlannedPart(Protocol):
         ...
 
     @property
+    def hulls(self) -> tuple[Frustum, ...]:
+        """Convex solids that contain the part; none if its planner has compared it with the light."""
+        ...
+
+    @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
         """The dimensions for its drawing."""
         ...
@@ -65,10 +70,9 @@ class RotatedPlan:
         return np.asarray(self.plan.corners @ self.rig_from_stand.T)
 
     @property
-    def bounds(self) -> Frustum:
-        """The part's bounding box along the stand's axes, in the rig frame."""
-        low, high = self.plan.corners.min(axis=0), self.plan.corners.max(axis=0)
-        return rotated(box(tuple(low), tuple(high)), self.rig_from_stand)
+    def hulls(self) -> tuple[Frustum, ...]:
+        """Convex solids in the rig frame that contain the part."""
+        return tuple(rotated(hull, self.rig_from_stand) for hull in self.plan.hulls)
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
@@ -153,7 +157,7 @@ class RobotLink:
 
     The device's link has x level towards the scene as the device stands on the arm, y left and z up (REP 103); its pose
     is `rig_from_link` (4, 4), mm. In the parent's frame it is at `xyz_mm`, with `rpy` in rad about the fixed axes.
-    `arms` names the arms that fit.
+    `arms` names the arms that fit, and `attached` states in the guide where on its link the device is.
     """
 
     parent: str
@@ -161,6 +165,7 @@ class RobotLink:
     rpy: tuple[float, float, float]
     rig_from_link: FloatArray
     arms: str
+    attached: str
 
 
 def link_at(origin: FloatArray) -> FloatArray:
@@ -187,14 +192,17 @@ class Back:
     It is planned in the stand frame, and `in_rig` takes all of it but `stand` to the rig frame. The foot's screws, of
     the form `foot_form` ("" or `COUNTERSUNK`), have their heads at `foot_heads` (4, 3) and the stack `foot`. `joints`
     are further screws with their threads, `items` other purchased items, and `connections` the joints between its
-    parts. `table` is the hardware's table from which it was planned. `rig_from_stand` (3, 3) is the rotation to the rig
-    frame.
+    parts. `table` is the hardware's table from which it was planned. In the guide, `heading` is the heading of its
+    step, `fits` states what it is for, and `steps` follow the sentence that screws it to the mount. On a wedge a device
+    stands differently: `planned_from_stand` (3, 3) is the rotation from the frame in which it stands to the one in
+    which the mount's foot is level. `rig_from_stand` (3, 3) is the rotation to the rig frame.
     """
 
     table: Any
     parts: tuple[BackPart, ...]
     foot: Stack
     foot_heads: FloatArray
+    heading: str
     foot_form: str = ""
     joints: tuple[BackJoint, ...] = ()
     items: tuple[PurchasedItem, ...] = ()
@@ -203,6 +211,9 @@ class Back:
     critical_sections: tuple[CriticalSection, ...] = ()
     robot: RobotLink | None = None
     stand: Stand | None = None
+    fits: str = ""
+    steps: tuple[str, ...] = ()
+    planned_from_stand: FloatArray = field(default_factory=lambda: np.eye(3))
     rig_from_stand: FloatArray = field(default_factory=lambda: np.eye(3))
 
     @property
@@ -210,9 +221,21 @@ class Back:
         """The kind, by its name in hardware files and commands."""
         return str(self.table.kind)
 
+    @property
+    def look_deg(self) -> float:
+        """The angle of the views above the horizon as the device stands, or above the axis of an arm's flange."""
+        look = np.radians(self.table.look_deg)
+        up = self.planned_from_stand[:, 2]
+        return float(np.degrees(np.arcsin(up @ [0.0, np.cos(look), np.sin(look)])))
+
+
+def in_sentence(title: str) -> str:
+    """A title within a sentence: its first letter is small unless it begins an abbreviation."""
+    return f"{title[0].lower()}{title[1:]}" if title[1:2].islower() else title
+
 
 def in_rig(back: Back, rig_from_stand: FloatArray) -> Back:
-    """An adapter planned in the stand frame, in the rig frame; `rig_from_stand` (3, 3) is the rotation."""
+    """An adapter planned in the stand frame, in the rig frame; `rig_from_stand` (3, 3) is the foot's rotation."""
     frame = rigid(rig_from_stand, np.zeros(3))
 
     def turned(vectors: FloatArray) -> FloatArray:
@@ -266,7 +289,7 @@ def in_rig(back: Back, rig_from_stand: FloatArray) -> Back:
             for section in back.critical_sections
         ),
         robot=back.robot and replace(back.robot, rig_from_link=frame @ back.robot.rig_from_link),
-        rig_from_stand=rig_from_stand,
+        rig_from_stand=rig_from_stand @ back.planned_from_stand,
     )
 
 

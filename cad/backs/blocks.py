@@ -65,7 +65,12 @@ class BlocksPlan:
     @property
     def corners(self) -> FloatArray:
         """The corners (n, 3) of all pieces."""
-        return corners_of((*self.pieces, *(faceted(disc) for disc in self.discs)))
+        return corners_of(self.hulls)
+
+    @property
+    def hulls(self) -> tuple[Frustum, ...]:
+        """The pieces, with faceted discs."""
+        return (*self.pieces, *(faceted(disc) for disc in self.discs))
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:

@@ -165,6 +165,16 @@ def plan_iso9409(table: Iso9409Back, foot: Foot, load: Load, hardware: Hardware)
     back = _flange_back(table, bracket, centring, "Centring ring", points, "M6", hardware)
     return replace(
         back,
+        fits=f"The arm must have a flange ISO 9409-1-50-4-M6: four M6 threads on a circle of {table.circle_mm:g} mm, "
+        f"with a recess of {table.centre_mm:g} mm at its centre. Threads must be at least "
+        f"{table.screw_mm - table.plate_mm:g} mm deep. The large screws hide the small ones: put the small ones in "
+        "first.",
+        steps=(
+            f"Push the centring ring into the bracket, flush with its front. A pin of {table.pin_mm:g} mm (ISO 2338) "
+            "in the hole beside it, if the flange has one, keeps the device from rotating; its position depends on "
+            "the arm's manufacturer.",
+            "Hold the ring into the flange's recess and turn in the M6 screws with a 5 mm hex key, crosswise.",
+        ),
         supports=(Support("flange", (*flange, arm)),),
         robot=RobotLink(
             parent=table.link,
@@ -172,6 +182,8 @@ def plan_iso9409(table: Iso9409Back, foot: Foot, load: Load, hardware: Hardware)
             rpy=(0.0, -np.pi / 2.0, 0.0),
             rig_from_link=link_at(face),
             arms="any with a flange ISO 9409-1-50-4-M6, such as UR3e, UR5e, UR10e and UR16e",
+            attached="the views along its z, the device upright towards its -x. For one of the three other "
+            "orientations in which it can be screwed on, rotate the origin about z",
         ),
     )
 
@@ -197,6 +209,14 @@ def plan_gen3(table: Gen3Back, foot: Foot, load: Load, hardware: Hardware) -> Ba
     back = _flange_back(table, bracket, spacer, "Spacer", points, "M5", hardware)
     return replace(
         back,
+        fits="The positions of the holes were measured in the published mesh of the Kinova Gen3 with 6 or 7 joints. "
+        "Their M5 threads are a guess from the core holes, so try one screw by hand first.",
+        steps=(
+            "Lay the spacer on the face of the arm's interface module, inside its rim, its four slots over the "
+            "threads.",
+            "Screw the bracket on with the M5 screws and a 4 mm hex key, crosswise, the device away from the vision "
+            "module.",
+        ),
         supports=(Support("arm", (*ring(face, (inner, outer), rim_height), module)),),
         # Away from the vision module, which is on the +y side of the link.
         robot=RobotLink(
@@ -205,6 +225,7 @@ def plan_gen3(table: Gen3Back, foot: Foot, load: Load, hardware: Hardware) -> Ba
             rpy=(np.pi / 2.0, -np.pi / 2.0, 0.0),
             rig_from_link=link_at(face),
             arms="Kinova Gen3 with 6 or 7 joints",
+            attached="the views along its z",
         ),
     )
 
@@ -235,6 +256,7 @@ def _flange_back(
         ),
         foot=foot_stack(hardware),
         foot_heads=bracket.heads,
+        heading="screw the device to the arm",
         items=tuple(
             PurchasedItem("screw", size, table.screw_mm, frame_along(head, ALONG_Y), screw_explode, (BRACKET,))
             for head in heads
@@ -315,6 +337,14 @@ def plan_vesa(table: VesaBack, foot: Foot, load: Load, hardware: Hardware) -> Ba
         parts=(BackPart(NAME, "VESA bracket", bracket.plan, BACK_DOWN, EXPLODE, RGB),),
         foot=foot_stack(hardware),
         foot_heads=bracket.heads,
+        heading="screw the device to a VESA arm",
+        fits=f"The arm's plate must have holes on a square of {table.square_mm:g} mm; for 100 mm, set `square_mm = "
+        "100` under `[back]` in a hardware file and build again.",
+        steps=(
+            "Lay the M4 nuts into their pockets in the front of the bracket's plate.",
+            "Put the M4 screws through the arm's plate from behind into the nuts. They must not protrude from the "
+            "nuts by more than 2 mm.",
+        ),
         items=tuple(items),
         supports=(Support("arm", (arm,)),),
         critical_sections=(bracket.critical_section, plate_section(bracket, 2.0 * half, thickness, offset + 5.0)),

@@ -46,6 +46,7 @@ from mirrorcam.cad.plan.part_plan import Connection
 from mirrorcam.cad.plan.prisms import box, corners_of
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.names import markdown_text
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
@@ -112,7 +113,12 @@ class RingPlan:
     @property
     def corners(self) -> FloatArray:
         """The corners (8, 3) of its bounding box."""
-        return corners_of((self.bounds,))
+        return corners_of(self.hulls)
+
+    @property
+    def hulls(self) -> tuple[Frustum, ...]:
+        """Its bounding box."""
+        return (self.bounds,)
 
     @property
     def bounds(self) -> Frustum:
@@ -174,6 +180,16 @@ def plan_gen2(wrist: Gen2Back, foot: Foot, load: Load, hardware: Hardware) -> Ba
         ),
         connections=(Connection("clamp", SADDLE, CAP, split, cap_split),),
         supports=(Support("wrist", _wrist(wrist, centre_y, saddle.axis_z_mm)),),
+        heading="clamp the device to the arm",
+        fits=f"This clamp is for {markdown_text(wrist.name)} ({ARMS}). It does not fit the hand with three fingers, "
+        "which widens where the clamp needs a round shell.",
+        steps=(
+            f"Wipe the last shell of the wrist (Ø{wrist.diameter_mm:g} mm) clean. The clamp goes on the band of "
+            f"{wrist.band_mm:g} mm between the ring of the last joint and the hand.",
+            f"Place the saddle on that band, close the cap, and tighten its screws alternately: the gap of "
+            f"{wrist.gap_mm:g} mm must stay equal on both sides. The clamp must not rotate when you push the holder by "
+            "hand.",
+        ),
         critical_sections=(
             CriticalSection(
                 "saddle over the ring",
@@ -190,6 +206,7 @@ def plan_gen2(wrist: Gen2Back, foot: Foot, load: Load, hardware: Hardware) -> Ba
             rpy=(0.0, np.pi / 2.0, 0.0),
             rig_from_link=link_at(np.array([0.0, centre_y, saddle.axis_z_mm])),
             arms=ARMS,
+            attached=f"{wrist.along_mm:g} mm from its origin towards the fingers",
         ),
     )
 

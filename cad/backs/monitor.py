@@ -115,6 +115,17 @@ def plan_monitor(table: MonitorBack, foot: Foot, load: Load, hardware: Hardware)
         items=tuple(items),
         connections=(Connection("jaw", HOOK, JAW, slide, slide),),
         supports=(Support("monitor", (monitor,)),),
+        heading="hang the device on a monitor",
+        fits=f"It fits monitors from {thinnest:g} to {thickest:g} mm thick at their upper edge, with a flat back "
+        "behind it.",
+        steps=(
+            "Lay the M4 nuts into the jaw from below, hold the jaw under the hook, and turn in the M4 screws from "
+            "above, loosely.",
+            f"Hang the hook over the upper edge of the monitor. It reaches {table.hook_mm:g} mm down in front of the "
+            "screen: felt on it and on the jaw protects the frame from scratches.",
+            "Push the jaw up to the back of the monitor and tighten its screws. The device must not tilt when you "
+            "tip the monitor.",
+        ),
         critical_sections=(
             CriticalSection(
                 "plate between screen and mount",

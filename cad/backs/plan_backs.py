@@ -12,13 +12,16 @@ from mirrorcam.cad.backs.blocks import ALONG_Y, BlocksPlan
 from mirrorcam.cad.backs.brackets import plan_gen3, plan_iso9409, plan_vesa
 from mirrorcam.cad.backs.kinova_gen2 import RingPlan, plan_gen2
 from mirrorcam.cad.backs.monitor import plan_monitor
+from mirrorcam.cad.backs.own_back import OwnPlan, make_own, plan_own
 from mirrorcam.cad.backs.plates import plan_arca, plan_desk, plan_profile, plan_tripod
 from mirrorcam.cad.holder.holder_solid import solid_of
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.parts.part_solids import cut_solid, one_solid
+from mirrorcam.cad.plan.back_table import FileBack
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import recipe
+from mirrorcam.cad.plan.seats import Frustum
 
 
 @recipe("cad.parts.solids.make_ring")
@@ -59,7 +62,7 @@ def make_blocks(plan: BlocksPlan) -> Part:
     return one_solid(plan.name, part)
 
 
-MAKERS: dict[type, Callable[[Any], Part]] = {RingPlan: make_ring, BlocksPlan: make_blocks}
+MAKERS: dict[type, Callable[[Any], Part]] = {RingPlan: make_ring, BlocksPlan: make_blocks, OwnPlan: make_own}
 """The function that makes a solid from each type of plan."""
 
 
@@ -84,11 +87,15 @@ PLANNERS: dict[str, Any] = {
 }
 
 
-def plan_back(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
+def plan_back(clip: ClipPlan, mount: MountPlan, hardware: Hardware, light: tuple[Frustum, ...] = ()) -> Back:
     """Plan the hardware's adapter under a mount, for the load that it carries, in the rig frame.
 
-    Raises InputError with the dimension if it cannot be made.
+    `light` are the volumes in the rig frame that a back of your own may not enter. Raises InputError with the dimension
+    if it cannot be made.
     """
-    table, foot = hardware.back, mount.foot
-    back = PLANNERS[table.kind](table, foot, carried_load(mount, clip, hardware), hardware)
+    table, foot, load = hardware.back, mount.foot, carried_load(mount, clip, hardware)
+    if isinstance(table, FileBack):
+        back = plan_own(table, foot, load, light, hardware)
+    else:
+        back = PLANNERS[table.kind](table, foot, load, hardware)
     return in_rig(back, foot.rig_from_stand)

@@ -11,7 +11,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.backs.back import RGB, SIDE_DOWN, UPRIGHT, Back, BackPart, CriticalSection, Load, Stand, Support
+from mirrorcam.cad.backs.back import (
+    RGB,
+    SIDE_DOWN,
+    UPRIGHT,
+    Back,
+    BackPart,
+    CriticalSection,
+    Load,
+    Stand,
+    Support,
+    in_sentence,
+)
 from mirrorcam.cad.backs.blocks import (
     ALONG_X,
     ALONG_Y,
@@ -85,6 +96,7 @@ def back_of_plate(
         parts=(BackPart(name, title, plan, UPRIGHT, EXPLODE, RGB),),
         foot=foot_stack(hardware),
         foot_heads=plate.heads,
+        heading=f"screw on the {in_sentence(title)}",
         foot_form=COUNTERSUNK,
         items=(tripod_nut(plate.nut_mouth, plate.thickness_mm, table.nut, name, EXPLODE),),
     )
@@ -206,6 +218,13 @@ def plan_arca(table: ArcaBack, foot: Foot, load: Load, hardware: Hardware) -> Ba
         parts=(BackPart(DOVETAIL, "Dovetail", plan, SIDE_DOWN, np.array([0.0, 0.0, -45.0]), RGB),),
         foot=foot_stack(hardware),
         foot_heads=heads,
+        heading="screw on the dovetail",
+        steps=(
+            "Put it into the clamp, its long side along the jaws, and close them. No standard defines this dovetail, "
+            f"and clamps vary: it is drawn {table.width_mm:g} mm wide with sides of 45°, less {table.fit_mm:g} mm on "
+            "each side. If the clamp does not close, or does not hold, change `fit_mm` under `[back]` in a hardware "
+            "file and print it again.",
+        ),
         critical_sections=(
             CriticalSection("over the slope", np.array([0.0, y, top]), ABOVE, ALONG_X, (2.0 * half, 2.0 * neck_half)),
         ),
@@ -273,6 +292,12 @@ def plan_profile(table: ProfileBack, foot: Foot, load: Load, hardware: Hardware)
         parts=(BackPart(PROFILE, "Profile plate", plan, UPRIGHT, explode, RGB),),
         foot=foot_stack(hardware),
         foot_heads=heads,
+        heading="screw the device to a profile",
+        fits=f"It fits aluminium profiles of {table.profile_mm:g} mm with slots of 6 mm (type I).",
+        steps=(
+            "Hang the T-nuts on the M5 screws by two turns, lay the plate on the profile and the nuts into its slot, "
+            "and tighten the screws from above with a 4 mm hex key: the nuts turn across the slot.",
+        ),
         foot_form=COUNTERSUNK,
         items=tuple(items),
         supports=(Support("profile", (profile,)),),

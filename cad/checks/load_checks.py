@@ -140,13 +140,16 @@ def check_back(
     Returns
     -------
     dict of str to Metric
-        The largest stress in the adapter's critical sections under a multiple of the device's weight in any direction;
+        The largest stress in the adapter's critical sections, if it has any, under a multiple of the device's weight in
+        any direction;
         for a free-standing device, the tilt at which it falls over; for an adapter with a tripod's nut, the turns of
         engagement.
     """
-    force = LOAD_FACTOR * total.mass_g / 1000.0 * STANDARD_GRAVITY
-    stress = max((section.stress_mpa(force, total.centre_in_rig_mm) for section in back.critical_sections), default=0.0)
-    checks = {"device.back_stress_mpa": Metric(value=round(stress, 3), unit="MPa", limit=STRESS_MPA)}
+    checks = {}
+    if back.critical_sections:
+        force = LOAD_FACTOR * total.mass_g / 1000.0 * STANDARD_GRAVITY
+        stress = max(section.stress_mpa(force, total.centre_in_rig_mm) for section in back.critical_sections)
+        checks["device.back_stress_mpa"] = Metric(value=round(stress, 3), unit="MPa", limit=STRESS_MPA)
     if back.stand is not None:
         angle = tipping_angle_deg(back.stand, total.centre_in_rig_mm @ back.rig_from_stand)
         limit = back.stand.tip_deg
@@ -179,7 +182,7 @@ def check_aim(back: Back, layout: Layout, hardware: Hardware) -> dict[str, Metri
         The angle of the views above the horizon, or above the axis of an arm's flange; for a free-standing device, the
         smallest height of the middle ray above the desk at the depths of the design.
     """
-    checks = {"device.look_deg": Metric(value=round(back.table.look_deg, 2), unit="deg")}
+    checks = {"device.look_deg": Metric(value=round(back.look_deg, 2), unit="deg")}
     height = above_desk_mm(back, layout, hardware)
     if height is not None:
         checks["device.above_desk_mm"] = Metric(value=round(height, 1), unit="mm", limit=0.0, lower_is_better=False)

@@ -16,8 +16,9 @@ from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.back import above_desk_mm, carried_load
+from mirrorcam.cad.backs.back import above_desk_mm
 from mirrorcam.cad.guide.assembly_steps import Stages, counted
+from mirrorcam.cad.guide.back_step import back_sentences, tripod_note
 from mirrorcam.cad.guide.camera_measures import MEASUREMENTS
 from mirrorcam.cad.guide.side_view import look_text
 from mirrorcam.cad.holder.carriers import tilt_per_turn_deg, travel_turns
@@ -64,6 +65,8 @@ def write_guide(
         estimate=estimate,
         hardware=hardware,
         back=device.back,
+        back_sentences=back_sentences(device),
+        tripod_note=tripod_note(device.back),
         camera=hardware.camera,
         view=field_of_view(device.layout.camera),
         focus_mm=f"{focus_of(device.layout):.0f}",
@@ -170,19 +173,14 @@ def _nest_texts(device: Device) -> dict[str, Any]:
 
 
 def _look_texts(device: Device) -> dict[str, Any]:
-    """Where the device looks as it stands, and to which side it is heavier and its desk foot longer."""
-    back, foot, layout = device.back, device.mount.foot, device.layout
-    load = carried_load(device.mount, device.clip, device.hardware)
+    """Where the device looks as it stands."""
+    back, layout = device.back, device.layout
     texts = {
-        "text": look_text(back.table.look_deg),
-        "heavier": "scene" if load.centre[1] > foot.screws[:, 1].min() else "back",
+        "text": look_text(back.look_deg),
         "depth_mm": f"{design_depths_mm(layout, device.hardware)[-1]:g}",
     }
-    if back.stand is None:
-        return texts
-    before, behind = back.stand.corners[:, 1].max() - foot.edge_y_mm, foot.back_y_mm - back.stand.corners[:, 1].min()
     above = above_desk_mm(back, layout, device.hardware)
-    return texts | {"longer": "scene" if before > behind else "back", "above_mm": above}
+    return texts if above is None else texts | {"above_mm": above}
 
 
 def _carrier_texts(device: Device) -> dict[str, Any]:

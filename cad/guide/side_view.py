@@ -88,7 +88,7 @@ def draw_side_view(device: Device, components: Sequence[Component]) -> DrawingSh
     view_axis = axes[:2] @ layout.view_from_rig[2]
     for depth in depths:
         _draw_depth(sheet, paper, view_axis, depth, rays[1:])
-    title = f"Where the device looks: {look_text(back.table.look_deg)}"
+    title = f"Where the device looks: {look_text(back.look_deg)}"
     sheet.text((MARGIN_MM, top - MARGIN_MM - 2.0), title, TITLE_MM, bold=True)
     captions = (
         f"From the right, 1 : {1.0 / paper.scale:.2g}, in mm. Dashed: depths of the design, from the lens's pupil.",

@@ -6,9 +6,11 @@ The key `kind` of a hardware file's table `[back]` selects the kind; only that k
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
+from pydantic.json_schema import SkipJsonSchema
 
 from mirrorcam.core.bounds import PART_GAP_MM, PART_MM, PART_OFFSET_MM, Bounds
 from mirrorcam.core.errors import InputError
@@ -40,6 +42,11 @@ class BackTable(Value):
         0.0, "angle of the views above the horizon as the device stands, or above the axis of an arm's flange"
     )
     grip_mm: float = _size(5.5, "thickness of plastic between the heads of the foot's screws and the mount's foot")
+
+    @property
+    def source(self) -> Path | None:
+        """The file that the adapter is made from, if it is not this program."""
+        return None
 
     @property
     def ring_gauge(self) -> RingGauge | None:
@@ -227,9 +234,34 @@ class MonitorBack(BackTable):
     grip_mm: float = _size(3.6, "thickness of plastic between the heads of the foot's screws and the mount's foot")
 
 
+class FileBack(BackTable):
+    """A part of your own, made by a Python file or read from a STEP file: see docs/own_back.md.
+
+    A hardware file cannot name the file, since a Python file is run: the command line names it.
+    """
+
+    title: ClassVar[str] = "a back of your own"
+    parts: ClassVar[tuple[str, ...]] = ("adapter_own",)
+    kind: Literal["file"] = "file"
+    file: Annotated[Path | None, SkipJsonSchema()] = Field(default=None, exclude=True)
+    tip_deg: float = Bounds(1.0, 45.0).field(10.0, "smallest tilt in any direction at which the device falls over")
+    nut: TripodNut = TripodNut()
+
+    @property
+    def source(self) -> Path | None:
+        return self.file
+
+    @field_validator("file", mode="before")
+    @classmethod
+    def _from_command_line(cls, file: Any, info: ValidationInfo) -> Any:
+        if file is not None and info.mode == "json":
+            raise ValueError("a Python file is run, so only the command line may name one, expected --adapter FILE")
+        return file
+
+
 Kind = Literal["none", "tripod", "arca", "iso9409", "gen3", "gen2", "profile20", "vesa", "monitor"]
 Table = DeskBack | TripodBack | ArcaBack | Iso9409Back | Gen3Back | Gen2Back | ProfileBack | VesaBack | MonitorBack
-AnyBack = Annotated[Table, Field(discriminator="kind")]
+AnyBack = Annotated[Table | FileBack, Field(discriminator="kind")]
 BACKS: dict[str, type[Table]] = {
     table.model_fields["kind"].default: table
     for table in (
@@ -238,9 +270,17 @@ BACKS: dict[str, type[Table]] = {
 }
 """The table of each kind, in the order of listings."""
 
+ENDINGS = (".py", ".step", ".stp")
+"""Endings of the names of files with a back of your own."""
+
 
 def back_of(kind: str) -> AnyBack:
-    """The table of a kind with its default dimensions; raises InputError for an unknown kind."""
-    if kind not in BACKS:
-        raise InputError(f"adapter {kind}: expected one of {', '.join(BACKS)}")
-    return BACKS[kind]()
+    """The table of a kind, or of a file, with its default dimensions; raises InputError for an unknown one."""
+    if kind in BACKS:
+        return BACKS[kind]()
+    file = Path(kind)
+    if file.suffix.lower() not in ENDINGS:
+        raise InputError(f"adapter {kind}: expected one of {', '.join(BACKS)}, or a file {', '.join(ENDINGS)}")
+    if not file.is_file():
+        raise InputError(f"adapter {kind}: is no file, expected one {', '.join(ENDINGS)}")
+    return FileBack(file=file)

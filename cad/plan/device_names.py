@@ -33,6 +33,7 @@ def files_of(hardware: Hardware, *, elastic: bool = False) -> tuple[str, ...]:
     cover = (COVER,) if hardware.holder.dust_cover else ()
     carriers = (f"{CARRIER}[0-9]*",) if hardware.holder.mirrors == "screws" else ()
     uncut = (HOLDER, MOUNT, CLIP, *hardware.back.parts, COUPON, *cover, *carriers)
+    source = (f"source/{hardware.back.source.name}",) if hardware.back.source else ()
     parts = (*uncut, *(f"{part}_[0-9]*" for part in uncut))
     robot = (
         *("robot/mirrorcam.xacro", "robot/mirrorcam.urdf"),
@@ -45,7 +46,7 @@ def files_of(hardware: Hardware, *, elastic: bool = False) -> tuple[str, ...]:
         *(f"drawings/{part}.{extension}" for part in (*parts, "assembly", "side_view") for extension in ("svg", "pdf")),
         *(f"mirrors/mirrors{sheet}.{extension}" for sheet in ("", "_[0-9]*") for extension in ("dxf", "svg")),
         *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
-        *("NOTICE.txt", "source/layout.json", "source/hardware.toml"),
+        *("NOTICE.txt", "source/layout.json", "source/hardware.toml", *source),
         *(f"pictures/{name}.png" for name in (*PICTURES, "live_view", "live_overlay")),
         *(robot if hardware.back.on_arm else ()),
         *(("elasticity.md", "elasticity.json", "robot/gravity.json") if elastic else ()),

@@ -8,7 +8,7 @@ from pathlib import Path
 import tomli_w
 
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.disk.files import write_bytes, write_text
 from mirrorcam.optics.geometry.layout import Layout
 
 NOTICE = """\
@@ -22,10 +22,10 @@ You may redistribute and modify this source and make products using it under the
 This source is distributed WITHOUT ANY EXPRESS OR IMPLIED WARRANTY, INCLUDING OF MERCHANTABILITY, SATISFACTORY QUALITY
 AND FITNESS FOR A PARTICULAR PURPOSE. Please see the CERN-OHL-W v2 for applicable conditions.
 
-Source: all files of this folder are made from source/layout.json (layout {identity}) and source/hardware.toml by the
-program MirrorCam {version}, which is under Apache-2.0:
+Source: all files of this folder are made from source/layout.json (layout {identity}) and the other
+files in source by the program MirrorCam {version}, which is under Apache-2.0:
 
-    mirrorcam cad source/layout.json --hardware source/hardware.toml --out FOLDER
+    mirrorcam cad source/layout.json --hardware source/hardware.toml{adapter} --out FOLDER
 
 If you convey devices made from this source, changed or not, give the recipients this folder with your changes, or state
 where it is available. Equipment to which such a device is only attached, such as a robot or a microscope, is not
@@ -34,8 +34,16 @@ affected.
 
 
 def write_source(folder: Path, layout: Layout, hardware: Hardware) -> None:
-    """Write `NOTICE.txt`, and in `source` the `layout.json` and `hardware.toml` that reproduce all other files."""
-    write_text(folder / "NOTICE.txt", NOTICE.format(identity=layout.identity, version=version("mirrorcam")))
+    """Write `NOTICE.txt`, and in `source` the files that reproduce all other files.
+
+    These are `layout.json`, `hardware.toml` and the file of a back of your own.
+    """
+    own = hardware.back.source
+    adapter = f" --adapter source/{own.name}" if own else ""
+    notice = NOTICE.format(identity=layout.identity, version=version("mirrorcam"), adapter=adapter)
+    write_text(folder / "NOTICE.txt", notice)
+    if own:
+        write_bytes(folder / "source" / own.name, own.read_bytes())
     layout.save(folder / "source" / "layout.json")
     write_text(folder / "source" / "hardware.toml", hardware_toml(hardware))
 

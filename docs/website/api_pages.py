@@ -8,6 +8,7 @@ import mirrorcam
 
 GROUPS = {
     "Cameras and layouts": ("Camera", "DesignSpec", "Layout", "design", "build_parts"),
+    "Backs of your own": ("MountFace", "Adapter", "Fastener"),
     "Calibration": ("AprilGrid", "Charuco", "Checkerboard", "RequestedModel", "calibrate", "calibrate_camera"),
     "Light fields and depth": (
         *("Decoder", "LightField", "open_light_field", "write_light_field", "estimate_depth", "read_image"),

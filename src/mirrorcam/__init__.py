@@ -12,15 +12,18 @@ from typing import TYPE_CHECKING
 __version__ = "0.2.0"
 
 __all__ = [
+    "Adapter",
     "AprilGrid",
     "Camera",
     "Charuco",
     "Checkerboard",
     "Decoder",
     "DesignSpec",
+    "Fastener",
     "InputError",
     "Layout",
     "LightField",
+    "MountFace",
     "RenderSettings",
     "RequestedModel",
     "SetRequest",
@@ -37,6 +40,7 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
+    from mirrorcam.cad.backs.adapter import Adapter, Fastener, MountFace
     from mirrorcam.cad.build import build_parts
     from mirrorcam.calibration.validation import validate
     from mirrorcam.core.errors import InputError
@@ -59,15 +63,18 @@ if TYPE_CHECKING:
 else:
     # The same for the interpreter, which imports a module when one of its names is first used.
     _MODULES = {
+        "Adapter": "cad.backs.adapter",
         "Camera": "optics.geometry.camera",
         "AprilGrid": "optics.geometry.targets",
         "Charuco": "optics.geometry.targets",
         "Checkerboard": "optics.geometry.targets",
         "Decoder": "optics.light_field.decoder",
         "DesignSpec": "optics.geometry.design_spec",
+        "Fastener": "cad.backs.adapter",
         "InputError": "core.errors",
         "Layout": "optics.geometry.layout",
         "LightField": "optics.light_field.light_field",
+        "MountFace": "cad.backs.adapter",
         "RenderSettings": "render_scenes.settings",
         "RequestedModel": "optics.calibration.diagnostics.requested_model",
         "SetRequest": "render_scenes.sets.set_request",

@@ -135,6 +135,10 @@ def _configuration(path: Path) -> list[Dict]:
         if key not in valid:
             matches = get_close_matches(key, valid, n=1)
             raise InputError(f"{path}: {key!r} is not a command" + (f", did you mean {matches[0]}?" if matches else ""))
+    cad = tables.get("cad")
+    if isinstance(cad, dict) and Path(str(cad.get("adapter", ""))).suffix:
+        # A Python file is run: a folder from elsewhere must not start one.
+        raise InputError(f"{path}: cad.adapter is a file, which only the command line may name, expected a kind")
     return [Dict(tables, source=str(path))]
 
 

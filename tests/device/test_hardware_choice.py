@@ -7,7 +7,7 @@ from typing import get_args
 
 import pytest
 
-from mirrorcam.cad.plan.back_table import BACKS, Gen2Back
+from mirrorcam.cad.plan.back_table import BACKS, FileBack, Gen2Back
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.core.console.options import Adapter
 from mirrorcam.core.errors import InputError
@@ -63,8 +63,16 @@ def test_the_back_is_the_one_that_is_named(tmp_path: Path) -> None:
     table.write_text('[back]\nkind = "shelf"\n', encoding="utf-8")
     with pytest.raises(InputError, match=r"hardware\.toml: back"):
         HardwareChoice(hardware=table).read()
-    with pytest.raises(InputError, match=r"adapter"):
-        HardwareChoice.model_validate({"adapter": "shelf"})
+    with pytest.raises(InputError, match=r"adapter shelf: expected one of none, .* or a file \.py"):
+        HardwareChoice(adapter=Path("shelf")).read()
+
+
+def test_a_file_of_your_own_keeps_the_dimensions_of_the_table(tmp_path: Path) -> None:
+    table, own = tmp_path / "hardware.toml", tmp_path / "own.py"
+    own.touch()
+    assert HardwareChoice(adapter=own).read().back == FileBack(file=own)
+    table.write_text('[back]\nkind = "file"\ntip_deg = 7\n', encoding="utf-8")
+    assert HardwareChoice(hardware=table, adapter=own).read().back == FileBack(file=own, tip_deg=7.0)
 
 
 def test_the_adapters_are_the_backs_that_there_are() -> None:

@@ -71,7 +71,7 @@ def test_a_file_has_its_place_on_the_site() -> None:
     assert page_of("docs/guides/maker.md") == "guides/maker"
     assert page_of("docs/website/pages/index.md") == "index"
     assert page_of("CONTRIBUTING.md") == "contributing"
-    assert page_of("examples/desk_foot.py") == "repository/examples/desk_foot.py"
+    assert page_of("examples/decode_video.py") == "repository/examples/decode_video.py"
 
 
 def test_code_is_left_as_it_is() -> None:
@@ -83,11 +83,11 @@ def test_code_is_left_as_it_is() -> None:
 
 def test_links_to_the_repository_become_pages(tmp_path: Path) -> None:
     gather(tmp_path, {"reference/names": "# Names\n"})
-    assert "(repository/examples/desk_foot.py.md)" in (tmp_path / "library.md").read_text(encoding="utf-8")
+    assert "(repository/examples/decode_video.py.md)" in (tmp_path / "library.md").read_text(encoding="utf-8")
     assert "](measured.md)" in (tmp_path / "theory.md").read_text(encoding="utf-8")
     assert "[](conventions.md)" in (tmp_path / "design.md").read_text(encoding="utf-8")
-    shown = (tmp_path / "repository/examples/desk_foot.py.md").read_text(encoding="utf-8")
-    assert (ROOT / "examples/desk_foot.py").read_text(encoding="utf-8").rstrip() in shown
+    shown = (tmp_path / "repository/examples/decode_video.py.md").read_text(encoding="utf-8")
+    assert (ROOT / "examples/decode_video.py").read_text(encoding="utf-8").rstrip() in shown
     listed = (tmp_path / "repository/optics/geometry/cameras.md").read_text(encoding="utf-8")
     assert "[c920.toml](cameras/c920.toml.md)" in listed
     assert (tmp_path / "repository/optics/geometry/cameras/c920.toml.md").is_file()

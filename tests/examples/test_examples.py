@@ -149,24 +149,3 @@ def test_sweep_two_workers(tmp_path: Path) -> None:
         assert (layout.rows, layout.cols) == (int(row["rows"]), int(row["cols"]))
         assert layout.spec is not None
         assert layout.spec.tradeoff == float(row["tradeoff"])
-
-
-@pytest.mark.slow
-def test_desk_foot(tmp_path: Path) -> None:
-    """The script makes the part that the program makes, of the default device."""
-    build123d = pytest.importorskip("build123d")
-    from mirrorcam.cad.assembly.catalogue import parts_of
-    from mirrorcam.cad.assembly.device_plan import plan_device
-    from mirrorcam.cad.plan.hardware import HARDWARE
-
-    assert "desk_foot.step" in run("desk_foot", tmp_path / "out")
-    (ours,) = build123d.import_step(tmp_path / "out" / "desk_foot.step").solids()
-    device = plan_device(mirrorcam.Layout.load(EXAMPLES.parent / "tests" / "data" / "default_layout.json"), HARDWARE)
-    (part,) = (part for part in parts_of(device) if part.name == "adapter_desk")
-    made = part.make(part.plan)
-    assert made.volume == pytest.approx(ours.volume, rel=2e-3)
-    # From the nut's place in the upper face; what differs is the rounding of the numbers that the script is written in.
-    top = max(tuple(vertex)[2] for vertex in made.vertices())
-    moved = build123d.Pos(0.0, float(device.back.foot_heads[:, 1].min()), top) * ours
-    common = sum(solid.volume for solid in (made & moved).solids())
-    assert common == pytest.approx(made.volume, rel=2e-3)

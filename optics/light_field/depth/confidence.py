@@ -29,7 +29,7 @@ MEDIAN_STRIDE_PX = 4
 BLOCK_PIXELS = 1024
 MIN_ENERGY = 1e-3
 MIN_RIVALS = 0.02
-MIN_NOISE_GREY = 0.5
+MIN_NOISE_RATIO = 0.1
 MAX_EDGE_PX, MAX_END_PX = 20.0, 8.0
 STATISTICS = (
     "correlation of brightness gradients with the other views, over CORRELATION_PX",
@@ -44,7 +44,7 @@ STATISTICS = (
     "logarithm to base 2 of the number of other views",
     "1 for a search at half size, else 0",
     "median over the picture of the correlation over FAR_CORRELATION_PX",
-    "logarithm of the noise of the reference view, grey levels",
+    "logarithm of the noise relative to texture",
 )
 
 
@@ -57,7 +57,7 @@ def statistics(
     range_px: float,
     views: int,
     halved: bool,
-    noise_grey: float,
+    noise_ratio: float,
 ) -> Float32:
     """Return the STATISTICS (k, v, u) of a depth map.
 
@@ -75,8 +75,8 @@ def statistics(
         Number of views without the reference view.
     halved
         Whether the planes were searched at half size.
-    noise_grey
-        Noise of the reference view, see `photometry.noise_grey`.
+    noise_ratio
+        Noise of the views, see `ViewComparison.noise_ratio`.
     """
     edge_px: Any = cv2.distanceTransform((~depth_edges(disparity_px)).astype(np.uint8), cv2.DIST_L2, 3)
     weight = np.maximum(match.weight_sum, np.float32(MIN_ENERGY))
@@ -96,7 +96,7 @@ def statistics(
             np.full_like(disparity_px, np.log2(views)),
             np.full_like(disparity_px, halved),
             np.full_like(disparity_px, np.median(far_correlation[::MEDIAN_STRIDE_PX, ::MEDIAN_STRIDE_PX])),
-            np.full_like(disparity_px, np.log(noise_grey + MIN_NOISE_GREY)),
+            np.full_like(disparity_px, np.log(noise_ratio + MIN_NOISE_RATIO)),
         ]
     ).astype(np.float32)
 

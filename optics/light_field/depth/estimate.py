@@ -8,6 +8,7 @@ moved to picture edges, and Gauss-Newton steps with a smoothness prior refine th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from typing import Any, Literal
@@ -22,17 +23,13 @@ from mirrorcam.core.processes.threads import thread_map
 from mirrorcam.optics.light_field.depth.confidence import log_odds, statistics
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.enlargement import doubled, enlarged_by_picture
-from mirrorcam.optics.light_field.depth.parallax import MAX_PLANES, other_views, parallax, reference_index
+from mirrorcam.optics.light_field.depth.parallax import other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
-    GAIN_STRIDE_PX,
     ViewPicture,
     colours,
     halved_picture,
-    matching_gain,
-    noise_grey,
-    patch_means,
-    rough_gain,
     smoothed,
+    smoothing_px,
 )
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, align_to_picture_edges
 from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, LevelViews, PyramidLevel, search
@@ -40,6 +37,7 @@ from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
 from mirrorcam.optics.light_field.depth.sweep import range_around, tracked_range
 from mirrorcam.optics.light_field.depth.track import Track
 from mirrorcam.optics.light_field.depth.uncertainty import standard_deviation_px
+from mirrorcam.optics.light_field.depth.view_comparison import ViewComparison, rough_gain
 from mirrorcam.optics.light_field.light_field import LightField, Views
 
 Float32 = NDArray[np.float32]
@@ -55,6 +53,10 @@ MIN_SEARCHED_PX = 48
 MIN_SIDE_PX = 16
 MAX_CHANGED = 0.5
 """Fraction of changed pixels above which a frame of a video is measured on its own."""
+ROUGH_HALVINGS, ROUGH_DIRECTIONS = 2, 4
+"""Halvings and directions of the search by which the noise of a single light field is measured."""
+NOISE_GAIN = 0.2
+"""Weight of the last frame of a video in the noise that the next frame is smoothed by."""
 MAX_FEW_VIEWS = 2
 """Number of other views up to which both qualities search from a quarter of the size to the full size, along four
 directions: on real pairs, paths in more directions smooth too much."""
@@ -163,22 +165,30 @@ class DepthEstimator:
         if len(self.others) <= MAX_FEW_VIEWS:
             self._effort = replace(self._effort, first_halvings=2, last_halvings=0, directions=4)
         self._levels = self._levels_to_search()
+        self._rough = self._coarse_level(ROUGH_HALVINGS)
         self._full = PyramidLevel.of(self.views, self.near_mm, self.far_mm, 0)
-        self._parallaxes = [parallax(self.views, index) for index in self.others]
+        parallaxes = [parallax(self.views, index) for index in self.others]
+        self._comparison = ViewComparison(self._full.sweep, parallaxes, self._run)
         last = self._levels[-1]
-        self._refiner = Refiner(last.sweep, self._parallaxes, self._run, 2**last.halvings)
+        self._refiner = Refiner(last.sweep, parallaxes, self._run, 2**last.halvings)
+
+    def _coarse_level(self, halvings: int) -> PyramidLevel:
+        """Return the level to search over all planes after at least `halvings`, fewer for small pictures."""
+
+        def level(halvings: int) -> PyramidLevel:
+            return PyramidLevel.of(self.views, self.near_mm, self.far_mm, halvings, MAX_FINE_PLANES)
+
+        max_halvings = max(int(np.log2(min(self.views.width_px, self.views.height_px) / MIN_SEARCHED_PX)), 0)
+        found = level(min(halvings, max_halvings))
+        while found.cost_count > MAX_COSTS and found.halvings < max_halvings:
+            found = level(found.halvings + 1)
+        return found
 
     def _levels_to_search(self) -> list[PyramidLevel]:
         """Return the pyramid levels to search, coarsest first."""
-
-        def level(halvings: int, max_planes: int = MAX_PLANES) -> PyramidLevel:
-            return PyramidLevel.of(self.views, self.near_mm, self.far_mm, halvings, max_planes)
-
-        max_halvings = max(int(np.log2(min(self.views.width_px, self.views.height_px) / MIN_SEARCHED_PX)), 0)
-        first = level(min(self._effort.first_halvings, max_halvings), MAX_FINE_PLANES)
-        while first.cost_count > MAX_COSTS and first.halvings < max_halvings:
-            first = level(first.halvings + 1, MAX_FINE_PLANES)
-        return [first, *(level(halvings) for halvings in range(first.halvings - 1, self._effort.last_halvings - 1, -1))]
+        first = self._coarse_level(self._effort.first_halvings)
+        finer = range(first.halvings - 1, self._effort.last_halvings - 1, -1)
+        return [first, *(PyramidLevel.of(self.views, self.near_mm, self.far_mm, halvings) for halvings in finer)]
 
     @property
     def plane_count(self) -> int:
@@ -211,19 +221,26 @@ class DepthEstimator:
         if changed is None or changed.mean() > MAX_CHANGED:
             track = None
         pictures = list(self._run(lambda index: ViewPicture.of(light_field, index), [self.reference, *self.others]))
-        noise = noise_grey(light_field, self.reference)
-        reference, *others = self._run(lambda picture: picture.smoothed(noise), pictures)
-        pyramid = [smoothed(colours(light_field, self.reference), noise)]
-        for _ in range(self._levels[0].halvings):
-            pyramid.append(halved_picture(pyramid[-1]))
+        colour, compared = colours(light_field, self.reference), self._compared(track)
         if track is None:
-            reference_grey = reference.grey
-            gains = list(self._run(lambda other: rough_gain(other.grey, reference_grey), others))
+            reference, others = pictures[0], pictures[1:]
+            gains = list(self._run(lambda other: rough_gain(other.grey, reference.grey), others))
+            others = _multiplied(others, gains)
+            rough_planes = self._rough_planes(colour, reference, others)
+            noise = self._comparison.noise_ratio(reference, others, rough_planes, compared)
         else:
-            gains = track.gains
-        others = [other.multiplied(gain) for other, gain in zip(others, gains, strict=True)]
+            gains, noise = track.gains, track.noise_ratio
+        deviation_px = smoothing_px(noise)
+        reference, *others = self._run(lambda picture: picture.smoothed(deviation_px), pictures)
+        pyramid = self._pyramid(smoothed(colour, deviation_px))
+        others = _multiplied(others, gains)
         first = self._first_search(pyramid, reference, others, track, changed)
-        for number, gain in self._gains(reference, others, self._full.enlarged(first, self._levels[0]).planes, track):
+        first_planes = self._full.enlarged(first, self._levels[0]).planes
+        if track is not None:
+            unsmoothed = _multiplied(pictures[1:], gains)
+            now = self._comparison.noise_ratio(pictures[0], unsmoothed, first_planes, compared)
+            noise += NOISE_GAIN * (now - noise)
+        for number, gain in self._comparison.gains(reference, others, first_planes, compared):
             gains = [*gains[:number], gains[number] * gain, *gains[number + 1 :]]
             others[number] = others[number].multiplied(gain)
         result = self._finer_searches(pyramid, reference, others, first, track)
@@ -234,11 +251,25 @@ class DepthEstimator:
         earlier = None if track is None else track.planes
         steps = self._effort.steps, self._effort.iterations
         planes, match, smoothness = self._refiner.refined(result.planes, gradients[0], gradients[1:], *steps, earlier)
-        next_track = Track(gains, first, planes, 0 if track is None else track.frame + 1)
+        next_track = Track(gains, first, planes, noise, 0 if track is None else track.frame + 1)
         if spacing > 1:
             planes = self._enlarged(planes, pyramid, self._levels[-1], self._full)
             match, smoothness = match.enlarged(self._full.shape), doubled(smoothness, self._full.shape)
         return self._depth_map(planes, match, smoothness, result, reference.valid, noise), next_track
+
+    def _pyramid(self, colour: Float32) -> list[Float32]:
+        """Return the reference view's colours (v, u, 3), halved ever more up to the coarsest level."""
+        pyramid = [colour]
+        for _ in range(max(self._levels[0].halvings, self._rough.halvings)):
+            pyramid.append(halved_picture(pyramid[-1]))
+        return pyramid
+
+    def _rough_planes(self, colour: Float32, reference: ViewPicture, others: list[ViewPicture]) -> Float32:
+        """Return planes (v, u) by a rough search, good enough to compare views and so measure noise."""
+        level = self._rough
+        views = LevelViews.of(level, reference, others, self._run)
+        found = search(level, self._pyramid(colour)[level.halvings], views, self._run, directions=ROUGH_DIRECTIONS)
+        return self._full.enlarged(found, level).planes
 
     def _first_search(
         self,
@@ -248,7 +279,7 @@ class DepthEstimator:
         track: Track | None,
         changed: NDArray[np.bool_] | None,
     ) -> LowestCost:
-        """Return the result at the coarsest level. `pyramid` holds the reference view's colours, halved ever more."""
+        """Return the result at the coarsest level. `pyramid` is that of the reference view's colours."""
         level, ranges = self._levels[0], None
         views = LevelViews.of(level, reference, others, self._run)
         arguments = level, pyramid[level.halvings], views, self._run
@@ -320,24 +351,12 @@ class DepthEstimator:
             planes = enlarged_by_picture(planes, small, large, self._jump(finer), self._run)
         return planes
 
-    def _gains(
-        self, reference: ViewPicture, others: list[ViewPicture], planes: Float32, track: Track | None
-    ) -> list[tuple[int, Float32]]:
-        """Return gains (v, u) that equalise other views to the reference view, given its planes (v, u), by number.
+    def _compared(self, track: Track | None) -> Sequence[int]:
+        """Return the numbers of the other views to compare: all of them, or of a video one per frame in turn.
 
-        Mirrors do not change, so the frames of a video update one view in turn.
+        Mirrors do not change.
         """
-        numbers = range(len(others)) if track is None else [track.frame % len(others)]
-        stride = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
-        rows, columns = np.indices(planes.shape, dtype=np.float32)[:, stride, stride]
-        inverse_distance = self._full.sweep.inverse_distance(planes[stride, stride])
-        reference_patches = patch_means(reference.grey)[stride, stride]
-
-        def gain(number: int) -> tuple[int, Float32]:
-            pixels = self._parallaxes[number].pixels(columns, rows, inverse_distance)
-            return number, matching_gain(others[number].grey, *pixels, reference_patches)
-
-        return list(self._run(gain, numbers))
+        return range(len(self.others)) if track is None else [track.frame % len(self.others)]
 
     def _depth_map(
         self,
@@ -346,7 +365,7 @@ class DepthEstimator:
         smoothness: Float32,
         result: _SearchResult,
         valid: NDArray[np.bool_],
-        noise_grey: float,
+        noise: float,
     ) -> DepthMap:
         """Build the depth map from refined planes (v, u) and the statistics of their match."""
         full = self._full.sweep
@@ -364,10 +383,19 @@ class DepthEstimator:
                 range_px=range_px,
                 views=views,
                 halved=result.halved,
-                noise_grey=noise_grey,
+                noise_ratio=noise,
             )
         )
-        sigma_px = standard_deviation_px(match, smoothness, result.margin, confidence, views, result.halved, range_px)
+        sigma_px = standard_deviation_px(
+            match,
+            smoothness,
+            result.margin,
+            confidence,
+            views=views,
+            halved=result.halved,
+            range_px=range_px,
+            noise_ratio=noise,
+        )
         deviation = sigma_px * np.float32(full.step / full.step_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.float32(1.0) / inverse_distance
@@ -384,6 +412,10 @@ class DepthEstimator:
     def _confidence(self, statistics: Float32) -> Float32:
         """Return the probability (v, u) that the depth is right; training overrides this to record the statistics."""
         return log_odds().probability(statistics)
+
+
+def _multiplied(views: list[ViewPicture], gains: Sequence[Float32 | float]) -> list[ViewPicture]:
+    return [view.multiplied(gain) for view, gain in zip(views, gains, strict=True)]
 
 
 def _check(views: Views, near_mm: float, far_mm: float) -> None:

@@ -30,6 +30,8 @@ class Track:
         Result of the first search.
     planes
         Refined planes (j, i) at the last level to search.
+    noise_ratio
+        Noise of the views, see `ViewComparison.noise_ratio`.
     frame
         Number of frames so far.
     """
@@ -37,6 +39,7 @@ class Track:
     gains: list[Float32 | float]
     first: LowestCost
     planes: Float32
+    noise_ratio: float
     frame: int
 
     def first_ranges(self, level: PyramidLevel, changed: NDArray[np.bool_]) -> Ranges:

@@ -27,6 +27,10 @@ SURE_MARGIN, MIN_MARGIN = 12.0, 0.1
 MIN_SMOOTHNESS = 0.5
 HALVED_FACTOR = 1.7
 """Factor on the standard deviation for a search at half size."""
+NOISE_PX, NOISE_RATIO_LIMIT = 0.08, 5.0
+"""Standard deviation, px, that noise adds per unit of the noise ratio while that is small, and the ratio at half of it.
+
+Noise that neighbouring pixels share does not show in the residuals of a smoothed picture."""
 COVERED = 0.683
 """Probability that one standard deviation covers; wrong depths that are less likely than the rest do not widen it."""
 DOUBTFUL_MARGIN = 9.0
@@ -38,7 +42,15 @@ def _mean(values: Float32) -> Any:
 
 
 def standard_deviation_px(
-    match: Match, smoothness: Float32, margin: Float32, right: Float32, views: int, halved: bool, range_px: float
+    match: Match,
+    smoothness: Float32,
+    margin: Float32,
+    right: Float32,
+    *,
+    views: int,
+    halved: bool,
+    range_px: float,
+    noise_ratio: float,
 ) -> Float32:
     """Return standard deviations (v, u), px of disparity at the longest baseline.
 
@@ -62,6 +74,8 @@ def standard_deviation_px(
         Whether the planes were searched at half size.
     range_px
         Difference in disparity at the longest baseline between the nearest and the farthest plane.
+    noise_ratio
+        Noise of the views relative to their texture, see `ViewComparison.noise_ratio`.
     """
     weight = np.maximum(match.weight_sum, np.float32(1e-3))
     noise = np.maximum(_mean(match.residual * weight) / _mean(weight) / 2.0, MIN_NOISE)
@@ -76,6 +90,7 @@ def standard_deviation_px(
         * roughness
         * (HALVED_FACTOR if halved else 1.0)
     )
+    by_noise = np.float32(NOISE_PX * noise_ratio / (1.0 + noise_ratio / NOISE_RATIO_LIMIT))
     covered = np.maximum(COVERED - right, 0.0) / np.maximum(1.0 - right, 1.0 - COVERED) / COVERED
     uniform = range_px / np.sqrt(12.0)
-    return np.minimum(np.hypot(narrow, covered * uniform), uniform).astype(np.float32)
+    return np.minimum(np.hypot(np.hypot(narrow, by_noise), covered * uniform), uniform).astype(np.float32)

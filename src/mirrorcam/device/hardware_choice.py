@@ -32,10 +32,11 @@ class HardwareChoice(Value):
         description="body of the camera: a name that mirrorcam camera list prints, or a TOML file. "
         + UNSET.format("the layout's"),
     )
-    adapter: Adapter | None = Field(
+    adapter: Annotated[Adapter | Path | None, Parameter(metavar="KIND|FILE")] = Field(
         default=None,
-        description="what carries the device: a desk, a tripod, an arm and others (docs/cad.md). "
-        + UNSET.format("none"),
+        description="what carries the device: a desk, a tripod, an arm and others (docs/cad.md), or a Python or STEP "
+        "file "
+        "with a part of your own (docs/own_back.md). " + UNSET.format("none"),
     )
     mounting: Literal["glue", "tape", "screws"] | None = Field(
         default=None,
@@ -56,7 +57,7 @@ class HardwareChoice(Value):
         C920's. Unless the table states the mirrors' material, it is the layout's. An adapter of the same kind as the
         table's keeps its dimensions. Raises InputError for an invalid file.
         """
-        from mirrorcam.cad.plan.back_table import back_of
+        from mirrorcam.cad.plan.back_table import FileBack, back_of
         from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
         from mirrorcam.core.disk.files import read_model
         from mirrorcam.optics.geometry.camera_library import profile_of, read_body
@@ -71,7 +72,10 @@ class HardwareChoice(Value):
         if self.mounting:
             hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors=self.mounting))
         if self.adapter and self.adapter != hardware.back.kind:
-            hardware = hardware.replaced(back=back_of(self.adapter))
+            back = back_of(str(self.adapter))
+            if isinstance(back, FileBack) and hardware.back.kind == back.kind:
+                back = hardware.back.replaced(file=back.file)
+            hardware = hardware.replaced(back=back)
         if self.look_deg is not None:
             hardware = hardware.replaced(back=hardware.back.replaced(look_deg=self.look_deg))
         return hardware

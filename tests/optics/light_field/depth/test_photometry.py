@@ -1,60 +1,13 @@
-"""Noise of views and its smoothing, and gains that make pictures of views alike."""
+"""Preparation of views: samples, masks, halving and smoothing."""
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
-from mirrorcam.optics.light_field.depth.photometry import (
-    GAIN_STRIDE_PX,
-    NO_SAMPLE,
-    ViewPicture,
-    matching_gain,
-    noise_grey,
-    patch_means,
-    rough_gain,
-    smoothed,
-)
+from mirrorcam.optics.light_field.depth.photometry import NO_SAMPLE, ViewPicture, smoothed, smoothing_px
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.depth.surfaces import grid_views
-
-EVERY = slice(GAIN_STRIDE_PX // 2, None, GAIN_STRIDE_PX)
-
-
-def texture(seed: int = 3) -> np.ndarray:
-    coarse = np.random.default_rng(seed).uniform(40, 200, (24, 32)).astype(np.float32)
-    return np.asarray(cv2.resize(coarse, (160, 120), interpolation=cv2.INTER_CUBIC))
-
-
-def test_a_gain_with_a_gradient_is_found_though_a_third_is_hidden() -> None:
-    picture = texture()
-    rows, columns = np.mgrid[:120, :160].astype(np.float32)
-    gain = 0.8 + 0.3 * (columns / 160 - 0.5) - 0.1 * (rows / 120 - 0.5)
-    darker = (picture / gain).astype(np.float32)
-    darker[:, :50] = 90.0 + 0.3 * texture(9)[:, :50]
-    found = matching_gain(darker, columns[EVERY, EVERY], rows[EVERY, EVERY], patch_means(picture)[EVERY, EVERY])
-    assert np.abs(found - gain)[:, 60:].max() < 0.03
-    assert np.abs(darker - picture)[:, 60:].mean() > 10
-
-
-def test_unrelated_or_black_pictures_are_unchanged() -> None:
-    picture = texture()
-    rows, columns = np.mgrid[:120, :160].astype(np.float32)
-    far = columns[EVERY, EVERY] + 1000.0
-    assert (matching_gain(picture, far, rows[EVERY, EVERY], patch_means(picture)[EVERY, EVERY]) == 1).all()
-    black = np.zeros_like(picture)
-    found = matching_gain(black, columns[EVERY, EVERY], rows[EVERY, EVERY], patch_means(black)[EVERY, EVERY])
-    assert np.abs(found - 1.0).max() < 1e-6
-
-
-def test_an_initial_gain_fits_most_of_the_picture_and_is_one_if_it_is_small() -> None:
-    picture = texture()
-    other = picture.copy()
-    other[:, :40] = texture(9)[:, :40]
-    assert rough_gain(np.float32(0.8) * other, picture) == pytest.approx(1.25, rel=0.03)
-    assert rough_gain(np.float32(0.99) * other, picture) == 1.0
-    assert rough_gain(np.full_like(picture, NO_SAMPLE), picture) == 1.0
 
 
 def test_a_view_is_the_same_from_bytes_and_floats_and_masks_its_samples() -> None:
@@ -88,22 +41,18 @@ def test_half_a_view_is_the_mean_of_four_where_all_are_known() -> None:
     assert (~half.valid).sum() == 1 and not half.valid[1, 2]
 
 
-@pytest.mark.parametrize("deviation", [3.0, 10.0, 20.0])
-@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
-def test_white_noise_is_measured_in_spite_of_texture(deviation: float, dtype: type) -> None:
-    views = grid_views(1, 2)
-    shape = (1, 2, views.height_px, views.width_px)
-    random = np.random.default_rng(4)
-    smooth = np.broadcast_to(cv2.resize(texture(), shape[:1:-1])[..., None], (*shape, 3))
-    noisy = np.clip(smooth + deviation * random.standard_normal((*shape, 3)), 0, 255)
-    samples = np.rint(noisy).astype(np.uint8) if dtype is np.uint8 else (noisy / 255).astype(np.float32)
-    found = noise_grey(LightField.of(views, samples, np.ones(shape, np.float32)), (0, 1))
-    assert found == pytest.approx(deviation, rel=0.2)
+def test_more_noise_is_smoothed_more_up_to_a_limit_and_little_noise_not_at_all() -> None:
+    deviations = [smoothing_px(ratio) for ratio in (0.0, 0.3, 0.6, 1.0, 3.0, 7.0, 100.0)]
+    assert deviations[:2] == [0.0, 0.0]
+    assert deviations == sorted(deviations)
+    assert deviations[-1] == pytest.approx(deviations[-2], abs=0.1) and 0.5 < deviations[3] < 1.0
 
 
-def test_little_noise_is_not_smoothed_and_more_noise_is_smoothed_more() -> None:
+def test_smoothing_lowers_noise_and_keeps_the_mean_and_the_mask() -> None:
     picture = np.random.default_rng(5).normal(128.0, 10.0, (60, 80)).astype(np.float32)
-    assert smoothed(picture, 1.5) is picture
-    deviations = [smoothed(picture, noise).std() for noise in (3.0, 8.0, 20.0)]
-    assert 10.0 > deviations[0] > 2.0 * deviations[1] > 2.5 * deviations[2]
-    np.testing.assert_allclose(smoothed(np.full_like(picture, 7.0), 20.0), 7.0, rtol=1e-5)
+    view = ViewPicture(picture, picture, picture > 100.0)
+    assert view.smoothed(0.0) is view
+    # White noise that is smoothed by a Gaussian of sigma s falls to 1 / (2 s sqrt(pi)).
+    assert view.smoothed(1.5).brightness.std() == pytest.approx(10.0 / (3.0 * np.sqrt(np.pi)), rel=0.1)
+    assert view.smoothed(1.5).valid is view.valid
+    np.testing.assert_allclose(smoothed(np.full_like(picture, 7.0), 2.0), 7.0, rtol=1e-5)

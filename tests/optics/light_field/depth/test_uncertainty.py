@@ -12,6 +12,8 @@ from mirrorcam.optics.light_field.depth.uncertainty import (
     INFORMATION,
     MARGIN_EXPONENT,
     NOISE_EXPONENT,
+    NOISE_PX,
+    NOISE_RATIO_LIMIT,
     ROUGHNESS_EXPONENT,
     SIGMA_PX,
     SURE_MARGIN,
@@ -30,9 +32,19 @@ def sigma(
     right: float = 1.0,
     halved: bool = False,
     views: int = 8,
+    noise_ratio: float = 0.0,
 ) -> float:
     match = Match(information * ONES, 8 * ONES, 8 * ONES, residual * ONES, ONES, ONES)
-    found_px = standard_deviation_px(match, smoothness * ONES, margin * ONES, right * ONES, views, halved, RANGE_PX)
+    found_px = standard_deviation_px(
+        match,
+        smoothness * ONES,
+        margin * ONES,
+        right * ONES,
+        views=views,
+        halved=halved,
+        range_px=RANGE_PX,
+        noise_ratio=noise_ratio,
+    )
     return float(found_px[15, 20])
 
 
@@ -44,6 +56,9 @@ def test_sigma_grows_with_noise_and_doubt_and_shrinks_with_information() -> None
     assert sigma(smoothness=0.8) == pytest.approx(0.8**-ROUGHNESS_EXPONENT * sigma())
     assert sigma(views=80) == pytest.approx(10 ** (SHARED_ERROR_EXPONENT * NOISE_EXPONENT) * sigma())
     assert sigma(halved=True) == pytest.approx(HALVED_FACTOR * sigma())
+    assert sigma(noise_ratio=NOISE_RATIO_LIMIT) == pytest.approx(
+        np.hypot(sigma(), NOISE_PX * NOISE_RATIO_LIMIT / 2.0), rel=1e-4
+    )
 
 
 def test_sigma_is_as_wide_as_the_search_where_nothing_determines_the_depth() -> None:
