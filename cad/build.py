@@ -71,7 +71,9 @@ def build_parts(
     with _extra_installed():
         from mirrorcam.cad.assembly.device_plan import plan_device
     if elastic and hardware.holder.mirrors == "screws":
-        raise InputError('finite elements model only glued mirrors, expected holder.mirrors = "glue" or no --elastic')
+        raise InputError(
+            'finite elements do not model mirrors on screws, expected holder.mirrors = "tape" or "glue" or no --elastic'
+        )
     if elastic:
         from mirrorcam.cad.checks.elasticity.elasticity_report import require_solvable
 

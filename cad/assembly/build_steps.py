@@ -162,12 +162,12 @@ class Tool:
 
 def tools_of(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]:
     """All hand tools for a device with these purchased items, in the order of the guide's steps, without machines."""
-    glass = device.hardware.cutting.material == "glass"
+    glass, taped = device.hardware.cutting.material == "glass", device.hardware.holder.mirrors == "tape"
     tools = [
         Tool("calipers", "to measure camera, mirrors and board"),
         Tool("kitchen scale", "to weigh the camera"),
         Tool("steel ruler", "to find the entrance pupil; to cut along"),
-        Tool("blade", "to clean pads and seats"),
+        Tool("blade", "to clean pads and seats" + ("; to cut tape" if taped else "")),
     ]
     if glass:
         tools += [
@@ -177,10 +177,10 @@ def tools_of(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]
     thread = device.hardware.screw.thread
     if any(item.kind == "insert" for item in items):
         tools.append(Tool(f"soldering iron with a tip for {thread} inserts", "at about 220 °C in PLA"))
-    if any((item.kind, item.size) == ("nut", thread) for item in items):
+    if any((item.kind, item.size) == ("nut", thread) for item in items) and not taped:
         tools.append(Tool("tweezers", "to place nuts"))
     tools += [
-        Tool("5 ml syringe", "to lay beads of glue"),
+        Tool("tweezers", "to place tape") if taped else Tool("5 ml syringe", "to lay beads of glue"),
         Tool("cotton gloves", "to handle mirrors"),
         *_keys(items),
     ]

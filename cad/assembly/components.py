@@ -30,6 +30,7 @@ from build123d import (
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.device_names import CAMERA, CLIP, HOLDER, UNMOUNTED, carrier_name
+from mirrorcam.cad.plan.hardware import MIRROR_DENSITIES
 from mirrorcam.cad.plan.part_plan import FORMING, BuiltPart, MassProperties, PurchasedItem, Rgb
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.cad.plan.threads import COUNTERSUNK, SUNK_HEAD, THREADS, diameter_mm, thread_of
@@ -68,7 +69,7 @@ SUNK_STANDARDS = {
     "1/4-20 UNC": "ASME B18.3, hexagon socket",
 }
 # Densities in g/cm3: acrylic (PMMA, 1.18 to 1.19 in data sheets), float glass (EN 572-1), brass CuZn39Pb3, steel.
-MIRROR_DENSITIES, BRASS_DENSITY, STEEL_DENSITY = {"acrylic": 1.19, "glass": 2.5}, 8.47, 7.85
+BRASS_DENSITY, STEEL_DENSITY = 8.47, 7.85
 MIRROR_EXPLODE_MM = 35.0
 CAMERA_EXPLODE_MM = 15.0
 BOARD_EXPLODE_MM = 40.0

@@ -42,10 +42,6 @@ class SolidPair:
     overlap_mm3: float
     gap_mm: float
 
-    @property
-    def touches(self) -> bool:
-        return self.gap_mm <= TOUCH_MM
-
 
 def close_pairs(solids: Mapping[str, manifold3d.Manifold]) -> list[SolidPair]:
     """Pairs of solids closer to each other than `MAX_GAP_MM`."""
@@ -74,13 +70,18 @@ def overlap_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_m
 
 
 def check_clashes(
-    solids: Mapping[str, manifold3d.Manifold], min_mm: float, supports: Collection[str] = ()
+    solids: Mapping[str, manifold3d.Manifold],
+    min_mm: float,
+    supports: Collection[str] = (),
+    *,
+    behind_mirrors_mm: float = 0.0,
 ) -> dict[str, Metric]:
     """Check overlaps of solids, gaps between solids that do not touch, and fasteners without contact.
 
     Reports on each part, the camera, each support, and each mirror or fastener that clashes. A gap of less than
     `min_mm` is neither a contact nor a clearance. The fits of fasteners in their holes are not checked. Solids named
-    in `supports`, outside the device, have their own threads.
+    in `supports`, outside the device, have their own threads. Tape of the thickness `behind_mirrors_mm` connects
+    mirrors to the holder.
     """
     pairs = close_pairs(solids)
     fasteners = [name for name in solids if name.startswith(FASTENERS)]
@@ -91,7 +92,9 @@ def check_clashes(
     for pair in pairs:
         for name, other in (pair.names, pair.names[::-1]):
             overlaps[name] += pair.overlap_mm3
-            if pair.touches or (name.startswith("pin") and pair.gap_mm <= PINNED_MM):
+            taped = HOLDER in pair.names and any(map(is_mirror, pair.names))
+            within_mm = PINNED_MM if name.startswith("pin") else TOUCH_MM + behind_mirrors_mm if taped else TOUCH_MM
+            if pair.gap_mm <= within_mm:
                 touched[name].add(other)
             elif name in gaps and other in gaps:
                 gaps[name] = min(gaps[name], pair.gap_mm)

@@ -19,7 +19,6 @@ from shapely import Polygon
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.components import (
     BRASS_DENSITY,
-    MIRROR_DENSITIES,
     STEEL_DENSITY,
     combined,
     item_names,
@@ -42,9 +41,10 @@ from mirrorcam.cad.checks.light_paths import check_light, check_step_views, chec
 from mirrorcam.cad.checks.load_checks import check_aim, check_back, check_nest, check_rest
 from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
+from mirrorcam.cad.checks.tape_mounting import check_tape
 from mirrorcam.cad.holder.stray_light import stray_light
 from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, COVER, HOLDER, UNMOUNTED
-from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hardware import MIRROR_DENSITIES, Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
@@ -137,7 +137,9 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         **_check_stray_light(made),
         **_check_cover(made, parts),
         **check_surrounding_light(device.layout, made.valid),
-        **check_clashes(made.valid | supports, hardware.fit.press_mm, supports),
+        **check_clashes(
+            made.valid | supports, hardware.fit.press_mm, supports, behind_mirrors_mm=hardware.holder.on_pads_mm
+        ),
         **check_insertion(items, made.valid),
         **check_tool_reach(items, made.valid),
         **check_adjustment(device, made.valid, supports),
@@ -173,6 +175,7 @@ def _check_mirrors(made: DeviceAsMade) -> dict[str, Metric]:
     return {
         **check_cuts(made.sheets, layout, hardware.cutting),
         **check_seats(faces, layout, hardware, made.device.holder.planned_cover),
+        **check_tape(layout, made.device.holder, hardware),
         **check_drop(made.outlines, layout, list(made.valid_parts.values()), hardware.fit.free_mm),
     }
 

@@ -122,13 +122,14 @@ class Seat:
         return float(min_altitude_mm(self.pads_in_plane[None])[0]) if len(self.pads_in_plane) == PADS else 0.0
 
 
-def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float) -> Seat | None:
-    """The seat of a mirror: pads near the plane of its back, and a floor about `bond_mm` behind it.
+def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float, on_pads_mm: float = 0.0) -> Seat | None:
+    """The seat of a mirror: pads about `on_pads_mm` behind the plane of its back, and a floor `bond_mm` behind them.
 
     Only areas behind its outline count; None if there is no floor.
     """
     outline = Polygon(mirror.outline_in_plane_mm)
-    corners = {depth: outline_at(mirror, mirror.back_mm - depth) for depth in (0.0, bond_mm)}
+    depths_mm = (on_pads_mm, on_pads_mm + bond_mm)
+    corners = {depth: outline_at(mirror, mirror.back_mm - depth) for depth in depths_mm}
     candidates: dict[float, list[tuple[FlatFace, BaseGeometry]]] = {depth: [] for depth in corners}
     for face in _facing(faces, mirror.normal_in_rig, SEAT_SEARCH_DEG):
         depths = mirror.back_mm - mirror.distance_mm - face.loops[0] @ mirror.normal_in_rig
@@ -153,8 +154,8 @@ def find_seat(faces: Sequence[FlatFace], mirror: Mirror, bond_mm: float) -> Seat
         for depth, members in candidates.items()
     }
     return Seat(
-        offset_mm=errors[0.0],
-        bond_error_mm=errors[bond_mm],
+        offset_mm=errors[depths_mm[0]],
+        bond_error_mm=errors[depths_mm[1]],
         angle_deg=max(face.angle_deg(mirror.normal_in_rig) for face, _ in (*pads, *floors)),
         pads_in_plane=np.array([area.centroid.coords[0] for area in pad_areas]).reshape(-1, 2),
         cover=float(floor.area / outline.area),
@@ -206,7 +207,8 @@ def check_seats(
         The largest errors of seats, pads, floors and pocket walls.
     """
     fit = hardware.fit.free_mm
-    seats = [find_seat(faces, mirror, hardware.holder.bond_mm) for mirror in layout.mirrors]
+    holder = hardware.holder
+    seats = [find_seat(faces, mirror, holder.bond_mm, holder.on_pads_mm) for mirror in layout.mirrors]
     existing = [seat for seat in seats if seat is not None]
     carried = [bool(seat and seat.carries(mirror)) for seat, mirror in zip(seats, layout.mirrors, strict=True)]
     covers = [seat.cover if seat else 0.0 for seat in seats]

@@ -88,6 +88,8 @@ def write_guide(
         glue=glue_amount(device.holder.glue_mm3),
         glue_of_one=glue_amount((max(device.holder.glue_mm3),)),
         bead_mm=bead_mm(hardware),
+        taped=hardware.holder.mirrors == "tape",
+        pads=len(device.holder.pads),
         carriers=_carrier_texts(device),
         coupon=coupon,
         coupon_minutes=round(minutes.value) if coupon and (minutes := coupon.checks.get("print_minutes")) else None,

@@ -39,13 +39,15 @@ class Groove:
 
 
 def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardware: Hardware) -> tuple[Groove, ...]:
-    """Parallel grooves of one mirror, evenly spaced about the centre of its outline; none in a narrow mirror.
+    """Parallel grooves of one mirror, evenly spaced about the centre of its outline; none if it is narrow or on tape.
 
     They pass through notches of the rims and out of the filler round the mirror, or up to the column behind the
     adjacent mirror. Air and surplus glue can escape, and no thin wall remains at their ends. `normal` (3,) points out
     of the part's back.
     """
     dimensions, mirror = hardware.holder, mirrors[index]
+    if dimensions.mirrors == "tape":
+        return ()
     outline = Polygon(mirror.outline_in_plane_mm)
     filler_mm = hardware.fit.free_mm + dimensions.rim_mm
     margin = filler_mm + PAST_RIM_MM
@@ -155,6 +157,8 @@ def planned_cover(mirror: Mirror, free: Polygon, grooves: Sequence[Groove], pads
 
 def glue_mm3(free: Polygon, pads: Sequence[FloatArray], hardware: Hardware) -> float:
     """Volume of glue in the gap between a mirror and its seat: all but the pads (n, 2), including over grooves."""
+    if hardware.holder.mirrors == "tape":
+        return 0.0
     return float(free.difference(union_all([Polygon(pad) for pad in pads])).area) * hardware.holder.bond_mm
 
 

@@ -40,7 +40,8 @@ class HolderPlan:
 
     `rig_from_mount` (4, 4) is the frame of the flat back: origin in the centre of the mount holes, x along the rig's x,
     z out of the back. `holes_in_mount_mm` (4, 2) are in its plane, with threads at depths `thread_mm` (from, to) and
-    the depth `hole_depth_mm`. `size_mm` is the part's size along x, y and z of that frame. `cuts_mm` are the positions
+    the depth `hole_depth_mm`. `size_mm` is the part's size along x, y and z of that frame, `volume_mm3` its volume
+    before it is grooved and drilled. `cuts_mm` are the positions
     along its x and y at which the part is cut to fit the bed. `planned_cover` is, for every mirror, the fraction of its
     back that its seat covers, and `glue_mm3` the volume of the gap between them.
     """
@@ -61,6 +62,7 @@ class HolderPlan:
     thread_mm: tuple[float, float]
     hole_depth_mm: float
     size_mm: tuple[float, float, float]
+    volume_mm3: float
     cuts_mm: Cuts
     planned_cover: tuple[float, ...]
     glue_mm3: tuple[float, ...]
@@ -74,11 +76,6 @@ class HolderPlan:
         solids = (self.slab, self.flange, *self.cores, *self.pads, *self.fillers, *self.rims)
         walls = (self.walls.outer_foot, self.walls.inner_foot, self.walls.outer_crest, self.walls.inner_crest)
         return np.vstack([*(np.vstack([solid.base, solid.top]) for solid in solids), *walls])
-
-    @property
-    def bulk(self) -> tuple[Frustum, ...]:
-        """The solids with most of the mass, including the carriers."""
-        return (self.slab, *self.cores)
 
     @property
     def pads_of_mirrors(self) -> tuple[tuple[Frustum, ...], ...]:

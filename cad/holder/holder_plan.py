@@ -95,7 +95,7 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     require_height("mirror holder", size[2], hardware)
     in_mount = Polygon(get_coordinates(front.border) - plan.rig_from_mount[:3, 3] @ front.axes[:2].T)
     hollows = plan_hollows(body, plan.rig_from_mount, in_mount, plan.holes_in_mount_mm, plan.cuts_mm, hardware)
-    return replace(plan, size_mm=size, hollows=hollows)
+    return replace(plan, size_mm=size, volume_mm3=float(csg.cut(body, hollows).volume()), hollows=hollows)
 
 
 def _front(layout: Layout, hardware: Hardware) -> _Front:
@@ -147,6 +147,7 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
         thread_mm=(thread_from, thread_to),
         hole_depth_mm=hole_depth,
         size_mm=(0.0, 0.0, 0.0),
+        volume_mm3=0.0,
         cuts_mm=(
             tuple(cut - float(mount.centre_mm[0]) for cut in cuts[0]),
             tuple(cut - float(mount.centre_mm[1]) for cut in cuts[1]),

@@ -1,4 +1,4 @@
-"""Three pads in every seat: a mirror rests on them, and they set the thickness of the bond behind it."""
+"""Three pads in every seat: a mirror rests on them, directly or on tape, and they set its distance from the seat."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from mirrorcam.cad.holder.glue import Groove
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.seats import Frustum, seat_height_mm
+from mirrorcam.cad.plan.seats import Frustum, pad_height_mm, seat_height_mm
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
@@ -78,9 +78,10 @@ def plan_pads(
     centres = widest_triangle(region, centroid)
     if centres is None or float(min_altitude_mm(centres[None])[0].round(6)) < hardware.holder.pad_mm:
         width, height = np.ptp(mirror.outline_in_plane_mm, axis=0)
+        field = "tape_pad_mm" if hardware.holder.mirrors == "tape" else "glue_pad_mm"
         raise InputError(
             f"mirror {name} of {width:.1f} x {height:.1f} mm has no space for three pads of "
-            f"{hardware.holder.pad_mm:g} mm about its centre, expected larger mirrors or a smaller holder.pad_mm"
+            f"{hardware.holder.pad_mm:g} mm about its centre, expected larger mirrors or a smaller holder.{field}"
         )
     return centres
 
@@ -150,8 +151,8 @@ def pad_shapes(centres: FloatArray, hardware: Hardware) -> tuple[FloatArray, ...
 
 
 def pad_solid(mirror: Mirror, shape: FloatArray, hardware: Hardware) -> Frustum:
-    """The solid of a pad, from just inside the seat to the mirror's back."""
-    levels = (seat_height_mm(mirror, hardware) - GAP_MM, mirror.back_mm)
+    """The solid of a pad, from just inside the seat to the mirror's back or its tape."""
+    levels = (seat_height_mm(mirror, hardware) - GAP_MM, pad_height_mm(mirror, hardware))
     base, top = (
         transform(mirror.rig_from_plane, np.column_stack([shape, np.full(len(shape), level)])) for level in levels
     )

@@ -36,7 +36,8 @@ from mirrorcam.cad.plan.cuts import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.dimension import Datum, Hole
 from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
+from mirrorcam.cad.plan.prisms import volume_mm3
+from mirrorcam.cad.plan.seats import keep_outs, outline_at, seat_height_mm
 from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
@@ -53,11 +54,6 @@ class ScrewedHolderPlan(HolderPlan):
 
     carriers: tuple[CarrierPlan, ...]
     adjuster: Adjuster
-
-    @property
-    def bulk(self) -> tuple[Frustum, ...]:
-        """The plate and all carriers."""
-        return (self.slab, *(carrier.body for carrier in self.carriers))
 
     @property
     def corners_in_rig(self) -> FloatArray:
@@ -209,6 +205,7 @@ def _plan(
         thread_mm=(thread_from, thread_to),
         hole_depth_mm=hole_depth,
         size_mm=(0.0, 0.0, 0.0),
+        volume_mm3=0.0,
         cuts_mm=((), ()),
         planned_cover=tuple(carrier.planned_cover for carrier in carriers),
         glue_mm3=tuple(carrier.glue_mm3 for carrier in carriers),
@@ -222,10 +219,11 @@ def _plan(
 
 
 def _sized(plan: ScrewedHolderPlan, hardware: Hardware) -> ScrewedHolderPlan:
-    """The plan with the size of its body."""
+    """The plan with the size of its body, and its volume together with its carriers'."""
     csg = PlanarCsg()
     body = one_piece(csg.cut(body_of(csg, plan), plan.slots), plan.wall_mm)
     points = np.asarray(body.to_mesh64().vert_properties)[:, :3] @ plan.rig_from_mount[:3, :3]
     size = tuple(np.ptp(points, axis=0).tolist())
     require_height("mirror holder", size[2], hardware)
-    return replace(plan, size_mm=size)
+    volume = float(body.volume()) + sum(volume_mm3(carrier.body) for carrier in plan.carriers)
+    return replace(plan, size_mm=size, volume_mm3=volume)

@@ -208,10 +208,10 @@ def _slot_y_mm(hardware: Hardware) -> float:
 
 
 def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frustum]]:
-    """The rims and the glue grooves of the seat, with the holder's dimensions."""
+    """The rims of the seat and its grooves for glue, if any, with the holder's dimensions."""
     dimensions, (seat_x, seat_y) = hardware.holder, _seat_mm(layout, hardware)
     rim, thickness = dimensions.rim_mm, max(mirror.thickness_mm for mirror in layout.mirrors)
-    rim_top = PLATE_MM + dimensions.bond_mm + dimensions.rim_height_of_sheet * thickness
+    rim_top = PLATE_MM + dimensions.bond_mm + dimensions.on_pads_mm + dimensions.rim_height_of_sheet * thickness
     rims = [
         _box((0.0, 0.0, 0.0), (seat_x, rim, rim_top)),
         _box((0.0, seat_y - rim, 0.0), (seat_x, seat_y, rim_top)),
@@ -219,7 +219,7 @@ def _seat(layout: Layout, hardware: Hardware) -> tuple[list[Frustum], list[Frust
         _box((seat_x - rim, 0.0, 0.0), (seat_x, seat_y, rim_top)),
     ]
     grooves = []
-    for side in (-0.5, 0.5):
+    for side in () if dimensions.mirrors == "tape" else (-0.5, 0.5):
         centre_x = seat_x / 2.0 + side * dimensions.groove_pitch_mm
         from_x, to_x = centre_x - dimensions.groove_mm / 2.0, centre_x + dimensions.groove_mm / 2.0
         grooves.append(_box((from_x, -1.0, PLATE_MM - dimensions.groove_depth_mm), (to_x, seat_y, rim_top + 1.0)))

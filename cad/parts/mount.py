@@ -25,7 +25,7 @@ from mirrorcam.cad.parts.mount_openings import (
     leaves_unprintable_web_ends,
     openings,
 )
-from mirrorcam.cad.parts.mount_stiffness import mount_compliance
+from mirrorcam.cad.parts.mount_stiffness import HEAD_MM, mount_compliance
 from mirrorcam.cad.parts.truss import (
     FOOT_DEPTH_MM,
     FOOT_X_MM,
@@ -43,7 +43,7 @@ from mirrorcam.cad.plan.cuts import clearance_around_pin_mm
 from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_space_mm, stack_into
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.prisms import box, overlap_mm, prism_along_x, volume_mm3
+from mirrorcam.cad.plan.prisms import overlap_mm, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.cad.plan.stand import lean_deg
 from mirrorcam.cad.plan.stiffness import Section, beam_compliance
@@ -171,8 +171,6 @@ def _block_mm(cut_points: FloatArray, direction: FloatArray, hardware: Hardware)
 WEB_DEG = 36.0
 GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
-# Extent of the thicker skin round the slots: slightly more than a washer.
-SLOT_MARGIN_MM = 5.0
 # Steps of the candidate widths and depths, and candidate factors of the thicknesses.
 WIDTH_STEP_MM, DEPTH_STEP_MM = 8.0, 2.0
 THICKNESS_FACTORS = (1.0, 1.5, 2.0)
@@ -252,9 +250,9 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     profile, placement = _lightest(holder, clip, load_g, load_at, lean_deg(layout, hardware), hardware)
     section, half_width = profile.section, profile.section.width_mm / 2.0
     tilt_deg, shift_um = bending(profile, holder, clip, load_g, load_at, hardware)
-    grip = hardware.mount.skin_mm
+    grip = hardware.mount.grip_mm
     pieces, webs = truss(profile.inner, profile.outer, section, hardware)
-    pieces += [_rib(clip), _slide_skin(clip, half_width)]
+    pieces += [_rib(clip), _slide_skin(clip, profile, half_width), *_head_skin(profile, holder, hardware)]
     webs += joint_blocks(placement, section.skin_mm, half_width, hardware)
     light = tuple(
         volume
@@ -412,11 +410,9 @@ def bending(
 
 
 def _load(layout: Layout, holder: HolderPlan, hardware: Hardware) -> tuple[float, FloatArray]:
-    """Mass in g, and centre (3,), of the mirrors and the holder as if it were solid; an upper bound."""
-    slab, *others = holder.bulk
-    volume = volume_mm3(slab) + sum(volume_mm3(solid) for solid in others)
+    """Mass in g, and centre (3,), of the mirrors and the holder as if printed without infill; an upper bound."""
     glass = sum(Polygon(m.outline_in_plane_mm).area * m.thickness_mm for m in layout.mirrors)
-    mass = (hardware.printer.plastic_g_per_cm3 * volume + GLASS_G_PER_CM3 * glass) / 1000.0
+    mass = (hardware.printer.plastic_g_per_cm3 * holder.volume_mm3 + GLASS_G_PER_CM3 * glass) / 1000.0
     return mass, np.asarray(holder.corners_in_rig.mean(axis=0))
 
 
@@ -428,12 +424,29 @@ def _rib(clip: ClipPlan) -> Frustum:
     return Frustum(corners, corners + (clip.top_mm + clip.travel_mm - low) * ABOVE)
 
 
-def _slide_skin(clip: ClipPlan, half_width: float) -> Frustum:
-    """The thicker part of the skin, from below the lowest slot of the slide to above the highest.
+def _head_skin(profile: Profile, holder: HolderPlan, hardware: Hardware) -> list[Frustum]:
+    """The thicker parts of the skin on the holder's back, round both rows of the holder's screws."""
+    start, end = profile.inner[-2:]
+    along = (end - start) / np.linalg.norm(end - start)
+    depth = hardware.mount.grip_mm * np.array([-along[1], along[0]])
+    half_width = profile.section.width_mm / 2.0
+    length = float((end - start) @ along)
+    pieces = []
+    for row in head_screws(holder)[[0, 2], 1:]:
+        position = float((row - start) @ along)
+        ends = np.array([start + np.clip(position + side * HEAD_MM, 0.0, length) * along for side in (-1.0, 1.0)])
+        pieces.append(prism_along_x(np.vstack([ends, ends[::-1] + depth]), -half_width, half_width))
+    return pieces
 
-    On a thin skin the camera would pitch under its own weight.
+
+def _slide_skin(clip: ClipPlan, profile: Profile, half_width: float) -> Frustum:
+    """The thicker part of the skin, from the foot's face to the bend above the slide.
+
+    Wherever the skin beside the slide is thin, the camera pitches under its own weight.
     """
-    margin = clip.travel_mm + SLOT_MARGIN_MM
-    z_range = (min(clip.slide_z_mm) - margin, max(clip.slide_z_mm) + margin)
-    y = clip.slide_y_mm
-    return box((-half_width, y - clip.slide.grip_mm, z_range[0]), (half_width, y, z_range[1]))
+    front, bend = profile.inner[:2]
+    share = clip.slide.grip_mm / profile.section.depth_mm
+    low, high = (
+        line[0] + share * (line[1] - line[0]) for line in ((front, profile.outer[0]), (bend, profile.outer[1]))
+    )
+    return prism_along_x(np.array([front, low, high, bend]), -half_width, half_width)

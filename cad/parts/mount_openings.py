@@ -53,9 +53,9 @@ def openings(
     up = UP - (UP @ normal) * normal
     up /= np.linalg.norm(up)
     for hole in transform(holder.rig_from_mount, np.column_stack([holder.holes_in_mount_mm, np.zeros(4)])):
-        clearance, through = screw.clearance_hole_mm / 2.0, mount.skin_mm + 2.0
+        clearance, through = screw.clearance_hole_mm / 2.0, mount.grip_mm + 2.0
         cuts.append(Bore(hole - normal, normal, clearance, through, up, roof_deg=ROOF_IN_SKINS_DEG))
-        start = hole + mount.skin_mm * normal
+        start = hole + mount.grip_mm * normal
         cuts.append(Bore(start, normal, driver_radius, 2.0 * depth, up, roof_deg=ROOF_IN_WEBS_DEG))
     cuts += _carrier_driver_cuts(holder, up, half_width, 2.0 * depth, hardware)
     for screw_point in clip.slide_points:

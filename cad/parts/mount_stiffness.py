@@ -106,6 +106,8 @@ def _bore_outline(radius_mm: float, travel_mm: float, roof_mm: float) -> Polygon
 
 # A screw at the mount's top clamps its skin this far to either side: about the radius of the screw's head.
 CLAMPED_MM = 3.0
+# Extent of the thicker skin round the rows of the holder's screws, to either side.
+HEAD_MM = 18.0
 # A screw of the foot clamps the plastic on a disc of this radius, over which its pressure spreads in the adapter.
 DISC_MM = 6.0
 # Solid finite elements tilt up to 1.28 times as far about x as these plates, and .96 to 1.05 times about the other
@@ -141,7 +143,7 @@ def mount_compliance(
     load : (3,) array
         Point in the rig frame, mm, where forces act on the holder.
     hardware
-        Dimensions of the foot.
+        Dimensions of the foot and the head.
 
     Returns
     -------
@@ -163,9 +165,20 @@ def mount_compliance(
         for row in screws[[0, 2], 1:]
         for side in (-1.0, 1.0)
     ]
+    ends = [
+        np.array(head.interpolate(head.project(Point(row)) + side * HEAD_MM).coords[0])
+        for row in screws[[0, 2], 1:]
+        for side in (-1.0, 1.0)
+    ]
+    grip = max(section.skin_mm, hardware.mount.grip_mm)
     edges = _Edges()
     strips = [
-        *_strips_along([feet[0], *webs.inner], [*webs.webs.reshape(-1, 2), *rows], section.skin_mm),
+        *(
+            (start, end, grip if _on_head(head, (start + end) / 2.0, screws) else skin)
+            for start, end, skin in _strips_along(
+                [feet[0], *webs.inner], [*webs.webs.reshape(-1, 2), *rows, *ends], section.skin_mm
+            )
+        ),
         *_strips_along([feet[1], *webs.outer], webs.webs.reshape(-1, 2), section.skin_mm),
         *((start, end, plate) for start, end in pairwise([feet[0], *foot_points, feet[1]])),
         *((start, end, section.web_mm) for start, end in webs.webs),
@@ -191,6 +204,12 @@ def mount_compliance(
     # Forces along y and z, and moments about x, act in the plane of the profile and are coupled.
     in_plane = np.sqrt(KNOCK_DOWN_ABOUT_X) ** np.array([0, 1, 1, 1, 0, 0])
     return np.asarray(KNOCK_DOWN * compliance * np.outer(in_plane, in_plane))
+
+
+def _on_head(line: LineString, point: FloatArray, screws: FloatArray) -> bool:
+    """Return whether a point (2,) of the inner skin's line is on the thicker skin round the holder's screws (4, 3)."""
+    position = line.project(Point(point))
+    return any(abs(position - line.project(Point(row))) < HEAD_MM for row in screws[[0, 2], 1:])
 
 
 def disc_on_solid(radius_mm: float, modulus_mpa: float) -> FloatArray:

@@ -174,7 +174,7 @@ def with_holes_for_screws(hardware: Hardware) -> Hardware:
     screw = hardware.screw
     if screw.kind != "insert":
         return hardware
-    grips = (hardware.mount.skin_mm, hardware.mount.slide_skin_mm, *hardware.back.grips_mm)
+    grips = (hardware.mount.grip_mm, hardware.mount.slide_skin_mm, *hardware.back.grips_mm)
     depth = screw.insert_depth_mm
     for grip in grips:
         through = grip + washer_under_mm(grip, screw)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
+from shapely import Polygon
 
 from mirrorcam.cad.plan.back_table import AnyBack, DeskBack
 from mirrorcam.cad.plan.prices import Prices
@@ -23,6 +24,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_stock import Material, material_of
 
 # Relative difference of the tangents of the half fields of view up to which two cameras count as the same model.
@@ -32,6 +34,8 @@ _Size = Annotated[float, PART_MM.limits]
 
 
 _positive = PART_MM.field
+
+Speeds = Literal["ordinary", "careful"]
 
 
 class Fits(Value):
@@ -47,12 +51,17 @@ class Printer(Value):
     """The printer's limits, and its plastic."""
 
     bed_mm: tuple[_Size, _Size, _Size] = Field(default=(220.0, 220.0, 250.0), description="largest part, z up")
-    wall_mm: float = _positive(1.2, "thinnest wall that prints: three lines of a 0.4 mm nozzle")
+    wall_mm: float = _positive(0.9, "thinnest wall that prints: two lines of a 0.4 mm nozzle, each 0.45 mm wide")
     floor_mm: float = _positive(0.6, "thinnest level floor that prints: three layers")
     overhang_deg: float = Bounds(1.0, 89.0).field(
         45.0, "largest angle of an overhang from upright that prints without support"
     )
     bridge_mm: float = _positive(10.0, "longest flat ceiling between two walls")
+    speeds: Speeds = Field(
+        default="ordinary",
+        description="speeds and acceleration of the print profile, and of the stated times: of printers sold since "
+        "about 2020, or careful ones for older printers",
+    )
     plastic: Name = Field(default="PLA", description="printed plastic")
     plastic_g_per_cm3: float = Bounds(0.01, 30.0).field(1.24, "density of the plastic")
     plastic_strength_mpa: float = Bounds(0.1, 1e4).field(
@@ -191,10 +200,16 @@ class CompressionSpring(Value):
 class HolderDimensions(Value):
     """Dimensions of the mirror holder that do not follow from the layout."""
 
-    mirrors: Literal["glue", "screws"] = Field(
+    mirrors: Literal["glue", "tape", "screws"] = Field(
         default="glue",
-        description="how mirrors are mounted: glued to the holder, or each glued to a carrier that three sprung screws "
-        "from behind draw to the holder and tilt",
+        description="how mirrors are mounted: glued to their seats, on the three pads of their seats by double-sided "
+        "tape, or each glued to a carrier that three sprung screws from behind draw to the holder and tilt",
+    )
+    tape_mm: float = Bounds(0.02, 1.0).field(
+        0.2, "thickness of the tape: a film with adhesive on both sides, not foam, which creeps and sets no distance"
+    )
+    tape_pad_mm: float = _positive(
+        5.0, "diameter of the pads under tape, and width of the squares of tape; by default wider under heavy mirrors"
     )
     adjust_deg: float = Bounds(0.1, 3.0).field(
         1.0, "range of tilt of a mirror on screws, plus or minus, about any axis"
@@ -221,37 +236,55 @@ class HolderDimensions(Value):
         "infill in their place",
     )
     ceiling_mm: float = _positive(6.0, "width of the flat top of a hollow, which bridges")
-    web_mm: float = _positive(1.6, "thickness of the webs between hollows, and of the outer wall")
+    web_mm: float = _positive(0.9, "thickness of the webs between hollows, and of the outer wall")
     bond_mm: float = Bounds(0.02, 1.0).field(
         0.2,
-        "thickness of the glue between a mirror and its seat, set by the height of the seat's three pads: at least one "
-        "layer of the printer",
+        "height of a seat's three pads, which is the thickness of the glue, if any: at least one layer of the printer",
     )
-    pad_mm: float = _positive(2.0, "diameter of the pads, which carry the mirror")
+    glue_pad_mm: float = _positive(2.0, "diameter of the pads of a mirror that is glued")
     groove_mm: float = _positive(1.0, "width of a groove for surplus glue")
     groove_depth_mm: float = _positive(0.6, "depth of a groove below the seat")
     groove_pitch_mm: float = _positive(7.0, "pitch of the grooves")
-    shade_mm: float = _positive(1.6, "thickness of the baffle's walls against stray light")
+    shade_mm: float = _positive(0.9, "thickness of the baffle's walls against stray light")
     hood_mm: float = PART_GAP_MM.field(
         0.0,
         "height of the baffle over the highest mirror where it blocks no light, as a hood against light and dust from "
         "the sides; 0: only as high as the camera sees past the mirrors",
     )
     shade_out_mm: float = PART_GAP_MM.field(
-        1.4, "how far the baffle stands outside the rims: if less than its thickness, no slit remains"
+        0.7, "how far the baffle stands outside the rims: if less than its thickness, no slit remains"
     )
     shade_step_mm: float = _positive(5.0, "length of the baffle's straight pieces")
-    dust_cover: bool = Field(default=True, description="print a cap for the mirrors, where it fits the bed")
+    dust_cover: bool = Field(default=False, description="print a cap for the mirrors, where it fits the bed")
     pin_mm: tuple[_Size, _Size] = Field(default=(3.0, 16.0), description="diameter and length of pins that join pieces")
     depth_without_spec_mm: float = _positive(500.0, "working distance of a layout without a spec")
+
+    @property
+    def pad_mm(self) -> float:
+        """Diameter of the pads, which carry the mirror."""
+        return self.tape_pad_mm if self.mirrors == "tape" else self.glue_pad_mm
+
+    @property
+    def on_pads_mm(self) -> float:
+        """Distance of a mirror's back from the pads: the thickness of the tape; 0 without."""
+        return self.tape_mm if self.mirrors == "tape" else 0.0
+
+    @property
+    def bonded_share(self) -> float:
+        """Share of a pad's area that tape reaches: the depth of the adhesive under its film over the height of a stair.
+
+        A pad that is inclined to the layers prints as stairs, on whose edges the film rests.
+        """
+        return min(1.0, self.tape_mm / 2.0 / PRINT_SETTINGS.layer_mm)
 
 
 class MountDimensions(Value):
     """The mount between camera and mirror holder: two skins with a truss of webs between them."""
 
-    skin_mm: float = _positive(1.6, "thickness of both skins, on which screw heads rest")
+    skin_mm: float = _positive(0.9, "smallest thickness of both skins")
+    grip_mm: float = _positive(3.0, "thickness of the skin round the holder's screws, which it bends least")
     slide_skin_mm: float = _positive(4.0, "thickness of the skin round the screws of the clip")
-    web_mm: float = _positive(1.2, "thickness of the webs between the skins")
+    web_mm: float = _positive(0.9, "smallest thickness of the webs between the skins")
     deepest_mm: float = _positive(80.0, "largest depth of the mount, from skin to skin")
     clearance_mm: float = _positive(1.0, "gap between mount and mirror holder, except at its back")
     tilt_deg: float = Bounds(1e-4, 45.0).field(
@@ -359,10 +392,30 @@ class Hardware(Value):
     )
 
     def for_mirrors_of(self, layout: Layout) -> Hardware:
-        """The hardware with the material of a layout's mirrors, unless a material is given."""
-        if "material" in self.cutting.model_fields_set:
-            return self
-        return self.replaced(cutting=self.cutting.replaced(material=material_of(layout)))
+        """The hardware with the material of a layout's mirrors, and pads that bear them, unless these are given."""
+        cutting, holder = self.cutting, self.holder
+        if "material" not in cutting.model_fields_set:
+            cutting = cutting.replaced(material=material_of(layout))
+        if "tape_pad_mm" not in holder.model_fields_set:
+            # Three octagons bear the heaviest mirror on the share that is bonded.
+            density = MIRROR_DENSITIES[cutting.material]
+            weight_n = max(mirror_weight_n(mirror, density) for mirror in layout.mirrors)
+            area_mm2 = weight_n / (TAPE_STRESS_KPA / 1000.0) / holder.bonded_share / 3.0
+            width = math.ceil(2.0 * math.sqrt(area_mm2 * math.sqrt(2.0))) / 2.0
+            holder = holder.replaced(tape_pad_mm=max(holder.tape_pad_mm, width))
+        return self.replaced(cutting=cutting, holder=holder)
+
+
+MIRROR_DENSITIES: dict[Material, float] = {"acrylic": 1.19, "glass": 2.5}
+"""Densities of mirrors in g/cm3."""
+TAPE_STRESS_KPA = 1.7
+"""Stress that acrylic tape bears for years: 4 square inches per pound, 3M's guideline for VHB."""
+
+
+def mirror_weight_n(mirror: Mirror, density_g_per_cm3: float) -> float:
+    """Weight of a mirror."""
+    volume_mm3 = Polygon(mirror.outline_in_plane_mm).area * mirror.thickness_mm
+    return float(density_g_per_cm3 * volume_mm3 * 1e-6 * 9.80665)
 
 
 HARDWARE = Hardware()
@@ -370,12 +423,15 @@ HARDWARE = Hardware()
 
 @dataclass(frozen=True)
 class PrintSettings:
-    """Nozzle, layer height, number of perimeters (lines of a wall) and percentage of infill."""
+    """Nozzle, layer height, number of perimeters (lines of a wall) and percentage of infill.
+
+    Two perimeters are OrcaSlicer's default for the printers whose speeds are compared in `cad/write/slicer.py`.
+    """
 
     nozzle_mm: float = 0.4
     layer_mm: float = 0.2
-    perimeters: int = 3
-    infill_percent: int = 20
+    perimeters: int = 2
+    infill_percent: int = 10
 
 
 PRINT_SETTINGS = PrintSettings()

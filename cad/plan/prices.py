@@ -86,6 +86,7 @@ ITEM_PRICES = {
     "3 pin": 0.30,
     "compression spring": 0.60,
     "Cable tie": 0.10,
+    "Double-sided tape": 7.0,
     "Glue for acrylic": 8.0,
     "Glue for mirrors": 8.0,
     "Arducam B0196": 35.0,

@@ -82,13 +82,17 @@ def newell_normal(loop: FloatArray) -> FloatArray:
 
 
 def seat_height_mm(mirror: Mirror, hardware: Hardware) -> float:
-    """Height of a seat over the reflecting plane, which is below the mirror's back by the thickness of the glue.
+    """Height of a seat over the reflecting plane: below the pads on which the mirror rests."""
+    return pad_height_mm(mirror, hardware) - hardware.holder.bond_mm
 
-    The mirror's back rests on three pads on the seat, as high as the glue is thick. A second-surface mirror is coated
-    on its back, so the tops of its pads are in the layout's (reflecting) plane. A first-surface mirror is coated
-    on its front, so they are one mirror thickness behind that plane.
+
+def pad_height_mm(mirror: Mirror, hardware: Hardware) -> float:
+    """Height over the reflecting plane of the tops of a seat's three pads, on which the mirror or its tape rests.
+
+    A second-surface mirror is coated on its back, which is in the layout's (reflecting) plane. A first-surface mirror
+    is coated on its front, so its back is one mirror thickness behind that plane.
     """
-    return mirror.back_mm - hardware.holder.bond_mm
+    return mirror.back_mm - hardware.holder.on_pads_mm
 
 
 def seat_distance_mm(mirror: Mirror, hardware: Hardware) -> float:

@@ -213,16 +213,21 @@ def _bought(device: Device, titles: Mapping[str, str]) -> tuple[BoughtLine, ...]
     if tied_items:
         title = f"Cable tie, at most {mount.tie_mm[0]:g} mm wide"
         lines.append(BoughtLine(title=title, count=len(tied_items), note=", ".join(tied_items)))
-    lines.append(
-        BoughtLine(
-            title=GLUES[device.hardware.cutting.material],
-            count=None,
-            note=f"{glue_amount(device.holder.glue_mm3)}, {device.hardware.holder.bond_mm:g} mm behind every mirror",
-        )
-    )
+    lines.append(_fixing(device))
     for kind, tools in ((TOOL, tools_of(device, items)), (ALSO, also_needed(device))):
         lines += [BoughtLine(title=kind + tool.name, count=None, note=tool.purpose) for tool in tools]
     return tuple(_priced(line, device.hardware.prices) for line in lines)
+
+
+def _fixing(device: Device) -> BoughtLine:
+    """What fixes the mirrors: tape or glue."""
+    holder = device.hardware.holder
+    if holder.mirrors == "tape":
+        squares = f"{len(device.holder.pads)} squares of {holder.tape_pad_mm:g} mm, on the pads of the seats"
+        title = f"Double-sided tape, clear film with acrylic adhesive, {holder.tape_mm:g} mm thick"
+        return BoughtLine(title=title, count=None, note=squares)
+    amount = f"{glue_amount(device.holder.glue_mm3)}, {holder.bond_mm:g} mm behind every mirror"
+    return BoughtLine(title=GLUES[device.hardware.cutting.material], count=None, note=amount)
 
 
 def _priced(line: BoughtLine, prices: Prices) -> BoughtLine:

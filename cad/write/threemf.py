@@ -197,7 +197,7 @@ def write_plates(
         write_bodies(out / path, plate.bodies, title, description, printer, {CONFIG: embedded(profile)})
         parts_by_path[path] = tuple(body.part.name for body in plate.bodies)
     write_text(out / FOLDER / f"{PROFILE}.ini", profile)
-    write_text(out / FOLDER / f"{PROFILE}_orca.json", orca_profile())
+    write_text(out / FOLDER / f"{PROFILE}_orca.json", orca_profile(printer))
     return parts_by_path, check_plates(plates, printer)
 
 

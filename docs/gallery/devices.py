@@ -260,7 +260,7 @@ def card_of(device: GalleryDevice, root: Path) -> GalleryCard:
     width_mm, depth_mm, height_mm = np.ptp(points, axis=0).round(1).tolist()
     metrics = {name: metric.value for name, metric in layout.metrics.items()}
     minutes = checks.get("device.print_minutes")
-    fixing = {"glue": "glued", "screws": "on screws"}[hardware.holder.mirrors]
+    fixing = {"glue": "glued", "tape": "taped", "screws": "on screws"}[hardware.holder.mirrors]
     return GalleryCard(
         name=device.name,
         title=device.title,

@@ -24,6 +24,7 @@ from tests.cad.parabolas import parabola
 from tests.shared import built_once, no_slicer
 
 Built = tuple[Layout, Path, dict[str, Metric]]
+COVERED = HARDWARE.replaced(holder=HARDWARE.holder.replaced(dust_cover=True))
 
 
 def flat_pair(*, gap_mm: float, width_mm: float = 30.0, height_mm: float = 20.0, thickness_mm: float = 1.0) -> Layout:
@@ -80,14 +81,14 @@ def small_layout() -> Layout:
 
 @pytest.fixture(scope="session")
 def built_second_surface(small_layout: Layout, tmp_path_factory: pytest.TempPathFactory) -> Built:
-    """The small layout of second-surface mirrors, built by one process; its parts are not sliced.
+    """The small layout of second-surface mirrors with a dust cover, built by one process; its parts are not sliced.
 
     They are stored in the folder `kept` next to the files' folder.
     """
 
     def build(folder: Path) -> None:
         with no_slicer():
-            build_parts(small_layout, folder / "device", results=folder / "kept")
+            build_parts(small_layout, folder / "device", hardware=COVERED, results=folder / "kept")
 
     out = built_once(tmp_path_factory, "second_surface_parts", build) / "device"
     return small_layout, out, read_checks(out)
@@ -97,6 +98,12 @@ def built_second_surface(small_layout: Layout, tmp_path_factory: pytest.TempPath
 def device(default_layout: Layout) -> Device:
     """The plans of the default 3x3 layout's device."""
     return plan_device(default_layout, HARDWARE)
+
+
+@pytest.fixture(scope="session")
+def covered_device(default_layout: Layout) -> Device:
+    """The plans of the default 3x3 layout's device with a dust cover."""
+    return plan_device(default_layout, COVERED)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from tests.cad.write.freecad import LISTED, NEEDS_FREECAD, run_in_freecad
 
 Built = tuple[Layout, Path, dict[str, Metric]]
-PARTS = ("mirror_holder", "mount", "camera_clip", "adapter_desk", "fit_coupon", "dust_cover")
+PARTS = ("mirror_holder", "mount", "camera_clip", "adapter_desk", "fit_coupon")
 WHOLE = {"index.html", "guide.md", "bom.md", "bom.csv", "bom.json", "checks.json", "assembly.step", "assembly.glb"}
 
 
@@ -47,7 +47,7 @@ def test_freecad_reads_what_the_checks_say(built_default: Built, tmp_path: Path)
     pieces = {piece["label"]: piece for piece in assembly if piece["kind"] == "Solid"}
     assert all(piece["valid"] and all(piece["closed"]) and piece["solids"] == 1 for piece in pieces.values())
     assert len(pieces) > 40
-    for name in {*PARTS} - {"fit_coupon", "dust_cover"}:
+    for name in {*PARTS} - {"fit_coupon"}:
         assert pieces[name]["volume"] / 1000.0 == pytest.approx(checks[f"{name}.volume_cm3"].value, abs=1e-4)
 
 

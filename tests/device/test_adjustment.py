@@ -75,7 +75,7 @@ def test_the_uncertainty_of_turns_follows_from_that_of_the_calibration() -> None
 
 def test_a_mirror_beyond_the_travel_is_named_and_glued_ones_are_refused() -> None:
     assert not adjust(misaligned(tilt_deg=4.0), pair(), with_screws()).mirrors[0].reached
-    with pytest.raises(InputError, match=r'glued to their holder, expected holder\.mirrors = "screws"'):
+    with pytest.raises(InputError, match=r'fixed to their holder, expected holder\.mirrors = "screws"'):
         adjust(misaligned(), pair(), HARDWARE)
     with pytest.raises(InputError, match="calibration has 2 mirrors, expected the 4 of the device"):
         adjust(misaligned(), parabola(2, 2, scale_mm=60.0), with_screws())

@@ -31,7 +31,7 @@ def test_without_a_layout_it_is_refused_in_one_line(
         ("--body nikon", "camera 'nikon': expected one of arducam_b0196, board_38, brio, c920, c922, d435"),
         ("--body nikon.toml", "nikon.toml: no such file"),
         ("--hardware mine.toml", "mine.toml: no such file"),
-        ("--mounting nut", "--mounting 'nut': Input should be 'glue' or 'screws'"),
+        ("--mounting nut", "--mounting 'nut': Input should be 'glue', 'tape' or 'screws'"),
         ("--workers 0", "--workers '0': expected 1 to 1024"),
     ],
 )

@@ -2,8 +2,8 @@
 
 Parts are tied at their screws, each a rigid disc in both parts; the foot's screws are fixed. Mirrors and camera are
 rigid. The camera's weight is distributed over the nodes on which it rests, and it follows their mean motion. A mirror
-is connected to the nodes of its seat's floor by springs, with the stiffness of a layer of silicone, and expands
-independently. Plastics differ in modulus, expansion and creep.
+is connected to its seat by springs, with the stiffness of a layer of silicone on the floor, or of tape on the pads
+after 1000 h, and expands independently. Plastics differ in modulus, expansion and creep.
 """
 
 from __future__ import annotations
@@ -18,19 +18,21 @@ from build123d import Part
 from numpy.typing import NDArray
 from shapely import Polygon, points
 
-from mirrorcam.cad.assembly.components import MIRROR_DENSITIES
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.elasticity.condensed_solid import LOADS, Carried, CondensedSolid, Solid
 from mirrorcam.cad.checks.elasticity.tetrahedra import Tetrahedra, tetrahedra_of
+from mirrorcam.cad.checks.tape_mounting import layer_stiffness
 from mirrorcam.cad.holder.holder_solid import make_holder
+from mirrorcam.cad.holder.pads import PADS, pad_shapes
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.part_solids import make_clip, make_mount
 from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
-from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.seats import seat_height_mm
+from mirrorcam.cad.plan.hardware import MIRROR_DENSITIES, Hardware
+from mirrorcam.cad.plan.seats import pad_height_mm, seat_height_mm
 from mirrorcam.cad.write.part_export import write_step
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.transforms import inverse, transform
 
 
@@ -222,14 +224,16 @@ def discs(nodes: FloatArray, centres: FloatArray, axes: FloatArray) -> list[NDAr
 
 
 def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
-    """The mirrors, each glued to the nodes of its seat's floor."""
+    """The mirrors, each on the nodes of its seat: of the floor with glue, of the pads with tape."""
     density = MIRROR_DENSITIES[device.hardware.cutting.material]
     carried = {}
     for name, mirror in zip(device.layout.mirror_names, device.layout.mirrors, strict=True):
         outline = Polygon(mirror.outline_in_plane_mm)
         in_plane = transform(inverse(mirror.rig_from_plane), nodes)
-        on_floor = np.abs(in_plane[:, 2] - seat_height_mm(mirror, device.hardware)) < IN_PLANE_MM
-        seat = np.flatnonzero(on_floor & outline.covers(points(in_plane[:, :2])))
+        taped = device.hardware.holder.mirrors == "tape"
+        height = (pad_height_mm if taped else seat_height_mm)(mirror, device.hardware)
+        in_level = np.abs(in_plane[:, 2] - height) < IN_PLANE_MM
+        seat = np.flatnonzero(in_level & outline.covers(points(in_plane[:, :2])))
         if len(seat) < 3:
             raise InputError(
                 f"seat of mirror {name} has {len(seat)} nodes of the mesh, expected at least 3 (finer elements)"
@@ -237,17 +241,35 @@ def _mirrors(device: Device, nodes: FloatArray) -> dict[str, Carried]:
         mass_g = density * outline.area * mirror.thickness_mm / 1000.0
         point = mirror.rig_from_plane[:3, 3]
         centroid = np.array([*outline.centroid.coords[0], mirror.back_mm + mirror.thickness_mm / 2.0])
-        glue = _glue(outline.area, mirror.rig_from_plane[:3, 2], len(seat), device.hardware)
-        carried[name] = Carried(seat, point, mass_g / 1000.0 * G, transform(mirror.rig_from_plane, centroid), glue)
+        layer = (_tape if taped else _glue)(mirror, outline.area, len(seat), device)
+        carried[name] = Carried(seat, point, mass_g / 1000.0 * G, transform(mirror.rig_from_plane, centroid), layer)
     return carried
 
 
-def _glue(area_mm2: float, normal: FloatArray, count: int, hardware: Hardware) -> FloatArray:
-    """Springs (count, 3, 3) of a layer of glue, in N/mm, scaled as if the plastic's modulus were 1 MPa."""
-    normal_part = np.outer(normal, normal)
-    layer = GLUE_SHEAR_MPA * (np.eye(3) - normal_part) + GLUE_LAYER_MPA * normal_part
-    spring = area_mm2 / count / hardware.holder.bond_mm * layer / hardware.printer.plastic_mpa
-    return np.tile(spring, (count, 1, 1))
+def _glue(mirror: Mirror, area_mm2: float, count: int, device: Device) -> FloatArray:
+    """Springs (count, 3, 3) of a layer of glue behind a mirror."""
+    hardware = device.hardware
+    moduli = np.array([GLUE_LAYER_MPA, GLUE_SHEAR_MPA])
+    return _springs(mirror, moduli * area_mm2 / hardware.holder.bond_mm, count, hardware)
+
+
+def _tape(mirror: Mirror, _: float, count: int, device: Device) -> FloatArray:
+    """Springs (count, 3, 3) of the tape on a mirror's pads."""
+    hardware = device.hardware
+    pads_mm2 = PADS * Polygon(pad_shapes(np.zeros((1, 2)), hardware)[0]).area
+    per_mm2 = np.array(layer_stiffness(mirror, device.holder.rig_from_mount[:3, 2], hardware))
+    return _springs(mirror, per_mm2 * pads_mm2, count, hardware)
+
+
+def _springs(mirror: Mirror, stiffness: FloatArray, count: int, hardware: Hardware) -> FloatArray:
+    """Springs (count, 3, 3) with a total stiffness (2,), in N/mm, along a mirror's normal and in its plane.
+
+    They are scaled as if the plastic's modulus were 1 MPa.
+    """
+    normal = mirror.rig_from_plane[:3, 2]
+    along = np.outer(normal, normal)
+    total = stiffness[0] * along + stiffness[1] * (np.eye(3) - along)
+    return np.tile(total / count / hardware.printer.plastic_mpa, (count, 1, 1))
 
 
 def _camera(device: Device, nodes: FloatArray) -> Carried:

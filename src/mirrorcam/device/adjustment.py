@@ -79,7 +79,7 @@ def adjust(measured: Layout, designed: Layout, hardware: Hardware) -> Adjustment
         If the mirrors have no screws, or the layouts have different mirrors.
     """
     if hardware.holder.mirrors != "screws":
-        raise InputError('the mirrors of this device are glued to their holder, expected holder.mirrors = "screws"')
+        raise InputError('the mirrors of this device are fixed to their holder, expected holder.mirrors = "screws"')
     if measured.mirror_names != designed.mirror_names:
         raise InputError(
             f"the calibration has {len(measured.mirrors)} mirrors, expected the {len(designed.mirrors)} of the device"

@@ -38,10 +38,10 @@ class HardwareChoice(Value):
         "file "
         "with a part of your own (docs/own_back.md). " + UNSET.format("none"),
     )
-    mounting: Literal["glue", "screws"] | None = Field(
+    mounting: Literal["glue", "tape", "screws"] | None = Field(
         default=None,
-        description="mounting of the mirrors: glued to the holder, or each on a carrier that three sprung screws tilt. "
-        + UNSET.format("glue"),
+        description="mounting of the mirrors: by glue or tape on the holder, or each on a carrier that three sprung "
+        "screws tilt. " + UNSET.format("glue"),
     )
 
     look_deg: float | None = Bounds(-90.0, 90.0).field(

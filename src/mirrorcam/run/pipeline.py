@@ -46,7 +46,7 @@ class Recipe:
     small: bool
     adapter: str = "none"
     """Kind of the back to which the device is attached."""
-    mounting: Literal["glue", "screws"] = "glue"
+    mounting: Literal["glue", "tape", "screws"] = "glue"
     """How the mirrors are mounted."""
 
 
@@ -79,9 +79,10 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         from mirrorcam.cad.plan.back_table import back_of
         from mirrorcam.cad.plan.hardware import HARDWARE
 
-        holder = HARDWARE.holder.replaced(mirrors=recipe.mounting)
         layout = Layout.load(nominal)
-        hardware = HARDWARE.replaced(back=back_of(recipe.adapter), holder=holder).for_mirrors_of(layout)
+        hardware = HARDWARE.for_mirrors_of(layout)
+        holder = hardware.holder.replaced(mirrors=recipe.mounting)
+        hardware = hardware.replaced(back=back_of(recipe.adapter), holder=holder)
         stored = results_folder(root)
         build_parts(layout, folder, hardware, results=stored, workers=cores(), progress=progress)
 

@@ -14,7 +14,6 @@ from shapely import Polygon
 
 from mirrorcam.cad.assembly.components import (
     CABLE_STUB_MM,
-    MIRROR_DENSITIES,
     Component,
     camera_component,
     camera_solid,
@@ -27,7 +26,7 @@ from mirrorcam.cad.assembly.components import (
     mirror_components,
 )
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.hardware import HARDWARE, MIRROR_DENSITIES
 from mirrorcam.cad.plan.part_plan import BoughtKind, BuiltPart, MassProperties
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.threads import COUNTERSUNK

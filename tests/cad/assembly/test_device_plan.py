@@ -95,20 +95,25 @@ def test_a_support_in_the_light_is_refused(default_layout: Layout, monkeypatch: 
 
 
 @pytest.mark.slow
-def test_a_cover_that_the_camera_leaves_no_way_off_is_left_out(default_layout: Layout, device: Device) -> None:
-    """Over a high hood it would collide with the camera when removed; hardware may also exclude it."""
-    assert device.cover is not None
-    for change in ({"hood_mm": 25.0}, {"dust_cover": False}):
-        assert plan_device(default_layout, HARDWARE.replaced(holder=HARDWARE.holder.replaced(**change))).cover is None
+def test_a_cover_is_planned_on_request_unless_the_camera_leaves_no_way_off(
+    default_layout: Layout, device: Device
+) -> None:
+    """Over a high hood it would collide with the camera when removed."""
+    assert device.cover is None
+    for hood_mm in (0.0, 25.0):
+        holder = HARDWARE.holder.replaced(dust_cover=True, hood_mm=hood_mm)
+        planned = plan_device(default_layout, HARDWARE.replaced(holder=holder))
+        assert (planned.cover is None) == (hood_mm > 0.0)
 
 
 @pytest.mark.slow
 def test_a_cover_that_would_be_drawn_into_a_lens_barrel_is_left_out(default_layout: Layout, device: Device) -> None:
     """The barrel is between the mirrors and the camera's body, past which the cover slides off."""
     body = device.hardware.camera
-    assert plan_device(default_layout, HARDWARE.replaced(camera=body.replaced(lens_protrusion_mm=0.0))).cover
+    covered = HARDWARE.replaced(holder=HARDWARE.holder.replaced(dust_cover=True))
+    assert plan_device(default_layout, covered.replaced(camera=body.replaced(lens_protrusion_mm=0.0))).cover
     tall = body.replaced(lens_protrusion_mm=body.pupil_behind_front_mm + 30.0)
-    assert plan_device(default_layout, HARDWARE.replaced(camera=tall)).cover is None
+    assert plan_device(default_layout, covered.replaced(camera=tall)).cover is None
     assert lens_boxes(HARDWARE.replaced(camera=body.replaced(lens_protrusion_mm=0.0))) == ()
 
 

@@ -92,7 +92,7 @@ def test_a_different_wrist_gives_a_different_clamp(device: Device) -> None:
 
 
 def test_a_riser_too_thin_for_its_screws_is_refused(device: Device) -> None:
-    with pytest.raises(InputError, match=r"adapter's plate is 4\.0 mm thick, expected 5\.8 mm"):
+    with pytest.raises(InputError, match=r"adapter's plate is 4\.0 mm thick, expected 5\.5 mm"):
         plan_clamp(WRIST.replaced(riser_mm=10.0), device.mount.foot, HARDWARE)
 
 

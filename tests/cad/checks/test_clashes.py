@@ -145,10 +145,14 @@ def test_the_wrist_fills_its_clamp_and_no_more() -> None:
         ((40.0, 0.0, 0.0), set()),
     ],
 )
-def test_obstacles_to_the_cover_are_detected(device: Device, at: tuple[float, float, float], failing: set[str]) -> None:
+def test_obstacles_to_the_cover_are_detected(
+    covered_device: Device, at: tuple[float, float, float], failing: set[str]
+) -> None:
     """A block of 10 mm, moved off by 30 mm along z, then 60 mm along x, with or without a cube of 2 mm on its path."""
-    assert device.cover is not None
-    plan = type(device.cover)(**{**vars(device.cover), "way_mm": np.array([(0.0, 0.0, 30.0), (60.0, 0.0, 0.0)])})
+    assert covered_device.cover is not None
+    plan = type(covered_device.cover)(
+        **{**vars(covered_device.cover), "way_mm": np.array([(0.0, 0.0, 30.0), (60.0, 0.0, 0.0)])}
+    )
     block = Manifold.cube((10.0, 10.0, 10.0), center=True).translate((0.0, 0.0, 5.0))
     cube = Manifold.cube((2.0, 2.0, 2.0), center=True).translate(at)
     checks = check_cover(plan, block, {"cube": cube})

@@ -33,7 +33,7 @@ from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism, outline_at
 from mirrorcam.cad.write.bill_of_materials import as_markdown, bill_of
-from mirrorcam.cad.write.slicer import OPTIONS
+from mirrorcam.cad.write.slicer import LAYERS, NOZZLE
 from mirrorcam.core.figures.figure_texts import TIMES
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.arrangement import Pattern
@@ -41,6 +41,7 @@ from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror_gaps import edges_mm
 from tests.cad.guide.conftest import Made
+from tests.cad.taped import TAPED
 
 
 def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
@@ -83,6 +84,16 @@ def test_the_guide_and_the_parts_list_state_the_glue_that_fills_the_gap(made: Ma
     assert [float(ml) for ml in stated] == pytest.approx([gap_mm3 / 1000.0] * 2, rel=0.2)
 
 
+def test_the_guide_and_the_parts_list_state_three_squares_of_tape_for_each_mirror(made: Made, tmp_path: Path) -> None:
+    device = plan_device(made.device.layout, TAPED)
+    write_guide(tmp_path, device, made.parts, made.components)
+    guide, bill = (tmp_path / "guide.md").read_text(encoding="utf-8"), as_markdown(bill_of(device, made.parts, ()))
+    count, width = 3 * len(device.layout.mirrors), TAPED.holder.tape_pad_mm
+    assert f"cut {count} squares of {width:g} mm" in guide
+    assert f"{count} squares of {width:g} mm" in bill
+    assert "silicone" not in guide
+
+
 def test_commands_of_the_guide_name_the_layout_by_its_path(made: Made) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     commands = re.findall(r"^mirrorcam .*$", text, re.MULTILINE)
@@ -119,9 +130,10 @@ def test_hostile_names_are_text_in_the_guide(made: Made, tmp_path: Path) -> None
 
 def test_the_guide_asks_for_the_settings_that_the_slicer_uses(made: Made) -> None:
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
-    layer, nozzle = OPTIONS["layer-height"], OPTIONS["nozzle-diameter"]
-    infill = OPTIONS["fill-density"].removesuffix("%")
-    asked = f"nozzle {nozzle} mm, layers of {layer} mm, {OPTIONS['perimeters']} perimeters (walls), {infill} % infill"
+    settings = LAYERS | NOZZLE
+    layer, nozzle = settings["layer_height"], settings["nozzle_diameter"]
+    infill = settings["fill_density"].removesuffix("%")
+    asked = f"nozzle {nozzle} mm, layers of {layer} mm, {settings['perimeters']} perimeters (walls), {infill} % infill"
     assert asked in text
 
 
@@ -198,7 +210,7 @@ def test_glass_is_never_cut_by_a_laser_or_called_acrylic(made: Made, tmp_path: P
     bill = as_markdown(bill_of(device, made.parts, (sheet,)))
     for text in (guide, notes, bill):
         assert "first-surface glass mirror, 1 mm" in text
-        assert "acrylic" not in text
+        assert "acrylic" not in text.replace("acrylic adhesive", "")
     for text in (guide, notes):
         assert "laser" not in text.replace("No laser: it cracks glass", "").replace("Glass is not cut by a laser", "")
 

@@ -44,7 +44,7 @@ def test_fasteners_find_their_piece_of_a_part_that_is_split(made: Made) -> None:
     components = (*halves, *rest)
     stages = Stages(components)
     assert len(stages.threads_in(halves)) == 4
-    assert Counter(component.kind for component in stages.holder_screws) == {"screw": 4, "washer": 4}
+    assert Counter(component.kind for component in stages.holder_screws) == {"screw": 4}
     for thread in stages.threads_in(halves):
         home = home_of(thread, "mirror_holder", halves)
         assert home is not None

@@ -117,5 +117,5 @@ def test_heads_of_screws_in_the_mount_have_a_wall_between_them(make_flat_pair: C
     apart = min(np.linalg.norm(one - other) for one, other in combinations(holes, 2))
     assert apart - 2.0 * head_space_mm(HARDWARE) >= HARDWARE.printer.wall_mm - 1e-9
     wide = HARDWARE.replaced(screw=HARDWARE.screw.replaced(washer_mm=11.0))
-    with pytest.raises(InputError, match=r"12\.8 mm from each other"):
+    with pytest.raises(InputError, match=r"12\.5 mm from each other"):
         plan_holder(layout, wide)

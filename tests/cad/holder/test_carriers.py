@@ -61,7 +61,7 @@ def test_the_first_mount_position_that_leaves_space_is_chosen(default_layout: La
 
 @pytest.mark.parametrize("kind", ["insert", "nut"])
 def test_a_mirror_too_small_for_three_screws_is_refused_with_what_would_fit(kind: str) -> None:
-    layout = parabola(2, 2, scale_mm=40.0)
+    layout = parabola(2, 2, scale_mm=36.0)
     with pytest.raises(
         InputError, match=r"mirror 1-0 .* expected mirrors 1\.\d\d times as large, or .*glue"
     ) as refused:

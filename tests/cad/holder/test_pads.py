@@ -91,6 +91,6 @@ def test_a_pad_is_as_wide_as_the_table_says() -> None:
 def test_a_mirror_without_space_for_three_pads_is_refused_by_its_name() -> None:
     with pytest.raises(InputError, match=r"mirror 0-1 of 5\.0 x 4\.0 mm has no space for three pads of 2 mm"):
         pads_of(rectangle(5.0, 4.0))
-    with pytest.raises(InputError, match=r"smaller holder\.pad_mm"):
+    with pytest.raises(InputError, match=r"smaller holder\.glue_pad_mm"):
         mirror = rectangle(40.0, 20.0)
         plan_pads("0-1", mirror, box(5.0, -10.0, 20.0, 10.0), (), np.eye(3), NO_CUTS, HARDWARE)

@@ -14,6 +14,7 @@ from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
 from mirrorcam.cad.plan.fasteners import ROOF_IN_WEBS_DEG, head_space_mm
 from mirrorcam.cad.plan.part_plan import plain
+from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.transforms import inverse, transform
 from tests.cad.holder.screwed import pair, planned, with_screws
@@ -75,8 +76,9 @@ def test_a_holder_that_is_larger_than_the_bed_is_refused() -> None:
         plan_screwed_holder(pair(), small)
 
 
-def test_the_plan_is_plain_numbers_and_its_bulk_is_the_plate_and_all_carriers() -> None:
+def test_the_plan_is_plain_numbers_and_its_volume_includes_the_carriers() -> None:
     plan = planned()
     assert plain(plan)["adjuster"]["length_mm"] in with_screws().screw.lengths_mm
-    assert len(plan.bulk) == 1 + len(plan.carriers)
+    carriers = sum(volume_mm3(carrier.body) for carrier in plan.carriers)
+    assert plan.volume_mm3 == pytest.approx(make_screwed_holder_without_holes(plan) + carriers, rel=1e-6)
     assert len(plan.screw_holes) == len(plan.heads) == 6

@@ -18,6 +18,11 @@ from mirrorcam.optics.geometry.transforms import inverse, transform
 
 
 @pytest.fixture
+def device(covered_device: Device) -> Device:
+    return covered_device
+
+
+@pytest.fixture
 def cover(device: Device) -> CoverPlan:
     assert device.cover is not None
     return device.cover
@@ -82,5 +87,5 @@ def test_it_prints_on_its_front_and_comes_off_along_the_light(device: Device, co
 
 
 def test_a_cover_larger_than_the_bed_is_omitted(default_layout: Layout, device: Device) -> None:
-    small = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(128.0, 128.0, 250.0)))
+    small = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(126.0, 126.0, 250.0)))
     assert plan_cover(default_layout, device.holder, device.mount, small) is None

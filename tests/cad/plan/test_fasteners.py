@@ -102,7 +102,7 @@ def test_a_grip_that_no_screw_fits_is_refused_with_the_lengths_that_would_fit() 
         stack(40.0, HARDWARE)
     with pytest.raises(InputError, match=r"engage 2\.1 mm of the thread 0 to 5\.7 mm deep, expected at least 2\.5 mm"):
         stack_into(3.9, (0.0, 5.7), 3.4, 7.0, HARDWARE.screw)
-    with pytest.raises(InputError, match=r"M2 screws through 18 mm must be at least 22\.\d mm .* ends at 20: add one"):
+    with pytest.raises(InputError, match=r"M2 screws through 18 mm must be at least 21\.\d mm .* ends at 20: add one"):
         stack(18.0, HARDWARE.replaced(screw=Fastening(thread="M2", kind="nut")))
 
 
@@ -110,7 +110,7 @@ def test_a_grip_that_no_screw_fits_is_refused_with_the_lengths_that_would_fit() 
     ("lengths_mm", "insert_mm", "depth_mm"),
     [
         (HARDWARE.screw.lengths_mm, 5.7, 6.7),  # the lengths of shops need no deeper holes
-        ((10.0, 20.0, 30.0), 5.7, 8.1),  # 10 mm through the mount's skin of 1.6 mm and a washer of 0.5 mm
+        ((10.0, 20.0, 30.0), 5.7, 7.2),  # 10 mm through 3 mm round the head of the mount
         ((6.0, 8.0, 10.0, 16.0, 20.0), 3.0, 4.2),  # 8 mm through the slide's 4 mm
         ((20.0, 30.0), 5.7, 6.7),  # too long
     ],
@@ -122,7 +122,7 @@ def test_holes_are_deepened_for_the_lengths_at_hand(
     deep = with_holes_for_screws(HARDWARE.replaced(screw=screw))
     assert deep.screw.insert_depth_mm == pytest.approx(depth_mm)
     if depth_mm > screw.insert_depth_mm:
-        for grip in (deep.mount.skin_mm, deep.mount.slide_skin_mm, deep.back.grip_mm):
+        for grip in (deep.mount.grip_mm, deep.mount.slide_skin_mm, deep.back.grip_mm):
             assert stack(grip, deep).engaged_mm >= screw.engaged_mm
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.seats import (
     Frustum,
     camera_cone,
@@ -25,6 +25,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+from tests.cad.taped import TAPED
 
 CUBE = Frustum(
     np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 2.0, 0.0]]),
@@ -60,15 +61,17 @@ def test_faces_of_a_frustum_point_outwards_whichever_way_its_corners_run() -> No
     assert not CUBE.may_touch_ball(np.array([1.0, 1.0, 3.0]), 0.9)
 
 
-def test_the_seat_is_behind_the_reflecting_plane_by_the_glue_or_by_one_thickness_more(default_layout: Layout) -> None:
-    bond = HARDWARE.holder.bond_mm
+@pytest.mark.parametrize(("hardware", "behind"), [(HARDWARE, 0.2), (TAPED, 0.4)])
+def test_the_seat_is_behind_the_mirrors_back_by_pads_and_tape(
+    default_layout: Layout, hardware: Hardware, behind: float
+) -> None:
     for mirror in default_layout.mirrors:
         second = mirror.replaced(surface="second", thickness_mm=3.0)
-        assert seat_distance_mm(second, HARDWARE) == pytest.approx(mirror.distance_mm + bond)
-        assert seat_distance_mm(mirror, HARDWARE) == pytest.approx(mirror.distance_mm + mirror.thickness_mm + bond)
+        assert seat_distance_mm(second, hardware) == pytest.approx(mirror.distance_mm + behind)
+        assert seat_distance_mm(mirror, hardware) == pytest.approx(mirror.distance_mm + mirror.thickness_mm + behind)
         for kind in (mirror, second):
             back = mirror_prism(kind).base
-            np.testing.assert_allclose(back @ kind.normal_in_rig, bond - seat_distance_mm(kind, HARDWARE), atol=1e-9)
+            np.testing.assert_allclose(back @ kind.normal_in_rig, behind - seat_distance_mm(kind, hardware), atol=1e-9)
             assert volume(mirror_prism(kind)) > 0.0
         np.testing.assert_allclose(mirror_prism(mirror).top @ mirror.normal_in_rig, -mirror.distance_mm, atol=1e-9)
         np.testing.assert_allclose(mirror_prism(second).top @ mirror.normal_in_rig, 3.0 - mirror.distance_mm, atol=1e-9)

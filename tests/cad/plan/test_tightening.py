@@ -96,5 +96,5 @@ def test_every_screw_of_a_device_has_a_tightening_torque(device: Device) -> None
     limits = [(item, found) for item, found in zip(items, tightenings(items, HARDWARE), strict=True) if found]
     assert len(limits) == sum(item.kind == "screw" for item in items)
     on_skins = [found for item, found in limits if item.joins == ("mount", "mirror_holder")]
-    assert {found.limit for found in on_skins} == {"plastic round the insert"}
+    assert {found.limit for found in on_skins} == {"plastic under the head"}
     assert all(0.01 < found.torque_nm < 0.5 for _, found in limits)

@@ -19,13 +19,12 @@ from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.checks.exported_mesh import read_3mf, solid_of
 from mirrorcam.cad.checks.part_checks import check_overhangs
-from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.cad.plan.hardware import HARDWARE, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan
 from mirrorcam.cad.write import slicer
 from mirrorcam.cad.write.part_export import write_stl
 from mirrorcam.cad.write.slicer import (
-    OPTIONS,
-    SETTINGS,
+    SPEEDS,
     Sliced,
     check_slicing,
     embedded,
@@ -33,6 +32,7 @@ from mirrorcam.cad.write.slicer import (
     orca_profile,
     prusa_profile,
     read_gcode,
+    settings_of,
     slice_3mf,
     slicer_version,
 )
@@ -58,6 +58,8 @@ ORCA_TYPES = {
     "top_surface_speed": "float",
     "gap_infill_speed": "float",
     "travel_speed": "float",
+    "default_acceleration": "float",
+    "minimum_sparse_infill_area": "float",
 }
 # `percent` as the presets of OrcaSlicer have it; the names of the enumeration are those of the wall generators.
 ORCA_VALUES = {
@@ -73,10 +75,13 @@ ORCA_PROCESS = "print_settings_id"
 ORCA_VERSION = r"\d+(\.\d+){1,3}"
 
 
-def test_what_is_printed_with_is_what_is_measured_with() -> None:
-    profile = dict(line.split(" = ") for line in prusa_profile(HARDWARE.printer).splitlines())
-    assert profile.items() >= SETTINGS.items()
-    assert {name.replace("-", "_"): value for name, value in OPTIONS.items()}.items() >= SETTINGS.items()
+CAREFUL = HARDWARE.printer.replaced(speeds="careful")
+
+
+@pytest.mark.parametrize("printer", [HARDWARE.printer, CAREFUL])
+def test_the_profile_has_the_speeds_of_its_printer(printer: Printer) -> None:
+    profile = dict(line.split(" = ") for line in prusa_profile(printer).splitlines())
+    assert profile.items() >= settings_of(printer).items() >= SPEEDS[printer.speeds].items()
     assert profile["support_material"] == "0"
     assert profile["bed_shape"] == "0x0,220x0,220x220,0x220"
     assert list(profile) == sorted(profile)
@@ -89,20 +94,21 @@ def test_in_a_project_every_line_is_a_comment() -> None:
 
 
 def test_the_other_family_of_slicers_gets_the_same_numbers() -> None:
-    settings = json.loads(orca_profile())
+    settings, common = json.loads(orca_profile(HARDWARE.printer)), settings_of(HARDWARE.printer)
     assert settings["type"] == "process"
-    assert settings["wall_loops"] == SETTINGS["perimeters"]
-    assert settings["sparse_infill_density"] == SETTINGS["fill_density"]
+    assert settings["wall_loops"] == common["perimeters"]
+    assert settings["sparse_infill_density"] == common["fill_density"]
     assert settings["enable_support"] == "0"
     # Each with its counterpart in PrusaSlicer's names, and no others.
-    numbers = {"layer_height", "first_layer_height", *(name for name in SETTINGS if name.endswith("_speed"))}
+    numbers = {"layer_height", "first_layer_height", "default_acceleration", "solid_infill_below_area"}
+    numbers |= {name for name in common if name.endswith("_speed")}
     assert sorted(settings[name] for name, kind in ORCA_TYPES.items() if kind == "float") == sorted(
-        SETTINGS[name] for name in numbers - {"small_perimeter_speed"}
+        common[name] for name in numbers - {"small_perimeter_speed"}
     )
 
 
 def test_orca_slicer_knows_every_setting_and_reads_its_value() -> None:
-    settings = json.loads(orca_profile())
+    settings = json.loads(orca_profile(HARDWARE.printer))
     assert all(isinstance(value, str) for value in settings.values())
     read = {name: value for name, value in settings.items() if name not in ORCA_HEADER | {ORCA_PROCESS}}
     assert read.keys() == ORCA_TYPES.keys()
@@ -111,7 +117,7 @@ def test_orca_slicer_knows_every_setting_and_reads_its_value() -> None:
 
 
 def test_orca_slicer_imports_it_as_a_process() -> None:
-    settings = json.loads(orca_profile())
+    settings = json.loads(orca_profile(HARDWARE.printer))
     assert settings[ORCA_PROCESS] == settings["name"]
     assert re.fullmatch(ORCA_VERSION, settings["version"])
     # These would make it a printer or a plastic, or depend on a preset that not everybody has.
@@ -151,13 +157,21 @@ def test_without_a_slicer_nothing_is_reported(block_3mf: Path, monkeypatch: pyte
 
 @installed
 def test_a_block_slices_to_between_its_shell_and_its_volume(block_3mf: Path) -> None:
-    """18 cm3 of PLA are 22.3 g; with an infill of 20 % the mass is more than a fifth of that."""
+    """18 cm3 of PLA are 22.3 g; with an infill of 10 % the mass is more than a tenth of that."""
     assert (slicer_version() or "").startswith("PrusaSlicer")
     checks = check_slicing(block_3mf, PRINTER)
     assert all(check.passed for check in checks.values())
-    assert 0.2 * 18.0 * 1.24 < checks["print_g"].value < 18.0 * 1.24
-    assert 10.0 < checks["print_minutes"].value < 300.0
+    assert 0.1 * 18.0 * 1.24 < checks["print_g"].value < 18.0 * 1.24
+    assert 5.0 < checks["print_minutes"].value < 300.0
     assert check_slicing(block_3mf, PRINTER) == checks
+
+
+@installed
+def test_careful_speeds_take_at_least_half_as_long_again(block_3mf: Path) -> None:
+    ordinary, careful = (slice_3mf(block_3mf, printer) for printer in (PRINTER, CAREFUL))
+    assert ordinary and careful
+    assert careful.minutes > 1.5 * ordinary.minutes
+    assert careful.grams == pytest.approx(ordinary.grams, rel=0.01)
 
 
 @installed

@@ -216,8 +216,8 @@ def test_a_project_holds_the_settings(block: PartPlan, built_block: BuiltPart, t
     assert path.read_bytes() == (tmp_path / "second" / "plates" / "plate_1.3mf").read_bytes()
     with zipfile.ZipFile(path) as archive:
         config = archive.read(CONFIG.removeprefix("/")).decode()
-    assert "; perimeters = 3\n" in config
-    assert "perimeters = 3\n" in (tmp_path / "first" / "plates" / "mirrorcam.ini").read_text(encoding="utf-8")
+    assert "; perimeters = 2\n" in config
+    assert "perimeters = 2\n" in (tmp_path / "first" / "plates" / "mirrorcam.ini").read_text(encoding="utf-8")
 
 
 def test_a_project_is_plain_geometry_to_other_slicers(block: PartPlan, built_block: BuiltPart, tmp_path: Path) -> None:
@@ -294,7 +294,7 @@ def test_a_slicer_takes_the_settings_of_a_project(block: PartPlan, built_block: 
     )
     assert used["print_settings_id"] == "mirrorcam"
     assert used["bed_shape"] == "0x0,220x0,220x220,0x220"
-    assert (used["perimeters"], used["fill_density"], used["support_material"]) == ("3", "20%", "0")
+    assert (used["perimeters"], used["fill_density"], used["support_material"]) == ("2", "10%", "0")
 
 
 @pytest.mark.skipif(find_slicer() is None, reason="needs PrusaSlicer")

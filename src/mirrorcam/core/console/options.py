@@ -51,6 +51,6 @@ AdapterOption = Annotated[
     Adapter, Parameter(help="what carries the device: a desk, a tripod, an arm or something else (docs/cad.md)")
 ]
 Mounting = Annotated[
-    Literal["glue", "screws"],
-    Parameter(help="mirrors glued to the holder, or each on a carrier that three sprung screws hold and tilt"),
+    Literal["glue", "tape", "screws"],
+    Parameter(help="mirrors glued or taped to the holder, or each on a carrier that three sprung screws hold and tilt"),
 ]
