@@ -17,7 +17,7 @@ from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import check_size, read_image, set_common_bit_depth
-from mirrorcam.core.progress import Step, no_step
+from mirrorcam.core.progress import Progress, Step, no_progress, no_step
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -58,7 +58,7 @@ def calibrate(
     workers: int = 1,
     max_pictures: tuple[int | None, int | None] = (None, None),
     names: tuple[Sequence[str], Sequence[str]] | None = None,
-    on_frame: Callable[[int], None] = lambda done: None,
+    progress: Progress = no_progress,
     on_observations: Callable[[Sequence[Observations]], None] = lambda observations: None,
     on_step: Step = no_step,
 ) -> Calibration:
@@ -88,8 +88,8 @@ def calibrate(
         Maximum number of pictures via the mirrors, and without them; None uses all.
     names
         Names of the pictures via the mirrors, and without them. Default: their numbers.
-    on_frame
-        Called with the number of pictures searched so far.
+    progress
+        Called with the number of pictures searched and their total; pictures of an iterator count once they are read.
     on_observations
         Called after each picture via the mirrors with all observations so far.
     on_step
@@ -115,13 +115,19 @@ def calibrate(
     detect = partial(detect_frames, layout=layout, target=target, folder=cache, workers=workers)
     reader = PictureReader(layout.camera)
 
+    total = sum(len(pictures) for pictures in (frames, base_frames) if isinstance(pictures, Sequence))
+
+    def advance(done: int) -> None:
+        progress(done, max(done, total))
+
     def report(detected: Sequence[DetectedFrame]) -> None:
-        on_frame(len(detected))
+        advance(len(detected))
         on_observations([frame.corners for frame in detected])
 
     mirrored_detected = detect(reader.read(frames, mirrored=True), mirrored=True, on_frame=report)
     pictures = reader.read(base_frames, mirrored=False)
-    base_detected = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(mirrored_detected) + len(done)))
+    searched = len(mirrored_detected)
+    base_detected = detect(pictures, mirrored=False, on_frame=lambda found: advance(searched + len(found)))
     if isinstance(target, Checkerboard):
         mirrored_detected = number_jointly(mirrored_detected, base_detected, layout, target)
     size = target.corners_in_board_mm, layout.camera.width_px

@@ -6,7 +6,7 @@ without mirrors, so that model selection, covariance and diagnostics are those o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -17,7 +17,7 @@ from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.progress import Step, no_step
+from mirrorcam.core.progress import Progress, Step, no_progress, no_step
 from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.calibration import PictureReader, checked_pictures, chosen_frames
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
@@ -52,7 +52,7 @@ def calibrate_camera(
     workers: int = 1,
     max_pictures: int | None = None,
     names: Sequence[str] | None = None,
-    on_frame: Callable[[int], None] = lambda done: None,
+    progress: Progress = no_progress,
     on_step: Step = no_step,
 ) -> Calibration:
     """Calibrate a camera without mirrors from pictures of a board.
@@ -76,8 +76,8 @@ def calibrate_camera(
         Maximum number of pictures to use; None uses all.
     names
         Names of the pictures. Default: their paths or numbers.
-    on_frame
-        Called with the number of pictures searched so far.
+    progress
+        Called with the number of pictures searched and their total.
     on_step
         Called with each step of the solution in words.
 
@@ -110,7 +110,7 @@ def calibrate_camera(
         mirrored=False,
         folder=cache,
         workers=workers,
-        on_frame=lambda found: on_frame(len(found)),
+        on_frame=lambda found: progress(len(found), len(given)),
     )
     corners_mm = target.corners_in_board_mm
     used = chosen_frames(detected, max_pictures, corners_mm, provisional.width_px)

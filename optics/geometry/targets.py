@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, RootModel, model_validator
 
+from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.bounds import PART_MM, Bounds
 from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, keys_of, model_from, read_bytes, tables_of, write_text
 from mirrorcam.core.disk.yaml_text import YAML_SUFFIXES, yaml_of
@@ -305,8 +306,25 @@ def default_board() -> Charuco:
     return Charuco(cols=20, rows=14, square_mm=12.0, marker_mm=8.4)
 
 
-def load_board(path: Path) -> Target:
-    """Read `board.toml`, or a board as anipose, caliscope or Kalibr describe it; raises a one-line InputError."""
+def load_board(path: AnyPath) -> Target:
+    """Read `board.toml`, or a board as anipose, caliscope or Kalibr describe it.
+
+    Parameters
+    ----------
+    path
+        TOML file, or YAML file of Kalibr; lengths of other programs are converted to mm.
+
+    Returns
+    -------
+    Checkerboard, Charuco or AprilGrid
+        The board.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or describes no board that can be detected.
+    """
+    path = path_of("path", path)
     raw = read_bytes(path, LARGEST_TEXT_BYTES)
     values = yaml_of(path, raw) if path.suffix.lower() in YAML_SUFFIXES else tables_of(path, raw)
     try:

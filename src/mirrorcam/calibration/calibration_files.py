@@ -127,7 +127,7 @@ def calibrate_files(
             workers=cores(),
             max_pictures=(mirrored.max_pictures, base.max_pictures),
             names=(mirrored.labels, base.labels),
-            on_frame=lambda done: progress(done, len(mirrored.pictures) + len(base.pictures)),
+            progress=progress,
             on_observations=hint if last else lambda detected: None,
             on_step=on_step,
         )
@@ -229,7 +229,7 @@ def _calibrate_plain(
         workers=cores(),
         max_pictures=shown.max_pictures,
         names=shown.names if len(set(shown.names)) == len(shown.names) else shown.labels,
-        on_frame=lambda done: progress(done, len(shown.pictures)),
+        progress=progress,
         on_step=on_step,
     )
 

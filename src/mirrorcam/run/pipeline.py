@@ -72,7 +72,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
     calibrated = root / "validation" / "layout.json"
 
     def design(folder: Path, progress: Progress) -> None:
-        write_design(recipe.spec, folder)
+        write_design(recipe.spec, folder, progress=progress)
 
     def part(folder: Path, progress: Progress) -> None:
         from mirrorcam.cad.build import build_parts
