@@ -87,7 +87,7 @@ def arguments(default_layout: Layout) -> dict[str, Any]:
     return {
         "self": default_layout,
         "layout": default_layout,
-        "target": mirrorcam.Checkerboard(rows=6, cols=9, square_mm=20.0),
+        "board": mirrorcam.Checkerboard(rows=6, cols=9, square_mm=20.0),
         "light_field": mirrorcam.Decoder(default_layout, width_px=64).decode(frame),
         "request": mirrorcam.SetRequest(
             layout=default_layout,
@@ -172,7 +172,7 @@ def test_files_are_written_and_read_by_any_path(
     assert np.array_equal(light_field.samples, arguments["light_field"].samples)
     assert mirrorcam.SetRequest(layout=layout, parts=kind(tmp_path)).parts == tmp_path
     with pytest.raises(mirrorcam.InputError, match=r"a\.png: .*6x4"):
-        mirrorcam.calibrate([kind(tmp_path / "a.png")], [], layout, arguments["target"])
+        mirrorcam.calibrate([kind(tmp_path / "a.png")], [], layout, arguments["board"])
 
 
 VALUES = [
@@ -239,7 +239,7 @@ def test_arguments_of_another_type_are_type_errors_by_name(
 def test_pictures_of_a_calibration_are_an_iterable(arguments: dict[str, Any]) -> None:
     for wrong in ("folder", Path("folder"), 3, None, np.zeros((4, 4), dtype=np.uint8), [3]):
         with pytest.raises(TypeError, match=r"^frames: "):
-            mirrorcam.calibrate(wrong, [], arguments["layout"], arguments["target"])  # type: ignore[arg-type]
+            mirrorcam.calibrate(wrong, [], arguments["layout"], arguments["board"])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("shape_dtype", [((270, 480), float), ((270, 480, 3), np.uint8), ((270, 480), np.uint16)])
@@ -248,7 +248,7 @@ def test_arrays_of_a_calibration_hold_grey_values(shape_dtype: tuple[Any, Any], 
     tried: list[tuple[Any, Any]] = [(wrong, []), ([], wrong), (iter(wrong), [])]
     for frames, base_frames in tried:
         with pytest.raises(mirrorcam.InputError, match=r"^(base_)?frames: an array .*, expected \(h, w\) of uint8"):
-            mirrorcam.calibrate(frames, base_frames, arguments["layout"], arguments["target"])
+            mirrorcam.calibrate(frames, base_frames, arguments["layout"], arguments["board"])
 
 
 @pytest.mark.parametrize("name", ["a\0b", "a" * 5000])
@@ -266,7 +266,7 @@ def test_numbers_of_another_type_or_size_are_refused_by_their_name(arguments: di
         mirrorcam.write_light_field(tmp_path / "a", arguments["light_field"], "ply", "x")  # type: ignore[arg-type]
     for function, wanted in (
         (mirrorcam.build_parts, "layout out"),
-        (mirrorcam.calibrate, "frames base_frames layout target"),
+        (mirrorcam.calibrate, "frames base_frames layout board"),
     ):
         needed = {name: arguments[name] for name in wanted.split()}
         with pytest.raises(mirrorcam.InputError, match=r"^workers: 0, expected 1 to 1024$"):

@@ -176,13 +176,13 @@ class Layout(Value):
         """
         return self.camera.project(self.mirrors[self._index_of(mirror)].image_of(np.asarray(points_in_rig, np.float64)))
 
-    def shows(self, pixels: FloatArray, mirror: int | str) -> NDArray[np.bool_]:
+    def shows(self, pixels: ArrayLike, mirror: int | str) -> NDArray[np.bool_]:
         """Mask (...) of the pixels (..., 2) that are in the frame and show the scene via a mirror; NaN is in none."""
         polygon = Polygon(self.outline_px(self._index_of(mirror), usable=True))
-        in_frame = np.all(
-            (pixels >= -0.5) & (pixels < np.array([self.camera.width_px, self.camera.height_px]) - 0.5), -1
-        )
-        return np.asarray(in_frame & shapely.contains_xy(polygon, pixels))
+        x, y = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
+        right, bottom = self.camera.width_px - 0.5, self.camera.height_px - 0.5
+        in_frame = (x >= -0.5) & (x < right) & (y >= -0.5) & (y < bottom)
+        return np.asarray(in_frame & shapely.contains_xy(polygon, x, y))
 
     def _index_of(self, mirror: int | str) -> int:
         known = self.mirror_names if isinstance(mirror, str) else range(len(self.mirrors))

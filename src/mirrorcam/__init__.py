@@ -80,12 +80,12 @@ if TYPE_CHECKING:
     from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
     from mirrorcam.optics.calibration.plain_camera import calibrate_camera
     from mirrorcam.optics.design.optimise import design
+    from mirrorcam.optics.geometry.boards import AprilGrid, Charuco, Checkerboard, load_board
     from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera
     from mirrorcam.optics.geometry.camera import Camera
     from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
     from mirrorcam.optics.geometry.layout import Layout, Uncertainty
     from mirrorcam.optics.geometry.mirror import Mirror
-    from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, load_board
     from mirrorcam.optics.geometry.tolerances import Tolerances
     from mirrorcam.optics.light_field.decoder import Decoder
     from mirrorcam.optics.light_field.depth.depth_map import DepthMap
@@ -103,13 +103,13 @@ else:
     # The same for the interpreter, which imports a module when one of its names is first used.
     _MODULES = {
         "Adapter": "cad.backs.adapter",
-        "AprilGrid": "optics.geometry.targets",
+        "AprilGrid": "optics.geometry.boards",
         "ArrivedFrame": "core.video.newest_frame",
         "CalibratedCamera": "optics.geometry.calibrated_camera",
         "Calibration": "optics.calibration.diagnostics.calibration_result",
         "Camera": "optics.geometry.camera",
-        "Charuco": "optics.geometry.targets",
-        "Checkerboard": "optics.geometry.targets",
+        "Charuco": "optics.geometry.boards",
+        "Checkerboard": "optics.geometry.boards",
         "Dataset": "render_scenes.sets.dataset",
         "Decoder": "optics.light_field.decoder",
         "DepthEstimator": "optics.light_field.depth.estimate",
@@ -143,7 +143,7 @@ else:
         "calibrate_camera": "optics.calibration.plain_camera",
         "design": "optics.design.optimise",
         "estimate_depth": "optics.light_field.depth.estimate",
-        "load_board": "optics.geometry.targets",
+        "load_board": "optics.geometry.boards",
         "open_camera": "core.video.camera_addresses",
         "open_light_field": "optics.light_field.io.formats.registry",
         "read_image": "core.images.pictures",

@@ -24,8 +24,8 @@ from mirrorcam.core.values import FloatArray, Matrix4, Metric, Value
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.parameterisation import rotated_like
+from mirrorcam.optics.geometry.boards import load_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import load_board
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.render_scenes.sets.dataset import Dataset, true_layout
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.preview.preview_frame import arranged_tabletop
 from mirrorcam.render_scenes.preview.traced_scene import (
