@@ -34,8 +34,8 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_files import load_corners
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.boards import AprilGrid, CalibrationBoard, load_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import AprilGrid, Target, load_board
 
 OWN = "this project"
 MAX_SAMPLES = 400
@@ -63,9 +63,9 @@ def centres_of(layout: Layout) -> FloatArray:
     return np.array([mirror.virtual_centre_in_rig_mm for mirror in layout.mirrors])
 
 
-def task_of(corners: Path, layout: Layout, target: Target) -> dict[str, Any]:
+def task_of(corners: Path, layout: Layout, board: CalibrationBoard) -> dict[str, Any]:
     """Return the solver's task: board, and corners as frame, camera (0 without a mirror), corner, x, y, sigma."""
-    table = load_corners(corners, layout, len(target.corners_in_board_mm))
+    table = load_corners(corners, layout, len(board.corners_in_board_mm))
     rows: list[list[float]] = []
     frame = 0
     samples: list[list[Any]] = [[] for _ in layout.mirrors]
@@ -78,12 +78,12 @@ def task_of(corners: Path, layout: Layout, target: Target) -> dict[str, Any]:
                 if not direct:
                     samples[view].append([x, y])
             frame += int(len(part) > 0)
-    cols, rows_across = target.corner_counts
+    cols, rows_across = board.corner_counts
     return {
         "width_px": layout.camera.width_px,
         "height_px": layout.camera.height_px,
         "focal_px": layout.camera.fx_px,
-        "board": {"rows": rows_across, "cols": cols, "spacing_m": target.pitch_mm / 1000.0},
+        "board": {"rows": rows_across, "cols": cols, "spacing_m": board.pitch_mm / 1000.0},
         "corners": rows,
         "samples": [pixels[:: max(len(pixels) // MAX_SAMPLES, 1)] for pixels in samples],
     }
@@ -117,8 +117,8 @@ def true_calibration(folder: Path) -> dict[str, Any]:
 
 def compare(corners: Path, folder: Path, python: str, rows: Rows) -> None:
     """Calibrate with both, and add a row for each."""
-    layout, target = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
-    if isinstance(target, AprilGrid):
+    layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
+    if isinstance(board, AprilGrid):
         raise InputError(f"{folder / 'board.toml'}: an AprilGrid, expected equally spaced corners")
     start_s = time.perf_counter()
     request = CalibrationRequest(board=folder / "board.toml", corners=(corners,), layout=folder / "layout.json")
@@ -129,7 +129,7 @@ def compare(corners: Path, folder: Path, python: str, rows: Rows) -> None:
     if calibration.layout.mirrors[0].is_second_surface:
         del ours["cameras"]  # behind glass, no place of a camera is exact
     known = true_calibration(folder)
-    task = task_of(corners, layout, target) | {"lens": LENSES[camera.lens_model], "calibrations": known | {OWN: ours}}
+    task = task_of(corners, layout, board) | {"lens": LENSES[camera.lens_model], "calibrations": known | {OWN: ours}}
     answer = run_solver(python, task)
     reference = "truth" if known else OWN
     differences = {pair["of"][1]: pair for pair in answer["differences"] if pair["of"][0] == reference}

@@ -24,7 +24,7 @@ from mirrorcam.optics.calibration.direct.motion import camera_rotations, stabili
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
-from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.geometry.boards import Checkerboard
 
 TARGET = Checkerboard(cols=8, rows=7, square_mm=1.0)
 

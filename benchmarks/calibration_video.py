@@ -21,7 +21,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.diagnostics.model_comparison import predict_held_out
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
 from mirrorcam.optics.calibration.solver.residuals import Board
-from mirrorcam.optics.geometry.targets import Checkerboard, load_board
+from mirrorcam.optics.geometry.boards import Checkerboard, load_board
 
 MIRRORS = 2
 BOARD = Checkerboard(cols=8, rows=6, square_mm=25.0)
@@ -42,12 +42,12 @@ def rms(errors: FloatArray) -> str:
     return "{:.3f} / {:.3f} px".format(*np.sqrt(np.mean(finite**2, axis=0)))
 
 
-def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
+def main(clip: Path, board: Checkerboard, json: Path | None) -> None:
     source = calibration_pictures([clip], 30, on_note=print)
     pictures = source.read()
     start_s = time.perf_counter()
     calibrate = partial(
-        calibrate_with_direct_view, pictures, target, mirrors=MIRRORS, names=source.names, adjacent=source.adjacent
+        calibrate_with_direct_view, pictures, board, mirrors=MIRRORS, names=source.names, adjacent=source.adjacent
     )
     calibration = calibrate(max_pictures=source.max_pictures)
     assert calibration.diagnostics is not None
@@ -64,7 +64,7 @@ def main(clip: Path, target: Checkerboard, json: Path | None) -> None:
     full = calibrate()
     rows = full.observations.where(full.inliers)
     fitted = refitted(
-        full, rows, Board.rigid(target.corners_in_board_mm), calibration.diagnostics.model_name.split("+")[1:]
+        full, rows, Board.rigid(board.corners_in_board_mm), calibration.diagnostics.model_name.split("+")[1:]
     )
     frames = len(fitted.solution.estimate.rig_from_board)
     late = np.arange(frames) >= 2 * frames // 3

@@ -84,7 +84,7 @@ def rendered_again(layout: Layout, sensor: SensorModel, folder: Path) -> Validat
     recipe = full_recipe(0)
     request = SetRequest(
         layout=layout,
-        target=recipe.target,
+        board=recipe.board,
         frames=recipe.frames,
         base_frames=recipe.base_frames,
         seed=recipe.seed,

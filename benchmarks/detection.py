@@ -31,8 +31,15 @@ from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, 
 from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
 from mirrorcam.optics.calibration.pupil_estimate import unvignetted
 from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.boards import (
+    TAG_BORDER,
+    TAG_FAMILY,
+    AprilGrid,
+    CalibrationBoard,
+    Checkerboard,
+    default_board,
+)
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import TAG_BORDER, TAG_FAMILY, AprilGrid, Checkerboard, Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.dataset import Dataset
 from mirrorcam.render_scenes.sets.render_set import render_set
@@ -121,7 +128,7 @@ def _used(layout: Layout, corners: Observations) -> Observations:
 
 
 def _rendered(
-    layout: Layout, target: Target, folder: Path, *, frames: int, sensor: SensorName, seed: int
+    layout: Layout, board: CalibrationBoard, folder: Path, *, frames: int, sensor: SensorName, seed: int
 ) -> tuple[Dataset, FloatArray, int]:
     """Render a set of tilted mirrors; return it, true pixels (frames, mirrors, corners, 2), and how many are visible.
 
@@ -129,7 +136,7 @@ def _rendered(
     """
     request = SetRequest(
         layout=layout,
-        target=target,
+        board=board,
         frames=frames,
         base_frames=0,
         seed=seed,
@@ -147,40 +154,44 @@ def _rendered(
 
 def stress(layout: Layout, folder: Path, *, sensor: SensorName, frames: int, seed: int) -> Iterator[tuple[str, Score]]:
     """Render a set into a folder, and yield the score under each of the `CONDITIONS`."""
-    target = default_board()
-    dataset, truth_px, visible = _rendered(layout, target, folder, frames=frames, sensor=sensor, seed=seed)
+    board = default_board()
+    dataset, truth_px, visible = _rendered(layout, board, folder, frames=frames, sensor=sensor, seed=seed)
     built = Layout.load(folder / "truth" / "layout.json")
     pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
     for number, condition in enumerate(CONDITIONS):
         random = np.random.default_rng([seed, number])
         disturbed = [degraded(picture, condition, random) for picture in pictures]
-        found = detect_frames(disturbed, layout, target, mirrored=True, workers=cores())
+        found = detect_frames(disturbed, layout, board, mirrored=True, workers=cores())
         yield condition, score([_used(built, frame.corners) for frame in found], truth_px, visible)
 
 
-BOARDS: dict[str, Target] = {"ChArUco": default_board(), "checkerboard": PLAIN, "AprilGrid, 10 x 7 tags": TAGS}
+BOARDS: dict[str, CalibrationBoard] = {
+    "ChArUco": default_board(),
+    "checkerboard": PLAIN,
+    "AprilGrid, 10 x 7 tags": TAGS,
+}
 
 
-def speed(layout: Layout, name: str, target: Target, folder: Path, rows: Rows) -> float:
+def speed(layout: Layout, name: str, board: CalibrationBoard, folder: Path, rows: Rows) -> float:
     """Return the processor time per frame, the minimum of several runs; add a row, or two for an AprilGrid."""
-    dataset, truth_px, visible = _rendered(layout, target, folder, frames=TIMED_FRAMES, sensor="c920", seed=0)
+    dataset, truth_px, visible = _rendered(layout, board, folder, frames=TIMED_FRAMES, sensor="c920", seed=0)
     pictures = [read_image(folder / name, grey=True) for name in dataset.frame_names]
     found, shortest_s = [], []
     for picture in pictures:
         times = []
         for _ in range(RUNS):
             start_s = time.process_time()
-            frame = detect_sub_images(picture, layout, target)
+            frame = detect_sub_images(picture, layout, board)
             times.append(time.process_time() - start_s)
         found.append(frame)
         shortest_s.append(min(times))
-    if isinstance(target, Checkerboard):  # a frame alone may not number all of a checkerboard's corners
-        found = number_jointly(found, [], layout, target)
+    if isinstance(board, Checkerboard):  # a frame alone may not number all of a checkerboard's corners
+        found = number_jointly(found, [], layout, board)
     seconds = float(np.mean(shortest_s))
     _add(rows, name, seconds, score([frame.corners for frame in found], truth_px, visible))
-    if isinstance(target, AprilGrid):
+    if isinstance(board, AprilGrid):
         start_s = time.process_time()
-        corners_by_opencv = [tags_by_opencv(picture, layout, target) for picture in pictures]
+        corners_by_opencv = [tags_by_opencv(picture, layout, board) for picture in pictures]
         spent_s = (time.process_time() - start_s) / len(pictures)
         _add(rows, f"{name}, OpenCV", spent_s, score(corners_by_opencv, truth_px, visible))
     return seconds
@@ -190,15 +201,15 @@ def _add(rows: Rows, name: str, seconds: float, result: Score) -> None:
     rows.add(name, f"{seconds:.2f}", f"{result.found} of {result.visible}", f"{result.rms_px:.3f} px", f"{result.far}")
 
 
-def tags_by_opencv(grey: Grey, layout: Layout, target: AprilGrid) -> Observations:
+def tags_by_opencv(grey: Grey, layout: Layout, board: AprilGrid) -> Observations:
     """Return the corners of the tags that OpenCV reads in each mirror, within the nominal sub-images."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.markerBorderBits = TAG_BORDER
     detector = cv2.aruco.ArucoDetector(TAG_FAMILY, parameters)
     corner_index = {
-        tuple(at): number for number, at in enumerate(np.round(target.corners_in_board_mm[:, :2], 6).tolist())
+        tuple(at): number for number, at in enumerate(np.round(board.corners_in_board_mm[:, :2], 6).tolist())
     }
-    places = np.round(marker_corners(target) * target.pitch_mm, 6)
+    places = np.round(marker_corners(board) * board.pitch_mm, 6)
     width = grey.shape[1]
     parts = []
     for index in range(len(layout.mirrors)):
@@ -241,7 +252,7 @@ def main() -> None:
         print(f"false corners: {false} of {corners}, {1e4 * false / max(corners, 1):.2f} in 10,000 (limit 1)")
         write_record(options.json, "detection", {"corners": corners, "false": false}, rows.table)
         boards = Rows("board", "seconds a frame", "found", "RMS", f"beyond {FALSE_PX:g} px")
-        slowest = max(speed(layout, name, target, Path(root) / target.kind, boards) for name, target in BOARDS.items())
+        slowest = max(speed(layout, name, board, Path(root) / board.kind, boards) for name, board in BOARDS.items())
         print(f"slowest board: {slowest:.2f} s a frame (limit {FRAME_LIMIT_S:g} s)")
         write_record(options.json, "detection_boards", table=boards.table)
 

@@ -21,8 +21,8 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
+from mirrorcam.optics.geometry.boards import Checkerboard, load_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Checkerboard, load_board
 
 WAYS = {
     "nothing more": "9, 22, 2304",

@@ -24,9 +24,9 @@ from benchmarks.records import Rows, add_json_option, write_record
 from mirrorcam.core.processes.worker_pool import cores, run_local
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.boards import Charuco, default_board
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, default_board
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.sets.frame_task import CaptureSetup, FrameTask, render_frame
@@ -64,7 +64,7 @@ def median_s(render_one: Callable[[int], object], frames: int) -> tuple[float, f
 
 def tasks(layout: Layout, board: Charuco, poses: FloatArray, settings: RenderSettings) -> list[str]:
     """Return the tasks of the frames of a set without maps."""
-    setup = CaptureSetup(built=layout, mirrors=True, target=board, settings=settings)
+    setup = CaptureSetup(built=layout, mirrors=True, board=board, settings=settings)
     return [
         FrameTask(
             setup=setup, name=f"{i:04d}{settings.suffix}", map_name=None, poses=pose[None], key=(0, i)

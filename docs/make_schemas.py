@@ -24,12 +24,12 @@ from mirrorcam.core.values import Metric
 from mirrorcam.designs.design_files import DesignRequest
 from mirrorcam.designs.sweep_files import SweepRequest
 from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CameraProfile
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.layout_in_pose import GravityTable
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.light_field.equalisation import Equalisation
 from mirrorcam.optics.light_field.io.views_file import ViewsFile
 from mirrorcam.render_scenes.sets.dataset import Dataset
@@ -39,7 +39,7 @@ from mirrorcam.simulation.render_request import PosesFile
 
 FOLDER = Path(__file__).with_name("schemas")
 FILES: dict[str, Any] = {
-    "board": Target,
+    "board": CalibrationBoard,
     "calibrated_camera": CalibratedCamera,
     "camera": Camera,
     "camera_profile": CameraProfile,

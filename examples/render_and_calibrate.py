@@ -21,7 +21,7 @@ def main(out: Path) -> None:
     # Pictures of a ChArUco board: through slightly tilted and shifted mirrors, and by the camera alone.
     board = mirrorcam.Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
     settings = mirrorcam.RenderSettings(renderer="fast", maps=False)
-    request = mirrorcam.SetRequest(layout=layout, target=board, frames=6, base_frames=4, settings=settings)
+    request = mirrorcam.SetRequest(layout=layout, board=board, frames=6, base_frames=4, settings=settings)
     dataset = mirrorcam.render_set(request, out / "set")
 
     # Calibrate from the pictures, the nominal layout and the board; with a real camera, these are your own.

@@ -14,7 +14,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.targets import TAG_MODULES, AprilGrid, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.boards import TAG_MODULES, AprilGrid, CalibrationBoard, Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.settings import RenderSettings
 
@@ -23,7 +23,7 @@ _MAX_TEXELS_PER_SQUARE = 64
 _MAX_TEXELS_PER_MODULE = 32
 
 
-def print_on_paper(target: Target) -> NDArray[np.uint8]:
+def print_on_paper(board: CalibrationBoard) -> NDArray[np.uint8]:
     """Return the print with its margin of white paper, 0 ink and 255 paper, at the lowest exact resolution.
 
     One texel per square is exact for a checkerboard. With markers, one texel per marker module is exact where a square
@@ -31,58 +31,58 @@ def print_on_paper(target: Target) -> NDArray[np.uint8]:
     The gaps of an AprilGrid are whole numbers of texels to within 1/2000 of a module, and exactly for a spacing of two
     decimals.
     """
-    if isinstance(target, AprilGrid):
-        texels = _texels_per_tag(target)
-        return np.pad(target.image(texels), MARGIN_SQUARES * texels, constant_values=255)
-    if isinstance(target, Checkerboard):
-        return np.pad(target.image(1), MARGIN_SQUARES, constant_values=255)
-    texels, marker_mm = _marker_raster(target)
-    image = target.replaced(marker_mm=marker_mm).image(texels)
+    if isinstance(board, AprilGrid):
+        texels = _texels_per_tag(board)
+        return np.pad(board.image(texels), MARGIN_SQUARES * texels, constant_values=255)
+    if isinstance(board, Checkerboard):
+        return np.pad(board.image(1), MARGIN_SQUARES, constant_values=255)
+    texels, marker_mm = _marker_raster(board)
+    image = board.replaced(marker_mm=marker_mm).image(texels)
     return np.pad(image, MARGIN_SQUARES * texels, constant_values=255)
 
 
-def margin_mm(target: Target) -> float:
+def margin_mm(board: CalibrationBoard) -> float:
     """Return the width of the white margin around the printed squares."""
-    return MARGIN_SQUARES * (target.tag_mm if isinstance(target, AprilGrid) else target.square_mm)
+    return MARGIN_SQUARES * (board.tag_mm if isinstance(board, AprilGrid) else board.square_mm)
 
 
-def _texels_per_tag(target: AprilGrid) -> int:
-    gap_modules = Fraction(target.spacing * TAG_MODULES).limit_denominator(_MAX_TEXELS_PER_MODULE)
+def _texels_per_tag(board: AprilGrid) -> int:
+    gap_modules = Fraction(board.spacing * TAG_MODULES).limit_denominator(_MAX_TEXELS_PER_MODULE)
     return TAG_MODULES * gap_modules.denominator
 
 
-def _marker_raster(target: Charuco) -> tuple[int, float]:
-    """Texels per square, and the marker size, mm, with modules of whole texels that is nearest to the target's."""
-    modules = target.markers.shape[1]
+def _marker_raster(board: Charuco) -> tuple[int, float]:
+    """Texels per square, and the marker size, mm, with modules of whole texels that is nearest to the board's."""
+    modules = board.markers.shape[1]
     candidates = [
-        (texels, texels_per_module * modules * target.square_mm / texels)
+        (texels, texels_per_module * modules * board.square_mm / texels)
         for texels in range(modules + 1, _MAX_TEXELS_PER_SQUARE + 1)
         for texels_per_module in range(1, (texels - 1) // modules + 1)
         if (texels - texels_per_module * modules) % 2 == 0  # else the marker would not be centred
     ]
-    return min(candidates, key=lambda candidate: (round(abs(candidate[1] - target.marker_mm), 9), candidate[0]))
+    return min(candidates, key=lambda candidate: (round(abs(candidate[1] - board.marker_mm), 9), candidate[0]))
 
 
-def printed_radiance(target: Target, settings: RenderSettings) -> FloatArray:
+def printed_radiance(board: CalibrationBoard, settings: RenderSettings) -> FloatArray:
     """Radiance (rows, columns) of the texels of the print."""
-    return np.asarray(settings.ink + (settings.paper - settings.ink) * (print_on_paper(target) / 255.0))
+    return np.asarray(settings.ink + (settings.paper - settings.ink) * (print_on_paper(board) / 255.0))
 
 
-def board_from_texels(target: Target) -> FloatArray:
+def board_from_texels(board: CalibrationBoard) -> FloatArray:
     """Return the affine map (3, 3) from texels (column, row, 1) of the print to (x, y, 1) on the board, mm."""
-    margin = margin_mm(target)
-    if isinstance(target, AprilGrid):
-        texel_mm = target.tag_mm / _texels_per_tag(target)
+    margin = margin_mm(board)
+    if isinstance(board, AprilGrid):
+        texel_mm = board.tag_mm / _texels_per_tag(board)
     else:
-        texels = print_on_paper(target).shape[1] // (target.cols + 2 * MARGIN_SQUARES)
-        texel_mm = target.size_mm[0] / texels / target.cols
+        texels = print_on_paper(board).shape[1] // (board.cols + 2 * MARGIN_SQUARES)
+        texel_mm = board.size_mm[0] / texels / board.cols
     return np.array([[texel_mm, 0.0, -margin], [0.0, texel_mm, -margin], [0.0, 0.0, 1.0]])
 
 
-def rig_from_rectangle(target: Target, rig_from_board: FloatArray) -> FloatArray:
+def rig_from_rectangle(board: CalibrationBoard, rig_from_board: FloatArray) -> FloatArray:
     """Return the affine map (4, 4) from Mitsuba's rectangle ([-1, 1]^2, emits along +z, v up) to a print in the rig."""
-    width, height = target.size_mm
-    margin = margin_mm(target)
+    width, height = board.size_mm
+    margin = margin_mm(board)
     board_from_rectangle = np.diag([width / 2 + margin, -(height / 2 + margin), -1.0, 1.0])
     board_from_rectangle[:2, 3] = width / 2, height / 2
     return rig_from_board @ board_from_rectangle

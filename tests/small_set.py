@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
 
@@ -21,7 +21,7 @@ def small_set_request(layout: Layout) -> SetRequest:
     camera = Camera(width_px=240, height_px=136, cx_px=119.5, cy_px=67.5, **focal)
     settings = RenderSettings(renderer="fast")
     return SetRequest(
-        layout=layout.replaced(camera=camera), target=BOARD, frames=6, base_frames=2, seed=5, settings=settings
+        layout=layout.replaced(camera=camera), board=BOARD, frames=6, base_frames=2, seed=5, settings=settings
     )
 
 

@@ -25,8 +25,8 @@ from mirrorcam import cli
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.optics.geometry.boards import Checkerboard, default_board, save_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Checkerboard, default_board, save_board
 from tests.command_line import assert_refused, assert_refused_here, mirrorcam, results
 from tests.nightly import a_few
 

@@ -18,8 +18,8 @@ import pytest
 from mirrorcam import cli
 from mirrorcam.core.disk.output_folder import HIDDEN, output_folder
 from mirrorcam.core.images.pictures import write_image
+from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.render_scenes.sets.set_request import SetRequest
@@ -128,7 +128,7 @@ def _write_inputs(layout: Layout, request: SetRequest, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     layout.save(folder / "layout.json")
     layout.replaced(kind="calibrated").save(folder / "calibrated.json")
-    save_board(folder / "board.toml", request.target)
+    save_board(folder / "board.toml", request.board)
     (folder / "sweep.toml").write_text("counts = [[1, 2]]\nscales_mm = [60]\ntradeoffs = [0.3]\n")
     (folder / "avi.toml").write_text('renderer = "fast"\nvideo = "avi"\n')
     random = np.random.default_rng(0)

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -47,10 +47,25 @@ def public_callables() -> Iterator[tuple[str, Callable[..., Any]]]:
             written = getattr(method, "__func__", method)
             ours = inspect.isfunction(written) and written.__module__.startswith("mirrorcam.")
             if ours and (own == "__init__" or not own.startswith("_")) and written.__qualname__ != "Value.__init__":
-                yield f"{name}.{own}", getattr(public, own)
+                yield f"{name}.{own}", public if own == "__init__" else getattr(public, own)
 
 
 CALLABLES = dict(public_callables())
+
+
+def results_of(function: Callable[..., Any]) -> Iterator[type]:
+    """The classes of this project in the type of what a function returns."""
+
+    def classes(hint: Any) -> Iterator[type]:
+        if inspect.isclass(hint) and hint.__module__.startswith("mirrorcam."):
+            yield hint
+        for each in get_args(hint):
+            yield from classes(each)
+
+    # Annotations that only type checkers resolve are names of public classes.
+    names = {name: getattr(mirrorcam, name) for name in mirrorcam.__all__}
+    hint = inspect.signature(function).return_annotation
+    yield from classes(eval(hint, {**function.__globals__, **names}) if isinstance(hint, str) else hint)
 
 
 def paths_of(function: Callable[..., Any], *annotations: str) -> list[str]:
@@ -72,7 +87,7 @@ def arguments(default_layout: Layout) -> dict[str, Any]:
     return {
         "self": default_layout,
         "layout": default_layout,
-        "target": mirrorcam.Checkerboard(rows=6, cols=9, square_mm=20.0),
+        "board": mirrorcam.Checkerboard(rows=6, cols=9, square_mm=20.0),
         "light_field": mirrorcam.Decoder(default_layout, width_px=64).decode(frame),
         "request": mirrorcam.SetRequest(
             layout=default_layout,
@@ -104,7 +119,10 @@ def called(name: str, arguments: dict[str, Any], **given: Any) -> Any:
 def test_every_public_parameter_that_is_a_path_takes_every_path() -> None:
     every = {name: paths for name, function in CALLABLES.items() if (paths := paths_of(function))}
     iterables = {"calibrate": ["frames", "base_frames", "detections"], "calibrate_camera": ["pictures", "detections"]}
-    assert every == TAKING_PATHS | iterables
+    # Methods for the program that writes a set; users read `Dataset.load`.
+    of_writer = {f"Dataset.{name}": ["folder"] for name in ("intact", "resumed", "save")}
+    of_writer["Dataset.added"] = ["folder", "write"]
+    assert every == TAKING_PATHS | iterables | of_writer
     assert {"read_image", "open_light_field", "write_light_field", "render_set", "validate"} <= TAKING_PATHS.keys()
     assert {"Layout.load", "Layout.save", "build_parts", "calibrate"} <= TAKING_PATHS.keys()
 
@@ -154,7 +172,7 @@ def test_files_are_written_and_read_by_any_path(
     assert np.array_equal(light_field.samples, arguments["light_field"].samples)
     assert mirrorcam.SetRequest(layout=layout, parts=kind(tmp_path)).parts == tmp_path
     with pytest.raises(mirrorcam.InputError, match=r"a\.png: .*6x4"):
-        mirrorcam.calibrate([kind(tmp_path / "a.png")], [], layout, arguments["target"])
+        mirrorcam.calibrate([kind(tmp_path / "a.png")], [], layout, arguments["board"])
 
 
 VALUES = [
@@ -209,7 +227,7 @@ FIRST = {
 def test_arguments_of_another_type_are_type_errors_by_name(
     name: str, parameter: str, arguments: dict[str, Any], tmp_path: Path
 ) -> None:
-    function = mirrorcam.Decoder if name == "Decoder.__init__" else CALLABLES[name]
+    function = CALLABLES[name]
     for wrong in ("text", None, 3, object()):
         given = {"out": tmp_path / "out", "path": tmp_path / "a.npz"} | arguments | {parameter: wrong}
         taken = inspect.signature(function).parameters
@@ -221,7 +239,7 @@ def test_arguments_of_another_type_are_type_errors_by_name(
 def test_pictures_of_a_calibration_are_an_iterable(arguments: dict[str, Any]) -> None:
     for wrong in ("folder", Path("folder"), 3, None, np.zeros((4, 4), dtype=np.uint8), [3]):
         with pytest.raises(TypeError, match=r"^frames: "):
-            mirrorcam.calibrate(wrong, [], arguments["layout"], arguments["target"])  # type: ignore[arg-type]
+            mirrorcam.calibrate(wrong, [], arguments["layout"], arguments["board"])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("shape_dtype", [((270, 480), float), ((270, 480, 3), np.uint8), ((270, 480), np.uint16)])
@@ -230,7 +248,7 @@ def test_arrays_of_a_calibration_hold_grey_values(shape_dtype: tuple[Any, Any], 
     tried: list[tuple[Any, Any]] = [(wrong, []), ([], wrong), (iter(wrong), [])]
     for frames, base_frames in tried:
         with pytest.raises(mirrorcam.InputError, match=r"^(base_)?frames: an array .*, expected \(h, w\) of uint8"):
-            mirrorcam.calibrate(frames, base_frames, arguments["layout"], arguments["target"])
+            mirrorcam.calibrate(frames, base_frames, arguments["layout"], arguments["board"])
 
 
 @pytest.mark.parametrize("name", ["a\0b", "a" * 5000])
@@ -248,7 +266,7 @@ def test_numbers_of_another_type_or_size_are_refused_by_their_name(arguments: di
         mirrorcam.write_light_field(tmp_path / "a", arguments["light_field"], "ply", "x")  # type: ignore[arg-type]
     for function, wanted in (
         (mirrorcam.build_parts, "layout out"),
-        (mirrorcam.calibrate, "frames base_frames layout target"),
+        (mirrorcam.calibrate, "frames base_frames layout board"),
     ):
         needed = {name: arguments[name] for name in wanted.split()}
         with pytest.raises(mirrorcam.InputError, match=r"^workers: 0, expected 1 to 1024$"):
@@ -271,3 +289,15 @@ def test_light_fields_and_formats_that_cannot_be_are_refused(arguments: dict[str
 
 def test_hints_name_both_kinds() -> None:
     assert AnyPath == str | os.PathLike[str]
+
+
+def test_results_are_of_public_classes() -> None:
+    hidden = {
+        (name, result.__name__)
+        for name, function in CALLABLES.items()
+        if inspect.isroutine(function)
+        for result in results_of(inspect.unwrap(getattr(function, "__func__", function)))
+        if result.__name__ not in mirrorcam.__all__
+    }
+    # What is known of earlier frames, which only `VideoDepth` passes on.
+    assert hidden == {("DepthEstimator.following", "Track")}

@@ -29,8 +29,8 @@ from benchmarks.referees.mrcal_runner import LENSES, python_with_mrcal, run_solv
 from mirrorcam.core.disk.files import write_json
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import load_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import load_board
 from mirrorcam.optics.geometry.transforms import inverse
 
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px", *("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"))
@@ -47,7 +47,7 @@ def by_board_count(corners: SetCorners) -> list[int]:
 
 def task_of(corners: SetCorners, folder: Path, *, spline: bool) -> dict[str, object]:
     """Return the solver's task: board and corners, with cameras in the order of `by_board_count`."""
-    layout, target = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
+    layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
     lens = LENSES.get(layout.camera.lens_model)
     if lens is None:
         raise InputError(f"{folder}: a {layout.camera.lens_model} lens, expected one of {', '.join(LENSES)}")
@@ -59,7 +59,7 @@ def task_of(corners: SetCorners, folder: Path, *, spline: bool) -> dict[str, obj
     reference = bundle.views[order[0]]
     camera = {view: number for number, view in enumerate(order)}
     frames = {frame: number for number, frame in enumerate(sorted({frame for frame, _ in corners.seen}))}
-    cols, rows = target.corner_counts
+    cols, rows = board.corner_counts
     return {
         "width_px": corners.size_px[0],
         "height_px": corners.size_px[1],
@@ -70,11 +70,11 @@ def task_of(corners: SetCorners, folder: Path, *, spline: bool) -> dict[str, obj
             "cameras": [_in_m(bundle.views[view] @ inverse(reference)) for view in order[1:]],
             "poses": [_in_m(reference @ pose) for pose in bundle.frames],
         },
-        "board": {"rows": rows, "cols": cols, "spacing_m": target.pitch_mm / MM_PER_M},
+        "board": {"rows": rows, "cols": cols, "spacing_m": board.pitch_mm / MM_PER_M},
         "corners": [
             [frames[frame], camera[view], corner, x, y, 1.0]
-            for (frame, view), board in sorted(corners.seen.items())
-            for corner, (x, y) in zip(board.corner.tolist(), board.pixels.tolist(), strict=True)
+            for (frame, view), detected in sorted(corners.seen.items())
+            for corner, (x, y) in zip(detected.corner.tolist(), detected.pixels.tolist(), strict=True)
         ],
     }
 

@@ -13,8 +13,8 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.write.virtual_cameras import Flip, VirtualCamera, virtual_cameras
+from mirrorcam.optics.geometry.boards import CalibrationBoard, Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, load_board
 
 MIN_CORNERS = 8
 """Minimum number of corners for the pose of a board."""
@@ -90,7 +90,7 @@ def corners_of_set(folder: Path) -> SetCorners:
     )
 
 
-def _in_view(flipped: NDArray[np.uint8], view: VirtualCamera, board: Target) -> DetectedBoard | None:
+def _in_view(flipped: NDArray[np.uint8], view: VirtualCamera, board: CalibrationBoard) -> DetectedBoard | None:
     """Return the board in a mirror's part of the flipped frame (h, w); None if too few corners are detected."""
     part = view.sub_image
     in_mirror = view.mask[part.slices] > 0

@@ -30,11 +30,11 @@ from mirrorcam.device.hardware_choice import HardwareChoice
 from mirrorcam.optics.calibration.diagnostics.calibration_difference import calibration_difference
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.write.write_exports import write_exports
+from mirrorcam.optics.geometry.boards import default_board, load_board, save_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CAMERAS, read_camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import sensor_polygon
-from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.render_scenes.mirror_finish import draw_finishes
 from mirrorcam.render_scenes.sets.set_request import SetRequest, planned_frames

@@ -180,7 +180,7 @@ def _live(name: str) -> None:
 
 def _device(name: str) -> None:
     """Open a camera like `decode --live`; stop one without frames, such as a stream that nobody sends."""
-    source = camera_addresses.camera(name, media.WIDTH, media.HEIGHT)
+    source = camera_addresses.open_camera(name, media.WIDTH, media.HEIGHT)
     give_up = Timer(GIVE_UP_S, source.stop)
     give_up.start()
     try:

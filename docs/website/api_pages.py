@@ -7,27 +7,26 @@ import inspect
 import mirrorcam
 
 GROUPS = {
-    "Cameras and layouts": ("Camera", "DesignSpec", "Layout", "design", "build_parts"),
+    "Cameras and layouts": ("Camera", "DesignSpec", "Layout", "Mirror", "Uncertainty", "design", "build_parts"),
     "Backs of your own": ("MountFace", "Adapter", "Fastener"),
-    "Calibration": ("AprilGrid", "Charuco", "Checkerboard", "RequestedModel", "calibrate", "calibrate_camera"),
-    "Light fields and depth": (
-        *("Decoder", "LightField", "open_light_field", "write_light_field", "estimate_depth", "read_image"),
+    "Calibration": (
+        *("AprilGrid", "Charuco", "Checkerboard", "load_board", "RequestedModel", "calibrate", "calibrate_camera"),
+        *("Calibration", "CalibratedCamera"),
     ),
-    "Synthetic sets": ("RenderSettings", "SetRequest", "render_set", "validate"),
-    "Errors": ("InputError",),
+    "Pictures, videos and cameras": (
+        *("read_image", "Video", "open_camera", "LiveCamera", "NewestFrame", "Frame", "Lost", "ArrivedFrame"),
+    ),
+    "Light fields and depth": (
+        *("Decoder", "LightField", "Views", "open_light_field", "write_light_field"),
+        *("estimate_depth", "DepthEstimator", "VideoDepth", "DepthMap"),
+    ),
+    "Rendered frames and sets": (
+        *("SceneObject", "render_frame", "RenderSettings", "SensorModel", "Tolerances", "SetRequest", "render_set"),
+        *("Dataset", "validate", "Validation"),
+    ),
+    "Figures and errors": ("Metric", "InputError", "InfeasibleDesign"),
 }
 """The public names by purpose."""
-RELATED = {
-    "Cameras and layouts": ("optics.geometry.mirror.Mirror", "core.values.Metric"),
-    "Calibration": ("optics.calibration.calibration.Calibration",),
-    "Light fields and depth": (
-        "optics.light_field.light_field.Views",
-        "optics.light_field.depth.estimate.DepthMap",
-        "optics.light_field.depth.estimate.DepthEstimator",
-    ),
-    "Synthetic sets": ("render_scenes.sets.dataset.Dataset",),
-}
-"""Other types that the public functions take or return, with their modules."""
 
 
 def _directive(name: str, value: object) -> str:
@@ -41,7 +40,7 @@ def _in_rst(directives: list[str]) -> str:
 
 
 def names_page() -> str:
-    """The page of the public names and the related types."""
+    """The page of the public names."""
     lines = [
         "# Public names of the library\n",
         "Every name of `import mirrorcam`. [As a library](../library.md) shows how they work together, "
@@ -49,10 +48,6 @@ def names_page() -> str:
     ]
     for title, names in GROUPS.items():
         directives = [_directive(f"mirrorcam.{name}", getattr(mirrorcam, name)) for name in names]
-        for path in RELATED.get(title, ()):
-            module, _, name = path.rpartition(".")
-            value = getattr(__import__(f"mirrorcam.{module}", fromlist=[name]), name)
-            directives.append(_directive(f"mirrorcam.{path}", value))
         lines.append(f"## {title}\n\n{_in_rst(directives)}")
     return "\n".join(lines)
 

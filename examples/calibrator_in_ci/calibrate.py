@@ -29,15 +29,15 @@ GREY = 127
 
 def main() -> int:
     folder, result = Path(os.environ["MIRRORCAM_SET"]), Path(os.environ["MIRRORCAM_RESULT"])
-    board = tomllib.loads((folder / "board.toml").read_text(encoding="utf-8"))
-    if board["kind"] != "charuco":
-        print(f"a board of kind {board['kind']}, expected charuco", file=sys.stderr)
+    described = tomllib.loads((folder / "board.toml").read_text(encoding="utf-8"))
+    if described["kind"] != "charuco":
+        print(f"a board of kind {described['kind']}, expected charuco", file=sys.stderr)
         return 1
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board["dictionary"]))
-    size = board["cols"], board["rows"]
-    ids = board.get("first_marker", 0) + np.arange(size[0] * size[1] // 2, dtype=np.int32)
-    target = cv2.aruco.CharucoBoard(size, board["square_mm"], board["marker_mm"], dictionary, ids)
-    target.setLegacyPattern(board.get("legacy", False))
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, described["dictionary"]))
+    size = described["cols"], described["rows"]
+    ids = described.get("first_marker", 0) + np.arange(size[0] * size[1] // 2, dtype=np.int32)
+    board = cv2.aruco.CharucoBoard(size, described["square_mm"], described["marker_mm"], dictionary, ids)
+    board.setLegacyPattern(described.get("legacy", False))
     views_file = json.loads((folder / "views.json").read_text(encoding="utf-8"))
     views, size = views_file["views"], (views_file["width_px"], views_file["height_px"])
     pictures = (np.fromfile(path, dtype=np.uint8) for path in sorted((folder / "frames").iterdir()))
@@ -48,14 +48,14 @@ def main() -> int:
     cameras, poses = [], []
     for view in views:
         boards = {
-            number: grid for number, frame in enumerate(frames) if (grid := corners(frame, view, target)) is not None
+            number: grid for number, frame in enumerate(frames) if (grid := corners(frame, view, board)) is not None
         }
         if len(boards) < MIN_BOARDS:
             print(f"{view['name']}: {len(boards)} boards, expected at least {MIN_BOARDS}", file=sys.stderr)
             return 1
         guess = np.array(view["camera_matrix"])
         _, matrix, distortion, rotations, shifts = cv2.calibrateCamera(
-            [np.array(target.getChessboardCorners())[ids] for ids, _ in boards.values()],
+            [np.array(board.getChessboardCorners())[ids] for ids, _ in boards.values()],
             [pixels for _, pixels in boards.values()],
             size,
             guess,
@@ -93,14 +93,14 @@ def main() -> int:
 
 
 def corners(
-    frame: NDArray[np.uint8], view: dict[str, Any], target: cv2.aruco.CharucoBoard
+    frame: NDArray[np.uint8], view: dict[str, Any], board: cv2.aruco.CharucoBoard
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]] | None:
     """Ids (n,) and pixels (n, 1, 2) of the corners in the part of a flipped frame that shows a mirror."""
     left, top = view["x"], view["y"]
     outline = np.round(np.array(view["outline_px"]) - [left, top]).astype(np.int32)
     part = frame[top : top + view["height"], left : left + view["width"]]
     mask = cv2.fillPoly(np.zeros(part.shape, np.uint8), [outline], 255)
-    detected, ids, _, _ = cv2.aruco.CharucoDetector(target).detectBoard(np.where(mask > 0, part, GREY).astype(np.uint8))
+    detected, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(np.where(mask > 0, part, GREY).astype(np.uint8))
     if ids is None or len(ids) < MIN_CORNERS:
         return None
     pixels = np.reshape(detected, (-1, 1, 2)).astype(np.float32) + np.array([left, top], dtype=np.float32)

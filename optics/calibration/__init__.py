@@ -1,1 +1,1 @@
-"""Calibration of a layout from frames of a target."""
+"""Calibration of a layout from frames of a board."""

@@ -17,7 +17,7 @@ from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import check_size, read_image, set_common_bit_depth
-from mirrorcam.core.progress import Step, no_step
+from mirrorcam.core.progress import Progress, Step, no_progress, no_step
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -36,9 +36,9 @@ from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, Reque
 from mirrorcam.optics.calibration.lateral_colour_estimate import colour_pictures, estimated_lateral_colour
 from mirrorcam.optics.calibration.pupil_estimate import BoardPictures
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
+from mirrorcam.optics.geometry.boards import AprilGrid, CalibrationBoard, Charuco, Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 UPSIDE_DOWN = (
     "the pictures fit the layout only when rotated by 180 deg: the camera is upside down in the device, or its "
@@ -51,14 +51,14 @@ def calibrate(
     frames: Iterable[Grey | AnyPath],
     base_frames: Iterable[Grey | AnyPath],
     layout: Layout,
-    target: Target,
+    board: CalibrationBoard,
     *,
     model: RequestedModel = AUTO,
     detections: AnyPath | None = None,
     workers: int = 1,
     max_pictures: tuple[int | None, int | None] = (None, None),
     names: tuple[Sequence[str], Sequence[str]] | None = None,
-    on_frame: Callable[[int], None] = lambda done: None,
+    progress: Progress = no_progress,
     on_observations: Callable[[Sequence[Observations]], None] = lambda observations: None,
     on_step: Step = no_step,
 ) -> Calibration:
@@ -76,7 +76,7 @@ def calibrate(
         camera of `layout` and estimates the intrinsics from the mirrored views alone.
     layout
         Nominal layout: where to search for the board, and the starting point of the fit.
-    target
+    board
         The board.
     model
         Model to fit, for example `RequestedModel.parse("fisheye+bend")`. Default: the largest that pictures support.
@@ -88,8 +88,8 @@ def calibrate(
         Maximum number of pictures via the mirrors, and without them; None uses all.
     names
         Names of the pictures via the mirrors, and without them. Default: their numbers.
-    on_frame
-        Called with the number of pictures searched so far.
+    progress
+        Called with the number of pictures searched and their total; pictures of an iterator count once they are read.
     on_observations
         Called after each picture via the mirrors with all observations so far.
     on_step
@@ -107,24 +107,30 @@ def calibrate(
         camera and the mirrors.
     """
     check_type("layout", layout, Layout)
-    check_type("target", target, Checkerboard, Charuco, AprilGrid)
+    check_type("board", board, Checkerboard, Charuco, AprilGrid)
     check_count("workers", workers, WORKERS)
     cache = None if detections is None else path_of("detections", detections)
     model.check_mirrored()
     frames, base_frames = (checked_pictures(*pair) for pair in (("frames", frames), ("base_frames", base_frames)))
-    detect = partial(detect_frames, layout=layout, target=target, folder=cache, workers=workers)
+    detect = partial(detect_frames, layout=layout, board=board, folder=cache, workers=workers)
     reader = PictureReader(layout.camera)
 
+    total = sum(len(pictures) for pictures in (frames, base_frames) if isinstance(pictures, Sequence))
+
+    def advance(done: int) -> None:
+        progress(done, max(done, total))
+
     def report(detected: Sequence[DetectedFrame]) -> None:
-        on_frame(len(detected))
+        advance(len(detected))
         on_observations([frame.corners for frame in detected])
 
     mirrored_detected = detect(reader.read(frames, mirrored=True), mirrored=True, on_frame=report)
     pictures = reader.read(base_frames, mirrored=False)
-    base_detected = detect(pictures, mirrored=False, on_frame=lambda done: on_frame(len(mirrored_detected) + len(done)))
-    if isinstance(target, Checkerboard):
-        mirrored_detected = number_jointly(mirrored_detected, base_detected, layout, target)
-    size = target.corners_in_board_mm, layout.camera.width_px
+    searched = len(mirrored_detected)
+    base_detected = detect(pictures, mirrored=False, on_frame=lambda found: advance(searched + len(found)))
+    if isinstance(board, Checkerboard):
+        mirrored_detected = number_jointly(mirrored_detected, base_detected, layout, board)
+    size = board.corners_in_board_mm, layout.camera.width_px
     chosen = [
         chosen_frames(detected, number, *size)
         for detected, number in zip((mirrored_detected, base_detected), max_pictures, strict=True)
@@ -135,7 +141,7 @@ def calibrate(
     )
     # A board that is often partly out of view is found in few pictures only, so one detection confirms it.
     board_found = any(len(o) for o in mirrored), any(len(o) for o in base)
-    reader.check_board(target, mirrored=board_found[0], base=board_found[1], fits=True)
+    reader.check_board(board, mirrored=board_found[0], base=board_found[1], fits=True)
     if reader.damaged and not any(map(len, mirrored)):
         raise InputError(f"{reader.damaged[0]}; no corner of the board found in other frames")
     try:
@@ -143,12 +149,12 @@ def calibrate(
             mirrored,
             base,
             layout,
-            target.corners_in_board_mm,
+            board.corners_in_board_mm,
             model=model,
             extremes=reader.extremes,
             pictures=BoardPictures(
                 [group[n] for group, used in zip((reader.mirrored, reader.base), chosen, strict=True) for n in used],
-                target,
+                board,
                 workers,
             ),
             unknown=unknown_mirrors(layout, mirrored_detected),
@@ -159,16 +165,16 @@ def calibrate(
         )
     except InputError:
         # The stated board was found but does not fit: parts of a larger checkerboard can look like it.
-        reader.check_board(target, mirrored=board_found[0], base=board_found[1], fits=False)
-        if message := wrong_size_message(reader.first(mirrored=True), layout, target):
+        reader.check_board(board, mirrored=board_found[0], base=board_found[1], fits=False)
+        if message := wrong_size_message(reader.first(mirrored=True), layout, board):
             raise InputError(message) from None
-        if fits_upside_down(mirrored, layout, target):
+        if fits_upside_down(mirrored, layout, board):
             raise InputError(UPSIDE_DOWN) from None
         raise
     kept = ((reader.mirrored[number], detected) for number, detected in zip(chosen[0], mirrored, strict=True))
     files = [(picture, rows) for picture, rows in kept if isinstance(picture, Path) and len(rows)]
     if files:
-        colour = estimated_lateral_colour(colour_pictures(files), calibration.layout.camera, target)
+        colour = estimated_lateral_colour(colour_pictures(files), calibration.layout.camera, board)
         calibration = calibration.with_lateral_colour(colour)
     return calibration.with_damaged_pictures(reader.damaged)
 
@@ -257,15 +263,15 @@ class PictureReader:
         """The first pictures via the mirrors or without them, at most `MAX_PICTURES`."""
         return self._first[mirrored]
 
-    def check_board(self, target: Target, *, mirrored: bool, base: bool, fits: bool) -> None:
-        """Raise InputError if the first pictures show a board other than `target`.
+    def check_board(self, board: CalibrationBoard, *, mirrored: bool, base: bool, fits: bool) -> None:
+        """Raise InputError if the first pictures show a board other than `board`.
 
-        `mirrored` and `base` state whether `target` was found in any picture via the mirrors, and without them;
+        `mirrored` and `base` state whether `board` was found in any picture via the mirrors, and without them;
         `fits`, whether the calibration has not failed to fit.
         """
         found = mirrored or base
         for kind, found_in_kind in ((False, base), (True, mirrored)):
-            message = other_board(self._first[kind], target, mirrored=kind, found=found, fits=fits and found_in_kind)
+            message = other_board(self._first[kind], board, mirrored=kind, found=found, fits=fits and found_in_kind)
             if message is not None:
                 raise InputError(message)
 

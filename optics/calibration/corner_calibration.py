@@ -227,7 +227,7 @@ def fit_corners(
         if pictures is not None:
             mirrored_numbers = [number for number in frames if number < len(mirrored)]
             posed = pictures.with_poses(mirrored_numbers, first.rig_from_board)
-            pupil = estimated_pupil(fitted_layout, posed, pictures.target)
+            pupil = estimated_pupil(fitted_layout, posed, pictures.board)
             metrics, pupil_notes = pupil.metrics, (pupil.note,)
             fitted_layout = fitted_layout.replaced(camera=pupil.camera)
         kept, left_out = unvignetted(fitted_layout, observations)
@@ -296,7 +296,7 @@ def _refine_with_ghosts(
         pictures.frames[: len(screened.mirrored)],
         poses,
         layout,
-        pictures.target,
+        pictures.board,
         workers=pictures.workers,
     )
 

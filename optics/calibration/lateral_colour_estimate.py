@@ -16,9 +16,9 @@ from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance
 from mirrorcam.optics.calibration.detection.corner_refinement import colour_shifts
 from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lateral_colour import LateralColour
-from mirrorcam.optics.geometry.targets import Target
 
 MAX_PICTURES = 8
 """Pictures that are measured: 4000 corners give each number to about 1e-6."""
@@ -33,7 +33,7 @@ Picture = NDArray[np.uint8]
 
 
 def estimated_lateral_colour(
-    pictures: Iterable[tuple[Picture, Observations]], camera: Camera, target: Target
+    pictures: Iterable[tuple[Picture, Observations]], camera: Camera, board: CalibrationBoard
 ) -> LateralColour | None:
     """Estimate the displacements of red and blue against green.
 
@@ -43,7 +43,7 @@ def estimated_lateral_colour(
         Pictures (h, w, 3) in RGB, each with the corners that it shows.
     camera
         The calibrated camera.
-    target
+    board
         The board.
 
     Returns
@@ -56,11 +56,11 @@ def estimated_lateral_colour(
             continue
         for view in np.unique(rows.view):
             of_view = rows.where(rows.view == view)
-            print_xy = corner_print_xy(target)[of_view.corner]
+            print_xy = corner_print_xy(board)[of_view.corner]
             expected = expected_corners(print_xy, of_view.pixels) if len(of_view) >= MIN_CORNERS else None
             if expected is None:
                 continue
-            shifts = colour_shifts(picture.astype(np.float32), expected, Appearance(target, BLUR_PX, motion=False))
+            shifts = colour_shifts(picture.astype(np.float32), expected, Appearance(board, BLUR_PX, motion=False))
             pixels.append(of_view.pixels)
             red.append(shifts[0] - shifts[1])
             blue.append(shifts[2] - shifts[1])

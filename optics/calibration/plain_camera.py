@@ -6,7 +6,7 @@ without mirrors, so that model selection, covariance and diagnostics are those o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import cv2
@@ -17,7 +17,7 @@ from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.progress import Step, no_step
+from mirrorcam.core.progress import Progress, Step, no_progress, no_step
 from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.calibration.calibration import PictureReader, checked_pictures, chosen_frames
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
@@ -32,9 +32,9 @@ from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError, start_robustly
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import residuals
+from mirrorcam.optics.geometry.boards import AprilGrid, CalibrationBoard, Charuco, Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
 
 FISHEYE_FOCALS = (0.2, 0.35, 0.6)
 """Trial focal lengths of a fisheye, relative to the picture's width."""
@@ -44,7 +44,7 @@ FISHEYE_RATIO = 0.7
 
 def calibrate_camera(
     pictures: Iterable[Grey | AnyPath],
-    target: Target,
+    board: CalibrationBoard,
     *,
     nominal: Camera | None = None,
     model: RequestedModel = AUTO,
@@ -52,7 +52,7 @@ def calibrate_camera(
     workers: int = 1,
     max_pictures: int | None = None,
     names: Sequence[str] | None = None,
-    on_frame: Callable[[int], None] = lambda done: None,
+    progress: Progress = no_progress,
     on_step: Step = no_step,
 ) -> Calibration:
     """Calibrate a camera without mirrors from pictures of a board.
@@ -62,7 +62,7 @@ def calibrate_camera(
     pictures
         Pictures of the board: grey values (h, w), or paths of picture files. A damaged file is skipped, named in the
         notes and counted in the metrics.
-    target
+    board
         The board.
     nominal
         The camera as published: its name, body and pupil are kept. Default: nothing is known.
@@ -76,8 +76,8 @@ def calibrate_camera(
         Maximum number of pictures to use; None uses all.
     names
         Names of the pictures. Default: their paths or numbers.
-    on_frame
-        Called with the number of pictures searched so far.
+    progress
+        Called with the number of pictures searched and their total.
     on_step
         Called with each step of the solution in words.
 
@@ -92,7 +92,7 @@ def calibrate_camera(
         If no pictures are given, a picture cannot be read or has the wrong size, or the pictures do not determine the
         camera.
     """
-    check_type("target", target, Checkerboard, Charuco, AprilGrid)
+    check_type("board", board, Checkerboard, Charuco, AprilGrid)
     check_count("workers", workers, WORKERS)
     cache = None if detections is None else path_of("detections", detections)
     model.check_plain()
@@ -106,33 +106,33 @@ def calibrate_camera(
     detected = detect_frames(
         reader.read(given, mirrored=False),
         Layout.bare(provisional),
-        target,
+        board,
         mirrored=False,
         folder=cache,
         workers=workers,
-        on_frame=lambda found: on_frame(len(found)),
+        on_frame=lambda found: progress(len(found), len(given)),
     )
-    corners_mm = target.corners_in_board_mm
+    corners_mm = board.corners_in_board_mm
     used = chosen_frames(detected, max_pictures, corners_mm, provisional.width_px)
     frames, names = [detected[number].corners for number in used], [names[number] for number in used]
     found = any(len(rows) for rows in frames)
-    reader.check_board(target, mirrored=False, base=found, fits=True)
+    reader.check_board(board, mirrored=False, base=found, fits=True)
     if not found:
         raise InputError(
             str(reader.damaged[0])
             if reader.damaged
-            else f"no {target.cols} x {target.rows} {target.name} found in any of {len(given)} pictures"
+            else f"no {board.cols} x {board.rows} {board.name} found in any of {len(given)} pictures"
         )
     try:
         camera = first_camera(frames, corners_mm, provisional, model)
         layout = Layout.bare(camera if nominal is None else _with_body(camera, nominal))
-        shown = BoardPictures([reader.base[number] for number in used], target, workers)
+        shown = BoardPictures([reader.base[number] for number in used], board, workers)
         calibration = calibrate_corners(
             [], frames, layout, corners_mm, model=model, pictures=shown, names=names, on_step=on_step
         )
     except InputError:
         # The stated board was found but does not fit: parts of a larger checkerboard can look like it.
-        reader.check_board(target, mirrored=False, base=True, fits=False)
+        reader.check_board(board, mirrored=False, base=True, fits=False)
         raise
     return calibration.with_damaged_pictures(reader.damaged)
 

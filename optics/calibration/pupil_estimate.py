@@ -25,11 +25,11 @@ from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.calibration.detection.border_light import PROFILES, STEP_PX, BoardFrame, BorderLight, border_light
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Observations
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil, clear_aperture, outline_aperture, segment_fraction
-from mirrorcam.optics.geometry.targets import Target
 
 MARGIN_PX = 9.0
 """Minimum distance of a corner from the border of the unvignetted part, so that its patch is unvignetted as well."""
@@ -67,7 +67,7 @@ class BoardPictures:
     """
 
     frames: Sequence[Grey | Path | None]
-    target: Target
+    board: CalibrationBoard
     workers: int = 1
 
     def with_poses(self, numbers: Sequence[int], rig_from_board: FloatArray) -> list[BoardFrame]:
@@ -85,7 +85,7 @@ class EstimatedPupil:
     note: str
 
 
-def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> EstimatedPupil:
+def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], board: CalibrationBoard) -> EstimatedPupil:
     """Estimate the pupil of a layout's camera from frames; keep the camera's own if they do not determine it.
 
     Parameters
@@ -94,17 +94,17 @@ def estimated_pupil(layout: Layout, frames: Sequence[BoardFrame], target: Target
         A layout with calibrated camera, mirror planes and outlines.
     frames
         Frames through the layout's mirrors.
-    target
+    board
         The board.
     """
-    lights = border_light(layout, frames, target)
+    lights = border_light(layout, frames, board)
     fit, decoded = fit_pupil(layout, lights), fit_pupil(layout, [light.from_srgb() for light in lights])
     encoded = decoded is not None and (fit is None or decoded.relative_sigma < fit.relative_sigma)
     fit, trial = decoded if encoded else fit, layout
     for _ in range(PASSES - 1):
         if fit is not None:
             trial = layout.replaced(camera=_with_pupil(layout.camera, fit))
-            lights = border_light(trial, frames, target)
+            lights = border_light(trial, frames, board)
             fit = fit_pupil(trial, [light.from_srgb() for light in lights] if encoded else lights)
     if fit is None:
         return EstimatedPupil(layout.camera, {}, _undetermined_note(layout.camera))

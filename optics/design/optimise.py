@@ -8,7 +8,8 @@ import numpy as np
 from shapely import Polygon
 
 from mirrorcam.core.arguments import check_type
-from mirrorcam.core.processes.calls import Calls, in_turn
+from mirrorcam.core.processes.calls import Calls, counted, in_turn
+from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
 from mirrorcam.optics.design.assess.verify import require_passed, verify
@@ -34,7 +35,7 @@ NEAR_ITERATIONS = 120
 """Iteration limit of a search for an optimum near given values."""
 
 
-def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
+def design(spec: DesignSpec, calls: Calls = in_turn, *, progress: Progress = no_progress) -> Layout:
     """Optimise a nominal layout, and verify it with code that shares nothing with the optimiser.
 
     Minimises tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency) under the constraints of the
@@ -52,6 +53,9 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
         The requested design; lengths in mm, depths from the pupil along view z.
     calls
         Runs independent searches, in this process or with a worker of `in_parallel` in two. The layout is the same.
+    progress
+        Called with the number of searches done and the number known so far, which grows: a search may show that others
+        are needed. An exception that it raises ends the design.
 
     Returns
     -------
@@ -67,6 +71,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
     """
     check_type("spec", spec, DesignSpec)
     check_obvious_infeasibility(spec)
+    calls = counted(calls, progress)
     optimum = _for_overlap(spec, calls)
     if spec.objective == "depth":
         optimum = _for_depth(spec, optimum, calls)

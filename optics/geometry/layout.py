@@ -6,6 +6,8 @@ from functools import cached_property
 from typing import Literal, Self
 
 import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 from shapely import Polygon, STRtree
 
@@ -149,12 +151,45 @@ class Layout(Value):
         """Index of the central mirror, whose view is the reference (`Arrangement.central_index`)."""
         return self.arrangement.central_index
 
-    def project(self, points_in_rig: FloatArray, mirror_index: int) -> FloatArray:
-        """Pixels (..., 2) of points (..., 3) in the rig frame in one mirror, as if the mirror were unbounded.
+    def project(self, points_in_rig: ArrayLike, mirror: int | str) -> FloatArray:
+        """Project points into the frame of the camera via one mirror, as if the mirror were unbounded.
 
-        Exact, also for second-surface and bent mirrors (`Mirror.image_of`).
+        Exact, also for second-surface and bent mirrors (`Mirror.image_of`). `shows` tells which pixels are in the
+        mirror's sub-image.
+
+        Parameters
+        ----------
+        points_in_rig
+            Points (..., 3) in the rig frame, mm.
+        mirror
+            Index of the mirror, or its name of `mirror_names`: "0-2" is row 0, column 2.
+
+        Returns
+        -------
+        ndarray
+            Pixels (..., 2) of the frame, x right and y down; NaN where the lens has no pixel.
+
+        Raises
+        ------
+        InputError
+            For a name or index of no mirror.
         """
-        return self.camera.project(self.mirrors[mirror_index].image_of(points_in_rig))
+        return self.camera.project(self.mirrors[self._index_of(mirror)].image_of(np.asarray(points_in_rig, np.float64)))
+
+    def shows(self, pixels: ArrayLike, mirror: int | str) -> NDArray[np.bool_]:
+        """Mask (...) of the pixels (..., 2) that are in the frame and show the scene via a mirror; NaN is in none."""
+        polygon = Polygon(self.outline_px(self._index_of(mirror), usable=True))
+        x, y = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
+        right, bottom = self.camera.width_px - 0.5, self.camera.height_px - 0.5
+        in_frame = (x >= -0.5) & (x < right) & (y >= -0.5) & (y < bottom)
+        return np.asarray(in_frame & shapely.contains_xy(polygon, x, y))
+
+    def _index_of(self, mirror: int | str) -> int:
+        known = self.mirror_names if isinstance(mirror, str) else range(len(self.mirrors))
+        for index, each in enumerate(known):
+            if mirror == each:
+                return index
+        raise InputError(f"mirror {mirror!r}, expected one of {', '.join(map(str, known))}")
 
     def outline_px(self, mirror_index: int, points_per_edge: int = 16, *, usable: bool = False) -> FloatArray:
         """The sub-image's outline (n, 2) on the distorted sensor; edges are sampled because distortion bends them.

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 from shapely import LinearRing, Polygon
 
 from mirrorcam.core.bounds import LENGTH_MM, OFFSET_MM, REFRACTIVE_INDEX
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Shaped, Value, Vector3
 from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays, plane_axes
 from mirrorcam.optics.geometry.mirror_imaging import images
@@ -98,10 +100,48 @@ class Mirror(Value):
         return self
 
     @classmethod
-    def from_plane(cls, point_in_rig: FloatArray, normal_in_rig: FloatArray, **fields: object) -> Self:
-        """The mirror whose plane contains a point (3,), mm, and has a normal (3,) of any length and sign."""
-        normal = normal_in_rig / np.linalg.norm(normal_in_rig)
-        return cls(virtual_centre_in_rig_mm=2.0 * (normal @ point_in_rig) * normal, **fields)
+    def from_plane(
+        cls,
+        point_in_rig_mm: ArrayLike,
+        normal_in_rig: ArrayLike,
+        *,
+        outline_in_plane_mm: ArrayLike | None = None,
+        **fields: Any,
+    ) -> Self:
+        """The mirror on a plane.
+
+        Parameters
+        ----------
+        point_in_rig_mm
+            A point (3,) of the reflecting surface, in the rig frame, mm.
+        normal_in_rig
+            Normal (3,) of the plane in the rig frame, of any length and sign.
+        outline_in_plane_mm
+            Corners (n, 2) about the point, mm, as seen from the reflecting side: x along the projection of the rig's x
+            on the plane, as in `rig_from_plane`. Instead, `outline_in_rig_mm` (n, 3) gives them in the rig frame.
+        fields
+            Other fields of the mirror, such as `surface` and `thickness_mm`.
+
+        Raises
+        ------
+        InputError
+            If the normal is zero, the plane contains the pupil, or the outline is not a convex polygon in front of the
+            camera.
+        """
+        point, normal = np.asarray(point_in_rig_mm, dtype=np.float64), np.asarray(normal_in_rig, dtype=np.float64)
+        if point.shape != (3,) or normal.shape != (3,) or not normal.any():
+            raise InputError(
+                f"a plane with the point {point.tolist()} and the normal {normal.tolist()}, expected three numbers "
+                "each, and a normal that is not zero"
+            )
+        normal = normal / np.linalg.norm(normal)
+        if outline_in_plane_mm is not None:
+            outward = normal if normal @ point < 0.0 else -normal
+            corners = np.asarray(outline_in_plane_mm, dtype=np.float64)
+            if corners.ndim != 2 or corners.shape[1] != 2:
+                raise InputError(f"outline_in_plane_mm has shape {corners.shape}, expected (n, 2)")
+            fields["outline_in_rig_mm"] = point + corners @ np.stack(plane_axes(outward[:, None])).reshape(2, 3)
+        return cls(virtual_centre_in_rig_mm=2.0 * (normal @ point) * normal, **fields)
 
     @classmethod
     def second_surface(

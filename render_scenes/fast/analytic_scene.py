@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards import board_from_texels, printed_radiance
 from mirrorcam.render_scenes.fast.pixel_footprints import PixelFootprints, pixel_footprints
 from mirrorcam.render_scenes.fast.print_map import (
@@ -221,7 +221,7 @@ class FastScene:
         The camera, at the origin of the rig frame.
     mirrors
         The mirrors; empty for the bare camera.
-    target
+    board
         The board.
     settings
         Light, reflectance and subpixels.
@@ -235,7 +235,7 @@ class FastScene:
         self,
         camera: Camera,
         mirrors: tuple[Mirror, ...],
-        target: Target,
+        board: CalibrationBoard,
         settings: RenderSettings,
         *,
         finishes: Sequence[MirrorFinish] = (),
@@ -244,9 +244,9 @@ class FastScene:
         self.variant = use_variant(variant)
         self._xp: Arithmetic = NumpyArithmetic() if self.variant == SCALAR else DrJitArithmetic()
         self._shape = camera.height_px * settings.subpixels, camera.width_px * settings.subpixels
-        self._mipmap = build_mipmap(printed_radiance(target, settings))
+        self._mipmap = build_mipmap(printed_radiance(board, settings))
         self._texels = self._xp.load(self._mipmap.texels)
-        self._texels_from_board = np.asarray(np.linalg.inv(board_from_texels(target)), dtype=np.float64)
+        self._texels_from_board = np.asarray(np.linalg.inv(board_from_texels(board)), dtype=np.float64)
         self._views = virtual_views(mirrors)
         self._subpixels, self._fx_px = settings.subpixels, camera.fx_px
         self._pupil = settings.sensor.pupil

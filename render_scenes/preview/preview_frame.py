@@ -19,9 +19,9 @@ from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.compiled import compiled, inlined
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import CalibrationBoard, default_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.optics.light_field.decoder import default_reference_depth_mm
 from mirrorcam.render_scenes.fields_of_view import common_bounds
@@ -85,14 +85,12 @@ def arranged_tabletop(layout: Layout, seed: int, sized_for: Layout | None = None
     return Tabletop(objects, arranged.lamp_target_in_view_mm + shift, arranged.scale_mm)
 
 
-def view_from_board(layout: Layout, target: Target) -> FloatArray:
+def view_from_board(layout: Layout, board: CalibrationBoard) -> FloatArray:
     """Return the pose (4, 4) of a slightly tilted board in view axes, mm, in the common field at the middle depth."""
-    depth = max(
-        default_reference_depth_mm(layout), clear_depth_mm(layout) + 0.5 * float(np.linalg.norm(target.size_mm))
-    )
+    depth = max(default_reference_depth_mm(layout), clear_depth_mm(layout) + 0.5 * float(np.linalg.norm(board.size_mm)))
     rotation = Rotation.from_euler("XY", BOARD_ROTATION_DEG, degrees=True).as_matrix()
     centre = np.append(_centre_mm(layout, depth), depth)
-    return rigid(rotation, centre - rotation @ np.array([*target.size_mm, 0.0]) / 2.0)
+    return rigid(rotation, centre - rotation @ np.array([*board.size_mm, 0.0]) / 2.0)
 
 
 def _centre_mm(layout: Layout, depth_mm: float) -> FloatArray:
@@ -307,7 +305,7 @@ def preview_frame(
     width_px: int = 640,
     *,
     arranged_for: Layout | None = None,
-    target: Target | None = None,
+    board: CalibrationBoard | None = None,
     sensor: SensorModel = SENSOR,
     seed: int = 0,
 ) -> PreviewFrame:
@@ -328,7 +326,7 @@ def preview_frame(
     arranged_for
         The layout whose field of view the tabletop fills; by default `layout`. Layouts with the same `arranged_for`
         show the same objects at the centres of their fields.
-    target
+    board
         The board; by default `default_board()`.
     sensor
         Lens and sensor at full resolution, with the camera's pupil. The processing of raw pictures (colour filters,
@@ -351,8 +349,8 @@ def preview_frame(
     if subject == "tabletop":
         scene = traced_tabletop(arranged_tabletop(binned, seed, arranged_for))
     else:
-        board = default_board() if target is None else target
-        scene = traced_board(board, view_from_board(binned, board), RenderSettings())
+        shown = default_board() if board is None else board
+        scene = traced_board(shown, view_from_board(binned, shown), RenderSettings())
     light = sensor_light(camera, mirror_views(binned, camera.pupil, REFLECTANCE), scene)
     radiance = out_of_focus(light.radiance, light.along_axis_mm, camera)
     random = np.random.default_rng(np.random.SeedSequence((seed, 1)))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.compiled import inlined
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.transforms import inverse, rigid
 from mirrorcam.render_scenes.boards import margin_mm, printed_radiance
 from mirrorcam.render_scenes.mesh_shapes import leaves
@@ -237,20 +237,20 @@ def traced_tabletop(tabletop: Tabletop) -> TracedScene:
     return _scene(np.array(rows, dtype=np.float64), tree, atlas, (lamp, surroundings, balls))
 
 
-def traced_board(target: Target, view_from_board: FloatArray, settings: RenderSettings) -> TracedScene:
+def traced_board(board: CalibrationBoard, view_from_board: FloatArray, settings: RenderSettings) -> TracedScene:
     """Return the arrays of a uniformly lit board at a rigid pose (4, 4), mm, against black."""
-    width, height = np.array(target.size_mm) + 2.0 * margin_mm(target)
-    centre = view_from_board @ np.array([*target.size_mm, 0.0, 2.0]) / 2.0
+    width, height = np.array(board.size_mm) + 2.0 * margin_mm(board)
+    centre = view_from_board @ np.array([*board.size_mm, 0.0, 2.0]) / 2.0
     unit = inverse(rigid(view_from_board[:3, :3], centre[:3]))[:3] / np.array([width / 2.0, height / 2.0, 1.0])[:, None]
-    atlas = _print_atlas(target.model_dump_json(), settings.paper, settings.ink, type(target))
+    atlas = _print_atlas(board.model_dump_json(), settings.paper, settings.ink, type(board))
     row = [RECTANGLE, PRINTED, 0.0, 0.0, 0.0, 0.0, 0.0, *centre[:3], np.hypot(width, height) / 2.0, *unit.ravel()]
     lamp, surroundings = np.zeros((POINTS, 3)), np.array([(0.0,) * 3] * 3 + [(np.inf, np.inf, 0.0)])
     return _scene(np.array([row]), NO_TRIANGLES, atlas, (lamp, surroundings, np.zeros((0, 9))))
 
 
 @lru_cache(maxsize=4)
-def _print_atlas(target: str, paper: float, ink: float, kind: type[Target]) -> TextureAtlas:
-    grey = printed_radiance(kind.model_validate_json(target), RenderSettings(paper=paper, ink=ink))
+def _print_atlas(board: str, paper: float, ink: float, kind: type[CalibrationBoard]) -> TextureAtlas:
+    grey = printed_radiance(kind.model_validate_json(board), RenderSettings(paper=paper, ink=ink))
     return texture_atlas([np.repeat(grey[..., None], 3, axis=2).astype(np.float32)])
 
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards import printed_radiance, rig_from_rectangle
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, uniform_finishes
 from mirrorcam.render_scenes.reference.camera_sensor import sensor
@@ -38,7 +38,7 @@ class BoardScene:
         The camera, at the origin of the rig frame.
     mirrors
         The mirrors; empty for the bare camera.
-    target
+    board
         The board.
     settings
         Samples, light and reflectance.
@@ -54,7 +54,7 @@ class BoardScene:
         self,
         camera: Camera,
         mirrors: tuple[Mirror, ...],
-        target: Target,
+        board: CalibrationBoard,
         settings: RenderSettings,
         *,
         finishes: Sequence[MirrorFinish] = (),
@@ -64,12 +64,12 @@ class BoardScene:
         self.variant = use_variant(variant)
         import mitsuba as mi
 
-        self.camera, self.target = camera, target
+        self.camera, self.board = camera, board
         finishes = finishes or uniform_finishes(settings, len(mirrors))
         self.scene = mi.load_dict(
             {
                 "type": "scene",
-                "board": _emitting_board(target, settings),
+                "board": _emitting_board(board, settings),
                 **{
                     f"mirror_{index}_{face}": shape
                     for index, (mirror, finish) in enumerate(zip(mirrors, finishes, strict=True))
@@ -88,7 +88,7 @@ class BoardScene:
         import mitsuba as mi
 
         self._parameters["board.to_world"] = mi.Transform4f(
-            rig_from_rectangle(self.target, rig_from_board).astype(np.float32)
+            rig_from_rectangle(self.board, rig_from_board).astype(np.float32)
         )
         self._parameters.update()
 
@@ -104,12 +104,12 @@ class BoardScene:
         return render(self.scene, self.sensor, self.integrator, crop=window, subpixels=subpixels, spp=spp, seed=seed)
 
 
-def _emitting_board(target: Target, settings: RenderSettings) -> dict[str, Any]:
+def _emitting_board(board: CalibrationBoard, settings: RenderSettings) -> dict[str, Any]:
     """Describe a rectangle that emits the radiance of the print, at the identity pose."""
     import mitsuba as mi
 
     # Mitsuba's v = 0 is the first row of the bitmap and y = -1 of the rectangle.
-    radiance = printed_radiance(target, settings)[::-1]
+    radiance = printed_radiance(board, settings)[::-1]
     texture = {
         "type": "bitmap",
         "bitmap": mi.Bitmap(radiance.astype(np.float32)),
@@ -119,7 +119,7 @@ def _emitting_board(target: Target, settings: RenderSettings) -> dict[str, Any]:
     }
     return {
         "type": "rectangle",
-        "to_world": mi.ScalarTransform4f(rig_from_rectangle(target, np.eye(4)).astype(np.float32)),
+        "to_world": mi.ScalarTransform4f(rig_from_rectangle(board, np.eye(4)).astype(np.float32)),
         "bsdf": {"type": "diffuse", "reflectance": {"type": "uniform", "value": 0.0}},
         "emitter": {"type": "area", "radiance": texture},
     }

@@ -12,9 +12,9 @@ from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
 from mirrorcam.core.disk.resumable import FolderManifest
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Value
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import SENSOR_PX
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.lens import TrueLens
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
@@ -52,7 +52,7 @@ class Dataset(FolderManifest):
 
     schema_id: Literal["mirrorcam.dataset/1"] = Field(default="mirrorcam.dataset/1", alias="schema")
     layout_identity: str
-    target: Target
+    board: CalibrationBoard = Field(alias="target")
     frames: int = PICTURES.field()
     base_frames: int = PICTURES.field()
     width_px: int = SENSOR_PX.field()

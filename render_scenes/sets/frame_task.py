@@ -14,8 +14,8 @@ from pydantic import Field
 
 from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.core.values import FloatArray, Shaped, Value
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards import poses_at
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.lens import true_camera
@@ -43,7 +43,7 @@ class CaptureSetup(Value):
 
     built: Layout
     mirrors: bool
-    target: Target
+    board: CalibrationBoard
     settings: RenderSettings
     finishes: tuple[MirrorFinish, ...] = Field(
         default=(), description="surface finishes of the mirrors; empty: uniform"
@@ -78,13 +78,13 @@ class _SetRenderer:
         self.scene: FastScene | BoardScene
         if settings.renderer == "fast":
             self.scene = FastScene(
-                built.camera, mirrors, setup.target, settings, finishes=setup.finishes, variant=setup.variant
+                built.camera, mirrors, setup.board, settings, finishes=setup.finishes, variant=setup.variant
             )
         else:
             self.scene = BoardScene(
                 built.camera,
                 mirrors,
-                setup.target,
+                setup.board,
                 settings,
                 finishes=setup.finishes,
                 bodies=bodies,
@@ -147,22 +147,22 @@ def render_frame(task_json: str) -> dict[str, bytes]:
     )
     files = {task.name: _compressed(picture, settings)}
     if task.map_name is not None and renderer.rays is not None:
-        maps = _maps(renderer.rays, setup.target, task.poses)
+        maps = _maps(renderer.rays, setup.board, task.poses)
         header = {"rig_from_board": json.dumps(task.poses.tolist()), "layout": setup.built.identity, "units": "mm"}
-        header |= {"target": setup.target.model_dump_json(), "settings": settings.model_dump_json()}
+        header |= {"target": setup.board.model_dump_json(), "settings": settings.model_dump_json()}
         files[task.map_name] = exr_bytes(maps, header)
     return files
 
 
-def _maps(rays: PixelRays, target: Target, poses: FloatArray) -> dict[str, FloatArray]:
+def _maps(rays: PixelRays, board: CalibrationBoard, poses: FloatArray) -> dict[str, FloatArray]:
     """Return the maps of a board with poses (1 or 3, 4, 4), each row at its readout time."""
     if len(poses) == 1:
-        return board_maps(rays, target, poses[0])
+        return board_maps(rays, board, poses[0])
     fields = (rays.mirror, rays.start, rays.direction, rays.path_before_mm, rays.distance_to_body_mm)
     count = len(rays.mirror)
     row_poses = poses_at(poses, np.arange(count) / (count - 1))
     rows = [
-        board_maps(PixelRays(*(field[row : row + 1] for field in fields)), target, pose)
+        board_maps(PixelRays(*(field[row : row + 1] for field in fields)), board, pose)
         for row, pose in enumerate(row_poses)
     ]
     return {name: np.concatenate([row[name] for row in rows]) for name in CHANNELS}

@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fields_of_view import common_bounds
 from mirrorcam.render_scenes.sets.dataset import DepthRange
@@ -47,13 +47,13 @@ class PosePlan:
     corners: NDArray[np.int64]
 
 
-def depth_ranges(plan: PosePlan, target: Target, forward: FloatArray) -> tuple[DepthRange, ...]:
+def depth_ranges(plan: PosePlan, board: CalibrationBoard, forward: FloatArray) -> tuple[DepthRange, ...]:
     """Return the range of depths and the maximum tilt at which each view shows `MIN_CORNERS` corners or more.
 
     Depth is measured to the board's centre along the unit vector `forward` (3,) of the rig frame; tilt is the angle
     between the board's normal and this vector. Both are rounded, to mm and degrees: the board is held by hand.
     """
-    centre = np.array([*target.size_mm, 0.0, 2.0]) / 2.0
+    centre = np.array([*board.size_mm, 0.0, 2.0]) / 2.0
     depths = (plan.poses @ centre)[:, :3] @ forward
     tilts = np.degrees(np.arccos(np.clip(plan.poses[:, :3, 2] @ forward, -1.0, 1.0)))
     ranges = []
@@ -67,15 +67,15 @@ def depth_ranges(plan: PosePlan, target: Target, forward: FloatArray) -> tuple[D
     return tuple(ranges)
 
 
-def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> PosePlan:
+def plan_frames(layout: Layout, board: CalibrationBoard, count: int, random: np.random.Generator) -> PosePlan:
     """Plan poses in front of the mirrors, around the depths of the spec, with the printed side towards the mirrors.
 
     Raises InputError if the board is too small or too large.
     """
     depths = _depths(layout)
     nearest = max(float((m.outline_in_rig_mm @ layout.view_from_rig[2]).max()) for m in layout.mirrors) + CLEARANCE_MM
-    projector = CornerProjector(layout, target)
-    half = np.array(target.size_mm) / 2.0
+    projector = CornerProjector(layout, board)
+    half = np.array(board.size_mm) / 2.0
 
     def pose(numbers: FloatArray) -> FloatArray | None:
         # Equal steps of 1 / depth are equal steps in the size of the image.
@@ -83,19 +83,19 @@ def plan_frames(layout: Layout, target: Target, count: int, random: np.random.Ge
         field = common_bounds(layout, depth)
         half_range = np.maximum(np.abs(np.diff(field, axis=0)[0] / 2.0 - half), 0.25 * half)
         centre = np.array([*(field.mean(axis=0) + half_range * (2.0 * numbers[1:3] - 1.0)), depth])
-        rig_from_board = _rig_from_board(layout.view_from_rig, target, centre, numbers[3:])
+        rig_from_board = _rig_from_board(layout.view_from_rig, board, centre, numbers[3:])
         outline = np.array([[x, y, 0.0, 1.0] for x in (0.0, 2 * half[0]) for y in (0.0, 2 * half[1])])
         return rig_from_board if (outline @ rig_from_board[:3].T @ layout.view_from_rig[2]).min() > nearest else None
 
     views = [layout.outline_px(index) for index in range(len(layout.mirrors))]
     plan = _choose(pose, projector.via_mirrors, views, count, random)
-    _check_visible(target, plan, projector.via_mirrors, views, "mirror")
+    _check_visible(board, plan, projector.via_mirrors, views, "mirror")
     return plan
 
 
-def evaluate_plan(layout: Layout, target: Target, poses: FloatArray) -> PosePlan:
+def evaluate_plan(layout: Layout, board: CalibrationBoard, poses: FloatArray) -> PosePlan:
     """Return the plan of given poses (n, 4, 4) in the rig frame, mm; raise InputError if no corner is ever visible."""
-    projector = CornerProjector(layout, target)
+    projector = CornerProjector(layout, board)
     grids = [_CellGrid(layout.outline_px(index)) for index in range(len(layout.mirrors))]
     covered = np.zeros((len(grids), CELLS, CELLS), dtype=np.bool_)
     corners = np.zeros((len(poses), len(grids)), dtype=np.int64)
@@ -108,23 +108,23 @@ def evaluate_plan(layout: Layout, target: Target, poses: FloatArray) -> PosePlan
     return PosePlan(poses, _coverage(grids, covered), corners)
 
 
-def plan_base_frames(layout: Layout, target: Target, count: int, random: np.random.Generator) -> PosePlan:
+def plan_base_frames(layout: Layout, board: CalibrationBoard, count: int, random: np.random.Generator) -> PosePlan:
     """Plan poses in front of the bare camera with corners all over its sensor, at several distances and tilts.
 
     Raises InputError if the board is too small or too large.
     """
     camera = layout.camera
-    projector = CornerProjector(layout, target)
+    projector = CornerProjector(layout, board)
     size = np.array([camera.width_px, camera.height_px])
     focal = np.array([camera.fx_px, camera.fy_px])
     # Distance at which the board fills the picture.
-    fill_distance_mm = float(np.max(np.array(target.size_mm) * focal / size))
+    fill_distance_mm = float(np.max(np.array(board.size_mm) * focal / size))
 
     def pose(numbers: FloatArray) -> FloatArray | None:
         distance = fill_distance_mm / (0.45 + 0.5 * numbers[0])
-        shift = size / focal * distance / 2.0 - 0.35 * np.array(target.size_mm)
+        shift = size / focal * distance / 2.0 - 0.35 * np.array(board.size_mm)
         centre = np.array([*(np.maximum(shift, 0.0) * (2.0 * numbers[1:3] - 1.0)), distance])
-        return _rig_from_board(np.eye(3), target, centre, numbers[3:])
+        return _rig_from_board(np.eye(3), board, centre, numbers[3:])
 
     def visible_corners(rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         px, visible = projector.direct(rig_from_board)
@@ -133,7 +133,7 @@ def plan_base_frames(layout: Layout, target: Target, count: int, random: np.rand
     far_x, far_y = size - 1.0
     views = [np.array([[0.0, 0.0], [far_x, 0.0], [far_x, far_y], [0.0, far_y]])]
     plan = _choose(pose, visible_corners, views, count, random)
-    _check_visible(target, plan, visible_corners, views, "camera")
+    _check_visible(board, plan, visible_corners, views, "camera")
     return plan
 
 
@@ -146,13 +146,13 @@ def _depths(layout: Layout) -> tuple[float, float]:
 
 
 def _rig_from_board(
-    view_from_rig: FloatArray, target: Target, centre_in_view: FloatArray, numbers: FloatArray
+    view_from_rig: FloatArray, board: CalibrationBoard, centre_in_view: FloatArray, numbers: FloatArray
 ) -> FloatArray:
     """Return the pose of a board centred at a point, with two tilts and a roll from three numbers in [0, 1]."""
     tilts = (2.0 * numbers - 1.0) * [MAX_TILT_DEG, MAX_TILT_DEG, MAX_ROLL_DEG]
     view_from_board = Rotation.from_euler("xyz", tilts, degrees=True).as_matrix()
     rotation = view_from_rig.T @ view_from_board
-    centre = np.array([*target.size_mm, 0.0]) / 2.0
+    centre = np.array([*board.size_mm, 0.0]) / 2.0
     return rigid(rotation, view_from_rig.T @ centre_in_view - rotation @ centre)
 
 
@@ -223,7 +223,7 @@ def _coverage(grids: list[_CellGrid], covered: BoolArray) -> FloatArray:
 
 
 def _check_visible(
-    target: Target,
+    board: CalibrationBoard,
     plan: PosePlan,
     visible_corners: Callable[[FloatArray], tuple[FloatArray, BoolArray]],
     outlines_px: list[FloatArray],
@@ -237,20 +237,21 @@ def _check_visible(
     for pose in plan.poses:
         px, visible = visible_corners(pose)
         is_usable.append(visible.sum(axis=1) >= min(MIN_CORNERS, px.shape[1]))
-        cols, rows = target.corner_counts
+        cols, rows = board.corner_counts
         grid_px = px.reshape(len(px), rows, cols, 2)
         lengths_px = np.linalg.norm(np.diff(grid_px, axis=2), axis=-1).reshape(len(px), -1)
         squares_px.append(np.nanmedian(np.where(np.isfinite(lengths_px), lengths_px, np.nan)))
     square_px = float(np.median(squares_px))
-    board = f"board of {target.layout_text}"
+    subject = f"board of {board.layout_text}"
     if square_px < MIN_SQUARE_PX:
         raise InputError(
-            f"{board}: too small to be resolved, a square spans {square_px:.1f} px, expected {MIN_SQUARE_PX:g} or more"
+            f"{subject}: too small to be resolved, "
+            f"a square spans {square_px:.1f} px, expected {MIN_SQUARE_PX:g} or more"
         )
     poorest = int(np.argmin(np.mean(is_usable, axis=0)))
     if np.mean(is_usable, axis=0)[poorest] < 0.25:
         span = np.ptp(outlines_px[poorest], axis=0).min()
         size = "large" if square_px > span / 4.0 else "small"
         raise InputError(
-            f"{board}: too {size} to be seen, {view_name} {poorest} shows {MIN_CORNERS} corners in too few frames"
+            f"{subject}: too {size} to be seen, {view_name} {poorest} shows {MIN_CORNERS} corners in too few frames"
         )

@@ -17,9 +17,9 @@ from mirrorcam.core.disk.fingerprint import value_digest
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
-from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.render_scenes.lens import TrueLens, true_camera, with_pupil_of
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes
 from mirrorcam.render_scenes.reference.device_bodies import BodyObstacles, DeviceParts, parts_of, read_device
@@ -124,7 +124,7 @@ def render_set(
     built = built.replaced(camera=with_pupil_of(built.camera, settings.sensor))
     parts = None if request.parts is None else parts_of(request.parts, layout, built)
     plan, readouts = planned_frames(request)
-    base_plan = plan_base_frames(layout, request.target, request.base_frames, request.random(Stream.BASE_POSES))
+    base_plan = plan_base_frames(layout, request.board, request.base_frames, request.random(Stream.BASE_POSES))
     dataset = _manifest(request, plan, base_plan, None if parts is None else parts.checksum, variant)
     dataset = dataset.replaced(request=_request_digest(dataset, built, plan, base_plan, request.seed))
     dataset = dataset.resumed(out, dataset.planned_names)
@@ -134,7 +134,7 @@ def render_set(
     is_ideal = settings.sensor.lens_waves_px == settings.sensor.lateral_chromatic_percent == 0.0
     lens = None if is_ideal else TrueLens.of(settings.sensor)
     built_with_true_lens = built.replaced(camera=true_camera(built.camera, settings.sensor))
-    projector = CornerProjector(built_with_true_lens, dataset.target, finishes, obstacles)
+    projector = CornerProjector(built_with_true_lens, dataset.board, finishes, obstacles)
     dataset = dataset.added(
         out, lambda folder: write_truth(folder, projector, finishes, lens, readouts, base_plan, request.seed)
     )
@@ -152,7 +152,7 @@ def _manifest(
     layout = request.layout
     return Dataset(
         layout_identity=layout.identity,
-        target=request.target,
+        board=request.board,
         frames=len(plan.poses),
         base_frames=request.base_frames,
         width_px=layout.camera.width_px,
@@ -163,7 +163,7 @@ def _manifest(
         parts=parts_checksum,
         renderer=f"{request.settings.renderer}, mitsuba {metadata.version('mitsuba')} {variant}",
         coverage=tuple(plan.coverage),
-        reaches=depth_ranges(plan, request.target, layout.view_from_rig[2]),
+        reaches=depth_ranges(plan, request.board, layout.view_from_rig[2]),
         base_coverage=float(base_plan.coverage[0]),
         request="",
     )
@@ -184,7 +184,7 @@ def _tasks(
         CaptureSetup(
             built=built,
             mirrors=mirrors,
-            target=request.target,
+            board=request.board,
             settings=request.settings,
             finishes=finishes if mirrors else (),
             parts=parts if mirrors else None,
@@ -238,6 +238,7 @@ def in_this_process(tasks: Sequence[str]) -> Iterator[tuple[int, dict[str, bytes
 def _request_digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: PosePlan, seed: int) -> str:
     """Return a digest (16 hexadecimal digits) of everything that determines the bytes of a set."""
     inputs = dataset.model_dump(mode="json", exclude={"request", "files"})
+    inputs["target"] = inputs.pop("board")  # the key of the file, so that digests of earlier sets stay valid
     samples = {"seed": seed, "built": built.identity, "poses": [plan.poses.tolist(), base_plan.poses.tolist()]}
     return value_digest(inputs | samples)[:16]
 
@@ -245,4 +246,4 @@ def _request_digest(dataset: Dataset, built: Layout, plan: PosePlan, base_plan: 
 def _write_user_files(folder: Path, dataset: Dataset, layout: Layout) -> None:
     """Write the files that the user of a real camera also has, besides the pictures."""
     layout.save(folder / "layout.json")
-    save_board(folder / "board.toml", dataset.target)
+    save_board(folder / "board.toml", dataset.board)

@@ -11,8 +11,8 @@ from mirrorcam.core.arguments import PathField
 from mirrorcam.core.bounds import PICTURES, SEED
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Value
+from mirrorcam.optics.geometry.boards import CalibrationBoard, default_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.boards import smooth_motion
 from mirrorcam.render_scenes.sets.poses import PosePlan, evaluate_plan, plan_frames
@@ -37,7 +37,7 @@ class SetRequest(Value):
     ----------
     layout
         Nominal layout; the set is rendered with an as-built copy, drawn with `tolerances`.
-    target
+    board
         Board in the pictures.
     frames, base_frames
         Number of pictures via the mirrors, and with the bare camera.
@@ -58,7 +58,7 @@ class SetRequest(Value):
     """
 
     layout: Layout
-    target: Target = Field(default_factory=default_board)
+    board: CalibrationBoard = Field(default_factory=default_board)
     frames: int = PICTURES.narrowed(min=1).field(20)
     base_frames: int = PICTURES.field(10)
     seed: int = SEED.field(0)
@@ -76,12 +76,12 @@ class SetRequest(Value):
 
 def planned_frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
     """Plan the board's pose in each frame, and its poses (frames, 1 or 3, 4, 4) during the readout of each."""
-    layout, target, random = request.layout, request.target, request.random(Stream.POSES)
+    layout, board, random = request.layout, request.board, request.random(Stream.POSES)
     keys = np.array(request.poses)
     if request.rate_hz is not None and (len(keys) or request.frames) == 1:
         raise InputError("rate_hz: one pose is not a motion, expected two frames or more")
     if request.rate_hz is None:
-        plan = evaluate_plan(layout, target, keys) if len(keys) else plan_frames(layout, target, request.frames, random)
+        plan = evaluate_plan(layout, board, keys) if len(keys) else plan_frames(layout, board, request.frames, random)
         return plan, plan.poses[:, None]
     if len(keys):
         count = int((len(keys) - 1) / request.poses_hz * request.rate_hz) + 1
@@ -90,9 +90,9 @@ def planned_frames(request: SetRequest) -> tuple[PosePlan, FloatArray]:
     else:
         count = request.frames
         seconds = (count - 1) / request.rate_hz
-        keys = plan_frames(layout, target, int(np.ceil(seconds * request.poses_hz)) + 1, random).poses
+        keys = plan_frames(layout, board, int(np.ceil(seconds * request.poses_hz)) + 1, random).poses
     half_s = request.settings.sensor.readout_ms / 2000.0
     offsets_s = np.array([-half_s, 0.0, half_s] if half_s > 0 else [0.0])
     times = np.arange(count)[:, None] / request.rate_hz + offsets_s
     readouts = smooth_motion(keys, times.ravel() * request.poses_hz).reshape(count, len(offsets_s), 4, 4)
-    return evaluate_plan(layout, target, readouts[:, len(offsets_s) // 2]), readouts
+    return evaluate_plan(layout, board, readouts[:, len(offsets_s) // 2]), readouts

@@ -10,11 +10,11 @@ from mirrorcam.core.bounds import DEPTH_MM, PICTURES, SAMPLES_PER_PIXEL, SEED, B
 from mirrorcam.core.names import Line
 from mirrorcam.core.values import FloatArray, InvalidValue, Shaped, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.boards import CalibrationBoard, default_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import MAX_DEPTHS, DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.lenses.families import LensName
-from mirrorcam.optics.geometry.targets import Target, default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.poses import plan_frames
 from mirrorcam.render_scenes.sets.set_request import SetRequest, Stream
@@ -100,7 +100,7 @@ class SetRecipe(Value):
     distortion: Annotated[FloatArray, Shaped((None,))] | None = None
     tolerances: Annotated[Tolerances, BeforeValidator(_tolerances)] = Tolerances()
     sensor: Annotated[SensorModel, BeforeValidator(_sensor)] = SENSORS["c920"]
-    board: Target = Field(default_factory=default_board)
+    board: CalibrationBoard = Field(default_factory=default_board)
     depths_mm: tuple[Annotated[float, DEPTH_MM.limits], ...] = Field(default=(), max_length=MAX_DEPTHS)
     frames: int = PICTURES.narrowed(min=1).field(20)
     base_frames: int = PICTURES.field(10)
@@ -180,7 +180,7 @@ class SetRecipe(Value):
         assert layout is not None, "a recipe without a layout needs the one of its design"
         request = SetRequest(
             layout=layout,
-            target=self.board,
+            board=self.board,
             frames=self.frames,
             base_frames=self.base_frames,
             seed=self.seed,

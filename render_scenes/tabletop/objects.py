@@ -7,14 +7,14 @@ so that views can be matched everywhere.
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
+from mirrorcam.core.arguments import PathField
 from mirrorcam.core.values import FloatArray, Matrix4, Value, Vector3
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.mesh_shapes import Triangles, leaves, read_mesh
@@ -175,25 +175,60 @@ LAMP_HALF_SIDE = 0.22
 """Half the side length of the area light, in units of the arrangement's scale."""
 
 
-class SceneObject(Value):
-    """An object of a tabletop scene: a surface around the origin of its frame, placed by `view_from_object`.
+_SIDES = {"sphere": [0], "leaves": [0], "cylinder": [0, 2], "rectangle": [0, 1]}
+"""Sides that a kind of object uses, if not all."""
 
-    A sphere uses only x of `size_mm`, a cylinder x (diameter) and z (length along its axis z), a rectangle x and y. The
-    base of a mesh is centred at its origin. The resolution of a texture is `texels_per_mm` or `texture_px` (columns,
-    rows). Without a texture the object has the uniform `colour`, linear RGB.
+
+class SceneObject(Value):
+    """An object of a scene: a surface around the origin of its frame, placed in view axes.
+
+    Attributes
+    ----------
+    name
+        Name in lists.
+    kind
+        `sphere`, `cylinder` about its z, `box`, `rectangle` in its x and y, `leaves`, or the `mesh` of a file.
+    material
+        `matte`, `glossy` or `glass`.
+    view_from_object
+        Pose (4, 4), rigid, mm, in view axes: origin at the pupil, x right, y down, z forward to the scene.
+    size_mm
+        Sides along the object's x, y and z. A sphere and leaves use only x; a cylinder x (diameter) and z (length); a
+        rectangle x and y; a mesh has the size of its file.
+    texture
+        Name of a random texture; None for the uniform `colour`.
+    texels_per_mm, texture_px
+        Resolution of the texture, or its columns and rows.
+    colour
+        Reflectance (3,), linear RGB from 0 to 1.
+    seed
+        Seed of the texture and of leaves.
+    file
+        STL, PLY or OBJ file of a mesh, in mm with z up; the centre of its base is the object's origin.
     """
 
-    name: str
+    name: str = ""
     kind: Kind
-    material: Material
+    material: Material = "matte"
     view_from_object: Matrix4 = Field(serialization_alias="view_from_thing")
-    size_mm: Vector3
+    size_mm: Vector3 = Field(default=(0.0, 0.0, 0.0), validate_default=True)
     texture: TextureName | None = None
     texels_per_mm: float = 1.0
     texture_px: tuple[int, int] | None = None
     colour: Vector3 = Field(default=(0.6, 0.6, 0.6), validate_default=True)
     seed: int = 0
-    file: Path | None = None
+    file: PathField | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if (self.kind == "mesh") != (self.file is not None):
+            raise ValueError(
+                f"a {self.kind} with the file {self.file}, expected a file for a mesh, and for nothing else"
+            )
+        used = self.size_mm[_SIDES.get(self.kind, [0, 1, 2])]
+        if self.kind != "mesh" and not (used > 0.0).all():
+            raise ValueError(f"a {self.kind} of {self.size_mm.tolist()} mm, expected positive sides")
+        return self
 
 
 def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:

@@ -32,9 +32,9 @@ from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.light_field.decoder import choose_views, default_reference_depth_mm
 from mirrorcam.optics.light_field.light_field import Views
 from mirrorcam.render_scenes.lens import true_camera, with_pupil_of
-from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 from mirrorcam.render_scenes.tabletop.objects import SceneObject
+from mirrorcam.render_scenes.tabletop.single_frame import REFLECTANCE, photographed
 from mirrorcam.render_scenes.tabletop.tabletop import UserMesh, arrange_tabletop, check_meshes, clear_depth_mm
 from mirrorcam.render_scenes.tabletop.tabletop_scene import NOTHING, Hits, TabletopScene, pinhole_rays
 from mirrorcam.render_scenes.truth.pixel_maps import exr_bytes, pixel_rays
@@ -48,7 +48,6 @@ MAPS = "truth/maps/frames/0000.exr"
 MASK = {"nothing": 0, "matte": 1, "glossy": 2, "glass": 3}
 # Streams of random numbers; each is independent of the number of draws from the others.
 _AS_BUILT, _ARRANGEMENT, _FRAME, _NOISE, _VIEWS = range(5)
-_SUBPIXELS = 2
 
 _Index = Annotated[int, Field(ge=0, lt=GRID.max)]
 
@@ -83,7 +82,7 @@ class TabletopRequest(Value):
     tolerances: Tolerances = Tolerances()
     sensor: SensorModel = SENSORS["c920"]
     spp: int = SAMPLES_PER_PIXEL.narrowed(min=4).field(64)
-    mirror_reflectance: float = Field(default=0.92, gt=0, le=1)
+    mirror_reflectance: float = Field(default=REFLECTANCE, gt=0, le=1)
 
 
 class TabletopSet(FolderManifest):
@@ -245,13 +244,11 @@ def _views(built: Layout, reference_depth_mm: float) -> Views:
 def _frame(scene: TabletopScene, layout: Layout, request: TabletopRequest) -> tuple[bytes, bytes]:
     """Return the files of the picture and of the ground-truth maps of its pixels."""
     seed = int(_random(request.seed, _FRAME).integers(2**32))
-    spp = max(request.spp // _SUBPIXELS**2, 1)
-    radiance = scene.photograph(request.sensor.pupil, spp=spp, subpixels=_SUBPIXELS, seed=seed)
     rays = pixel_rays(scene.layout, mirrors=True)
     hits = scene.hits(rays.start, rays.direction)
     path = np.where(hits.object_index == NOTHING, np.nan, rays.path_before_mm + hits.path_mm)
     noise = _random(request.seed, _NOISE)
-    picture = photograph(radiance, _SUBPIXELS, layout.camera, request.sensor, noise)
+    picture = photographed(scene, layout, request.sensor, spp=request.spp, seed=seed, noise=noise)
     depth = _depth_mm(hits, layout.view_from_rig, miss_value=np.nan)
     maps = {"mirror": rays.mirror, "thing": hits.object_index + 1.0, "depth": depth, "path": path}
     quality = request.sensor.jpeg_quality

@@ -12,10 +12,10 @@ import shapely
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.boards import poses_at
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
@@ -83,7 +83,7 @@ class CornerProjector:
     ----------
     layout
         The device as built.
-    target
+    board
         The board.
     finishes
         Surface finishes of the mirrors; by default they are flat.
@@ -94,11 +94,11 @@ class CornerProjector:
     def __init__(
         self,
         layout: Layout,
-        target: Target,
+        board: CalibrationBoard,
         finishes: Sequence[MirrorFinish] = (),
         obstacles: Obstacles | None = None,
     ) -> None:
-        self.layout, self.target, self._obstacles = layout, target, obstacles
+        self.layout, self.board, self._obstacles = layout, board, obstacles
         self._finishes = finishes or (None,) * len(layout.mirrors)
         self._windows = [sub_image(layout, index).buffer(-VISIBLE_MARGIN_PX) for index in range(len(layout.mirrors))]
         shapely.prepare(self._windows)
@@ -122,7 +122,7 @@ class CornerProjector:
         visible
             Mask (mirrors, corners).
         """
-        points = transform(rig_from_board, self.target.corners_in_board_mm)
+        points = transform(rig_from_board, self.board.corners_in_board_mm)
         px = np.empty((len(self.layout.mirrors), len(points), 2))
         visible = np.empty(px.shape[:2], dtype=np.bool_)
         for index, mirror in enumerate(self.layout.mirrors):
@@ -136,11 +136,11 @@ class CornerProjector:
 
         Each corner is projected at the board's pose while its row is read out.
         """
-        corners = np.column_stack([self.target.corners_in_board_mm, np.ones(len(self.target.corners_in_board_mm))])
+        corners = np.column_stack([self.board.corners_in_board_mm, np.ones(len(self.board.corners_in_board_mm))])
         px = np.empty((len(self.layout.mirrors), len(corners), 2))
         visible = np.empty(px.shape[:2], dtype=np.bool_)
         for index, mirror in enumerate(self.layout.mirrors):
-            px[index] = self._image(index, transform(poses[1], self.target.corners_in_board_mm))
+            px[index] = self._image(index, transform(poses[1], self.board.corners_in_board_mm))
             for _ in range(READOUT_STEPS):
                 fractions = np.nan_to_num(px[index, :, 1] / (self.layout.camera.height_px - 1), nan=0.5)
                 points = (poses_at(poses, np.clip(fractions, 0.0, 1.0)) @ corners[..., None])[:, :3, 0]
@@ -177,7 +177,7 @@ class CornerProjector:
 
     def direct(self, rig_from_board: FloatArray) -> tuple[FloatArray, BoolArray]:
         """Project the corners without mirrors: pixels (corners, 2) and visibility (corners,)."""
-        points = transform(rig_from_board, self.target.corners_in_board_mm)
+        points = transform(rig_from_board, self.board.corners_in_board_mm)
         px = image_px(self.layout.camera, None, points)
         return px, _on_sensor(self.layout.camera, px) & _is_facing(np.zeros(3), rig_from_board)
 
@@ -186,7 +186,7 @@ class CornerProjector:
 
         The shapes are (frames, mirrors, corners, 2) and (frames, mirrors, corners).
         """
-        corners = len(self.target.corners_in_board_mm)
+        corners = len(self.board.corners_in_board_mm)
         px = np.empty((len(readouts), len(self.layout.mirrors), corners, 2))
         visible = np.empty(px.shape[:3], dtype=np.bool_)
         for frame, poses in enumerate(readouts):
@@ -195,7 +195,7 @@ class CornerProjector:
 
     def all_direct(self, poses: Sequence[FloatArray]) -> tuple[FloatArray, BoolArray]:
         """Stack the results of `direct` for poses: (poses, corners, 2) and (poses, corners)."""
-        px = np.empty((len(poses), len(self.target.corners_in_board_mm), 2))
+        px = np.empty((len(poses), len(self.board.corners_in_board_mm), 2))
         visible = np.empty(px.shape[:2], dtype=np.bool_)
         for frame, pose in enumerate(poses):
             px[frame], visible[frame] = self.direct(pose)

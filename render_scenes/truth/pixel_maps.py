@@ -13,9 +13,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.render_scenes.boards import margin_mm
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.truth.light_rays import Obstacles, chief_rays, trace_via_mirror
@@ -83,14 +83,14 @@ def pixel_rays(
         finish = finishes[number] if finishes else None
         entry, exit_point, exit_direction, path_mm = trace_via_mirror(mirror, rays[window], finish, origin[window])
         nearer = np.isfinite(entry) & (entry < depth[window])
-        for target, values in (
+        for board, values in (
             (depth, entry),
             (index, np.full(entry.shape, float(number))),
             (start, exit_point),
             (direction, exit_direction),
             (path_before_mm, path_mm),
         ):
-            target[window][nearer] = values[nearer]
+            board[window][nearer] = values[nearer]
     if obstacles is None:
         return PixelRays(index, start, direction, path_before_mm, np.full(shape, np.inf))
     hidden = obstacles.distance_from_pupil_mm(rays) < depth
@@ -124,7 +124,7 @@ def _window(layout: Layout, index: int, step: int) -> tuple[slice, slice]:
     return slice(int(top), int(bottom)), slice(int(left), int(right))
 
 
-def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> dict[str, FloatArray]:
+def board_maps(rays: PixelRays, board: CalibrationBoard, rig_from_board: FloatArray) -> dict[str, FloatArray]:
     """Return the maps (h, w) of a board at a rigid pose (4, 4), by the names of `CHANNELS`.
 
     They are the index of the mirror, x and y on the board, mm, and the path length from there to the pupil, mm. All but
@@ -135,8 +135,8 @@ def board_maps(rays: PixelRays, target: Target, rig_from_board: FloatArray) -> d
     with np.errstate(divide="ignore", invalid="ignore"):
         length = -start[..., 2] / direction[..., 2]
         x, y = (start[..., axis] + length * direction[..., axis] for axis in range(2))
-        margin = margin_mm(target)
-        width, height = target.size_mm
+        margin = margin_mm(board)
+        width, height = board.size_mm
         visible = (length > 0.0) & (length < rays.distance_to_body_mm) & (direction[..., 2] > 0.0)
         visible &= (x >= -margin) & (x <= width + margin) & (y >= -margin) & (y <= height + margin)
     values = (np.where(visible, value, np.nan) for value in (x, y, rays.path_before_mm + length))

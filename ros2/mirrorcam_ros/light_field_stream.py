@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.core.video.camera_addresses import camera
+from mirrorcam.core.video.camera_addresses import open_camera
 from mirrorcam.core.video.frames import Lost
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
@@ -69,7 +69,8 @@ class LightFieldStream:
             estimator = DepthEstimator(self._empty, near_mm=near_mm, far_mm=far_mm, quality="fast")
             self._depth = VideoDepth(estimator)
         # Robots act on the newest frame: none waits while another is decoded.
-        self._camera = camera(settings.device, layout.camera.width_px, layout.camera.height_px, on_note, buffered=1)
+        size_px = layout.camera.width_px, layout.camera.height_px
+        self._camera = open_camera(settings.device, *size_px, on_note, buffered=1)
         self._start_ns = self._camera.started_ns or time.time_ns()
 
     @property

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from benchmarks.calibration_mrcal import cameras_m, centres_of, reflection, task_of
 from benchmarks.referees.mrcal_runner import python_with_mrcal, run_solver
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from tests.optics.layouts import faceted_parabola
 

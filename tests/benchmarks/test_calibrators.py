@@ -14,7 +14,7 @@ from benchmarks.calibrators.view_poses import mean_pose, write_cameras
 from mirrorcam.bench.scores.consistency import with_covariance
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 from tests.optics.camera_files.rigs import device
 

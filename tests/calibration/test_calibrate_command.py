@@ -16,11 +16,11 @@ from mirrorcam import cli
 from mirrorcam.core.disk.output_folder import results_folder
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard, default_board, save_board
 from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, default_board, save_board
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import RenderSettings
@@ -124,7 +124,7 @@ def six_mirrors(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("six") / "set"
     board = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
     settings = RenderSettings(renderer="fast", maps=False)
-    request = SetRequest(layout=layout_of(2, 3), target=board, frames=7, base_frames=5, seed=1, settings=settings)
+    request = SetRequest(layout=layout_of(2, 3), board=board, frames=7, base_frames=5, seed=1, settings=settings)
     render_set(request, folder)
     return folder
 

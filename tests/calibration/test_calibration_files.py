@@ -25,9 +25,9 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.view_statistics import cell_means
+from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.render_scenes.sets.video import write_mjpeg
 from mirrorcam.run.run_page import read_metrics
 from tests.core.video.videos import pictures, write_h264

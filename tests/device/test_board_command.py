@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam import cli
-from mirrorcam.optics.geometry.targets import default_board, load_board, save_board
+from mirrorcam.optics.geometry.boards import default_board, load_board, save_board
 from tests.command_line import assert_refused_here
 from tests.device.test_board_print import page_and_polygons_mm
 

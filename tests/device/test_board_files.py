@@ -8,7 +8,7 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.device.board_files import print_board
-from mirrorcam.optics.geometry.targets import Checkerboard, default_board, load_board, save_board
+from mirrorcam.optics.geometry.boards import Checkerboard, default_board, load_board, save_board
 from tests.command_line import results
 
 

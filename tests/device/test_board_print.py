@@ -29,8 +29,8 @@ from mirrorcam.device.board_print import (
     page_for,
     write_board,
 )
+from mirrorcam.optics.geometry.boards import AprilGrid, CalibrationBoard, Charuco, Checkerboard, load_board, save_board
 from mirrorcam.optics.geometry.marker_dictionaries import NAMES, modules
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target, load_board, save_board
 from tests.command_line import results
 from tests.hostile_names import ACCEPTED, REFUSED
 from tests.nightly import a_few
@@ -99,7 +99,7 @@ def printed(page: tuple[float, ...], polygons: list[FloatArray]) -> NDArray[np.u
 @pytest.mark.parametrize("suffix", [".pdf", ".svg"])
 @pytest.mark.parametrize("board", [CHARUCO, CHECKERS], ids=["charuco", "checkerboard"])
 def test_corners_and_markers_are_found_on_the_paper_where_they_must_be(
-    suffix: str, board: Target, tmp_path: Path
+    suffix: str, board: CalibrationBoard, tmp_path: Path
 ) -> None:
     size = page_for(board, "a4")
     write_board(board, tmp_path / f"board{suffix}", size, "board.toml")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.calibration.validation import validate
+from mirrorcam.optics.geometry.boards import AprilGrid, load_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import AprilGrid, load_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
@@ -21,7 +21,7 @@ BOARD = AprilGrid(cols=10, rows=7, tag_mm=18.0, spacing=0.3)
 def test_every_limit_is_met(default_layout: Layout, tmp_path: Path) -> None:
     request = SetRequest(
         layout=default_layout,
-        target=BOARD,
+        board=BOARD,
         frames=6,
         base_frames=3,
         seed=0,

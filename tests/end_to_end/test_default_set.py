@@ -12,8 +12,8 @@ from mirrorcam.calibration.error_bounds import LIMITED
 from mirrorcam.calibration.validation import Validation, mirror_errors, validate
 from mirrorcam.cli import main
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import mirror_covariance
+from mirrorcam.optics.geometry.boards import default_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
@@ -27,7 +27,7 @@ def request(layout: Layout, frames: int, base_frames: int) -> SetRequest:
     """Frames at 1920 x 1080 through mirrors tilted by 0.3 deg and shifted by 0.3 mm (sigma), and frames without."""
     return SetRequest(
         layout=layout,
-        target=default_board(),
+        board=default_board(),
         frames=frames,
         base_frames=base_frames,
         seed=0,

@@ -57,7 +57,7 @@ def undistorted(camera: Camera, x: FloatArray, y: FloatArray) -> tuple[FloatArra
 
 
 class Drawn(Protocol):
-    """What can be drawn in squares on a sheet: a target, or any other print."""
+    """What can be drawn in squares on a sheet: a board, or any other print."""
 
     @property
     def square_mm(self) -> float: ...
@@ -71,7 +71,7 @@ class Drawn(Protocol):
 def render(
     camera: Camera,
     layout: Layout | None,
-    target: Drawn,
+    board: Drawn,
     rig_from_board: FloatArray,
     *,
     blur_px: float = 0.7,
@@ -82,7 +82,7 @@ def render(
     rays = rays_through(camera)
     height, width = rays.shape[:2]
     image = np.full((height, width), 12.0, dtype=np.float32)
-    texture = np.pad(target.image(PX_PER_SQUARE), PX_PER_SQUARE, constant_values=255)
+    texture = np.pad(board.image(PX_PER_SQUARE), PX_PER_SQUARE, constant_values=255)
     # Soft by a texel: sharp edges that lie along the pixels would err by part of a sample.
     soft = cv2.GaussianBlur(texture.astype(np.float32), (0, 0), 1.0)
     views = [None] if layout is None else list(layout.mirrors)
@@ -102,7 +102,7 @@ def render(
             inside = mask[band].astype(bool)
             directions = rays[band][inside] @ reflection
             along = (shift - origin) @ turn[:, 2] / (directions @ turn[:, 2])
-            on_board = (origin + along[:, None] * directions - shift) @ turn[:, :2] / target.square_mm
+            on_board = (origin + along[:, None] * directions - shift) @ turn[:, :2] / board.square_mm
             lookup = (on_board[:, ::-1].T + 1) * PX_PER_SQUARE - 0.5
             sampled = map_coordinates(soft, lookup, output=np.float32, order=1, cval=60)
             image[band][inside] = np.where(along > 0, 25.0 + 0.75 * sampled, 12.0)
@@ -112,8 +112,8 @@ def render(
     return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
 
 
-def posed(target: Drawn, centre_in_rig: FloatArray, turn_deg: FloatArray, *, direct: bool) -> FloatArray:
+def posed(board: Drawn, centre_in_rig: FloatArray, turn_deg: FloatArray, *, direct: bool) -> FloatArray:
     """rig_from_board (4, 4): the board's middle at a point, facing the pupil (direct) or the mirrors, then turned."""
     facing = np.eye(3) if direct else np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     turn = facing @ Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()
-    return rigid(turn, centre_in_rig - turn @ target.corners_in_board_mm.mean(axis=0))
+    return rigid(turn, centre_in_rig - turn @ board.corners_in_board_mm.mean(axis=0))

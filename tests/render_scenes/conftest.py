@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco
 
 LENS = (0.08, -0.18, 0.001, -0.0005, 0.02)
 

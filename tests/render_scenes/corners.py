@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from scipy.special import erf
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.truth.corners import CornerProjector
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.reference.device_bodies import DeviceBody
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings

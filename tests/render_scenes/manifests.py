@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from mirrorcam.optics.geometry.targets import default_board
+from mirrorcam.optics.geometry.boards import default_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.dataset import Dataset, DepthRange
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
@@ -18,7 +18,7 @@ def dataset_of_two_frames() -> Dataset:
     """The manifest of a set of two frames and one of the bare camera, without files."""
     return Dataset(
         layout_identity="0123456789abcdef",
-        target=default_board(),
+        board=default_board(),
         frames=2,
         base_frames=1,
         width_px=1920,

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard
+from mirrorcam.optics.geometry.boards import AprilGrid, Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.boards import (
     board_from_texels,
@@ -24,7 +24,7 @@ from mirrorcam.render_scenes.settings import RenderSettings
 
 
 @pytest.mark.parametrize(
-    ("target", "texels"),
+    ("board", "texels"),
     [
         (Checkerboard(cols=6, rows=5, square_mm=24.0), 1),
         (Charuco(cols=6, rows=5, square_mm=12.0, marker_mm=9.0), 8),
@@ -32,11 +32,11 @@ from mirrorcam.render_scenes.settings import RenderSettings
         (Charuco(cols=6, rows=5, square_mm=16.0, marker_mm=12.0, dictionary="DICT_4X4_50"), 8),
     ],
 )
-def test_the_print_is_exact_with_few_texels(target: Checkerboard | Charuco, texels: int) -> None:
-    page = print_on_paper(target)
+def test_the_print_is_exact_with_few_texels(board: Checkerboard | Charuco, texels: int) -> None:
+    page = print_on_paper(board)
     assert page.shape == ((5 + 2) * texels, (6 + 2) * texels)
     printed = page[texels:-texels, texels:-texels]
-    fine = target.image(8 * texels)
+    fine = board.image(8 * texels)
     np.testing.assert_array_equal(np.kron(printed, np.ones((8, 8), dtype=np.uint8)), fine)
     assert (np.delete(page, np.s_[texels:-texels], axis=0) == 255).all()
 
@@ -52,17 +52,17 @@ def test_markers_that_fit_no_texels_keep_their_squares() -> None:
 
 
 @pytest.mark.parametrize(
-    "target", [Checkerboard(cols=6, rows=5, square_mm=24.0), Charuco(cols=6, rows=5, square_mm=12.0, marker_mm=9.0)]
+    "board", [Checkerboard(cols=6, rows=5, square_mm=24.0), Charuco(cols=6, rows=5, square_mm=12.0, marker_mm=9.0)]
 )
-def test_texels_and_mitsubas_rectangle_span_the_print_with_its_margin(target: Checkerboard | Charuco) -> None:
-    rows, columns = print_on_paper(target).shape
-    width, height = target.size_mm
-    margin = target.square_mm
-    corners = np.array([[0.0, 0.0, 1.0], [columns, rows, 1.0]]) @ board_from_texels(target).T
+def test_texels_and_mitsubas_rectangle_span_the_print_with_its_margin(board: Checkerboard | Charuco) -> None:
+    rows, columns = print_on_paper(board).shape
+    width, height = board.size_mm
+    margin = board.square_mm
+    corners = np.array([[0.0, 0.0, 1.0], [columns, rows, 1.0]]) @ board_from_texels(board).T
     np.testing.assert_allclose(corners[:, :2], [[-margin, -margin], [width + margin, height + margin]], atol=1e-9)
     # v is up, so that the rectangle's (-1, 1) is the top left corner; it emits along -z of the board.
     pose = rigid(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), [1.0, 2.0, 300.0])
-    affine = rig_from_rectangle(target, pose)
+    affine = rig_from_rectangle(board, pose)
     found = np.array([[-1.0, 1.0, 0.0], [1.0, -1.0, 0.0]]) @ affine[:3, :3].T + affine[:3, 3]
     on_board = np.column_stack([corners[:, :2], [0.0, 0.0]])
     np.testing.assert_allclose(found, transform(pose, on_board), atol=1e-9)
@@ -78,11 +78,11 @@ def test_radiance_is_that_of_paper_and_ink() -> None:
 
 @pytest.mark.parametrize(("spacing", "texels"), [(0.3, 10), (0.25, 20), (0.33, 100), (1 / 3, 30)])
 def test_corners_of_an_aprilgrid_fall_on_texels(spacing: float, texels: int) -> None:
-    target = AprilGrid(cols=3, rows=2, tag_mm=24.0, spacing=spacing)
-    page = print_on_paper(target)
-    board_from_page = board_from_texels(target)
+    board = AprilGrid(cols=3, rows=2, tag_mm=24.0, spacing=spacing)
+    page = print_on_paper(board)
+    board_from_page = board_from_texels(board)
     assert board_from_page[0, 0] == pytest.approx(24.0 / texels)
-    at = np.linalg.solve(board_from_page, np.column_stack([target.corners_in_board_mm[:, :2], np.ones(24)]).T)[:2]
+    at = np.linalg.solve(board_from_page, np.column_stack([board.corners_in_board_mm[:, :2], np.ones(24)]).T)[:2]
     np.testing.assert_allclose(at, at.round(), atol=1e-9)
     x, y = at.round().astype(int)
     # Black and white squares meet there.

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish, draw_finishes, radius_mm, uniform_finishes
@@ -127,7 +127,7 @@ def test_a_rough_mirror_blurs_and_loses_no_light(small_layout: Layout, small_boa
 def test_a_set_tells_the_finish_in_its_truth_alone(tmp_path: Path, small_layout: Layout, small_board: Charuco) -> None:
     request = SetRequest(
         layout=small_layout,
-        target=small_board,
+        board=small_board,
         frames=1,
         base_frames=0,
         tolerances=Tolerances.none(),

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mirrorcam.core.video.camera_addresses import camera
+from mirrorcam.core.video.camera_addresses import open_camera
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -65,7 +65,7 @@ def test_views_are_published_in_time_and_depth_where_somebody_listens(ros: Ros, 
     assert stamps_ns(ros.publishers["points"].sent) == stamps
     assert stamps_ns(ros.publishers["view_0_0/camera_info"].sent) == stamps
     decoder = Decoder(Layout.load(tmp_path / "layout.json"))
-    for message, frame in zip(images, camera(ros.parameters["device"], 320, 192).frames(), strict=True):
+    for message, frame in zip(images, open_camera(ros.parameters["device"], 320, 192).frames(), strict=True):
         assert isinstance(frame, Frame)
         assert np.array_equal(message.data, decoder.decode(frame.pixels).samples[2, 1].ravel())
 

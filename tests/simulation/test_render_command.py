@@ -17,7 +17,7 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.core.disk.files import write_json
-from mirrorcam.optics.geometry.targets import save_board
+from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.render_scenes.sets.dataset import Dataset, DepthRange
 from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, SurfaceFinish
@@ -37,7 +37,7 @@ OPTIONS = "--frames 6 --base-frames 2 --renderer fast --seed 5 --board board.tom
 def folder(tmp_path: Path, set_request: SetRequest, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The working folder, with layout.json and board.toml."""
     set_request.layout.save(tmp_path / "layout.json")
-    save_board(tmp_path / "board.toml", set_request.target)
+    save_board(tmp_path / "board.toml", set_request.board)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

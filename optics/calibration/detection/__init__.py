@@ -1,1 +1,1 @@
-"""Detection of a target's corners in pictures, through mirrors or directly."""
+"""Detection of a board's corners in pictures, through mirrors or directly."""

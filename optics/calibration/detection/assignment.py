@@ -13,8 +13,8 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import cell_px
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import Corners
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
 MIN_INSIDE = 0.5  # fraction of a board's corners inside a mirror's sub-image, to belong to the mirror
@@ -35,7 +35,7 @@ class _PossibleMirror:
 def assign(
     boards: Sequence[tuple[Corners, ...]],
     layout: Layout,
-    target: Target,
+    board: CalibrationBoard,
 ) -> list[tuple[int, Corners]]:
     """Assign detected boards to mirrors.
 
@@ -50,7 +50,7 @@ def assign(
         Each board in its possible numberings: one, or two for a plain board that looks the same upside down.
     layout
         The nominal layout.
-    target
+    board
         The board.
 
     Returns
@@ -60,12 +60,12 @@ def assign(
     """
     regions = regions_px(layout)
     sizes_px = np.array([np.sqrt(region.area) for region in regions])
-    candidates = [_possible_mirrors(board, regions, layout, target) for board in boards]
+    candidates = [_possible_mirrors(detected, regions, layout, board) for detected in boards]
     located = [options for options in candidates if options]
     if not located:
         return []
     largest = max(located, key=lambda options: options[0].inside * len(options[0].corners))[0]
-    points = transform(largest.rig_from_board, target.corners_in_board_mm)
+    points = transform(largest.rig_from_board, board.corners_in_board_mm)
     gains = np.zeros((len(boards), len(layout.mirrors)))
     chosen: dict[tuple[int, int], Corners] = {}
     for number, options in enumerate(candidates):
@@ -147,17 +147,17 @@ def _inside(region: shapely.Polygon, corners: Corners) -> float:
 
 
 def _possible_mirrors(
-    board: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, target: Target
+    detected: tuple[Corners, ...], regions: Sequence[shapely.Polygon], layout: Layout, board: CalibrationBoard
 ) -> list[_PossibleMirror]:
     """Return all mirrors that may show a board, in all of its numberings; the most likely mirror first."""
     possible = []
-    inside = np.array([_inside(region, board[0]) for region in regions])
+    inside = np.array([_inside(region, detected[0]) for region in regions])
     for mirror in np.argsort(-inside, kind="stable").tolist():
         if inside[mirror] < MIN_INSIDE:
             break
-        for corners in board:
+        for corners in detected:
             centre = layout.mirrors[mirror].apparent.virtual_centre_in_rig_mm
-            pose = initial_estimates.rig_from_board(layout.camera, corners, target.corners_in_board_mm, centre)
+            pose = initial_estimates.rig_from_board(layout.camera, corners, board.corners_in_board_mm, centre)
             if pose is not None:
                 possible.append(_PossibleMirror(mirror, corners, float(inside[mirror]), pose))
     return possible

@@ -1,4 +1,4 @@
-"""Image of a target's print with a lens's blur, and its derivatives."""
+"""Image of a board's print with a lens's blur, and its derivatives."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.boards import AprilGrid, CalibrationBoard, Charuco, Checkerboard
 
 Image = NDArray[np.float32]
 Floats = NDArray[np.floating[Any]]
@@ -73,47 +73,47 @@ class PrintSamples:
     second: Image
 
 
-def _ink(target: Target) -> FloatArray:
+def _ink(board: CalibrationBoard) -> FloatArray:
     """Black fraction of each pixel of a print's image, with `px_per_pitch` pixels per pitch.
 
-    `target.image` rounds markers to entire pixels, which is too coarse: corners are located to 1/2000 of a square.
+    `board.image` rounds markers to entire pixels, which is too coarse: corners are located to 1/2000 of a square.
     """
-    if isinstance(target, AprilGrid):
-        tag, gap = (px_per_pitch(target) * side / target.pitch_mm for side in (target.tag_mm, target.gap_mm))
-        right, down = (coverage(target.cell_edges(tags, tag=tag, gap=gap)) for tags in (target.cols, target.rows))
-        return np.asarray(down.T @ target.black @ right)
-    black = target.black if isinstance(target, Charuco) else target.image(1) == 0
+    if isinstance(board, AprilGrid):
+        tag, gap = (px_per_pitch(board) * side / board.pitch_mm for side in (board.tag_mm, board.gap_mm))
+        right, down = (coverage(board.cell_edges(tags, tag=tag, gap=gap)) for tags in (board.cols, board.rows))
+        return np.asarray(down.T @ board.black @ right)
+    black = board.black if isinstance(board, Charuco) else board.image(1) == 0
     ink = np.kron(black, np.ones((PX_PER_SQUARE, PX_PER_SQUARE)))
-    if isinstance(target, Checkerboard):
+    if isinstance(board, Checkerboard):
         return ink
-    modules = target.markers.shape[1]
-    side = PX_PER_SQUARE * target.marker_mm / target.square_mm
+    modules = board.markers.shape[1]
+    side = PX_PER_SQUARE * board.marker_mm / board.square_mm
     edges = PX_PER_SQUARE / 2.0 + side * (np.arange(modules + 1) / modules - 0.5)
     cover = coverage(edges, PX_PER_SQUARE)
-    for white, (row, col) in zip(target.markers, target.marker_squares.tolist(), strict=True):
+    for white, (row, col) in zip(board.markers, board.marker_squares.tolist(), strict=True):
         square = np.s_[row * PX_PER_SQUARE : (row + 1) * PX_PER_SQUARE, col * PX_PER_SQUARE : (col + 1) * PX_PER_SQUARE]
         ink[square] += cover.T @ (1.0 - white - ink[square][0, 0]) @ cover
     return ink
 
 
-def px_per_pitch(target: Target) -> int:
+def px_per_pitch(board: CalibrationBoard) -> int:
     """Choose the pixels per pitch of a print's image, similar for all prints, so that corners lie between pixels.
 
     Otherwise, the interpolation of samples would bias corners by 1/5000 of a pitch.
     """
-    if not isinstance(target, AprilGrid):
+    if not isinstance(board, AprilGrid):
         return PX_PER_SQUARE
 
     def rounding_error(px: int) -> float:
-        tag = px * target.tag_mm / target.pitch_mm
+        tag = px * board.tag_mm / board.pitch_mm
         return round(abs(tag - round(tag)), 6)
 
     return min(PX_PER_PITCH, key=lambda px: (rounding_error(px), abs(px - PX_PER_SQUARE)))
 
 
-def image_px_of_print(target: Target, print_xy: Floats) -> Floats:
+def image_px_of_print(board: CalibrationBoard, print_xy: Floats) -> Floats:
     """Convert points on a print, in pitches, to pixels of its image, which has a margin of one pitch."""
-    return (print_xy + 1.0) * px_per_pitch(target) - 0.5
+    return (print_xy + 1.0) * px_per_pitch(board) - 0.5
 
 
 def coverage(edges: FloatArray, count: int | None = None) -> FloatArray:
@@ -123,12 +123,12 @@ def coverage(edges: FloatArray, count: int | None = None) -> FloatArray:
     return np.maximum(end - begin, 0.0)
 
 
-def blurred_print(target: Target, blur_cells: float) -> BlurredPrint:
-    """Return a target's print blurred by the sigma, in cells, that is nearest to `blur_cells` in a geometric series."""
-    return _blurred(target, int(_step(np.array(blur_cells))))
+def blurred_print(board: CalibrationBoard, blur_cells: float) -> BlurredPrint:
+    """Return a board's print blurred by the sigma, in cells, that is nearest to `blur_cells` in a geometric series."""
+    return _blurred(board, int(_step(np.array(blur_cells))))
 
 
-def sample_blurred(target: Target, print_xy: Floats, blur: FloatArray) -> PrintSamples:
+def sample_blurred(board: CalibrationBoard, print_xy: Floats, blur: FloatArray) -> PrintSamples:
     """Sample a print under an anisotropic blur given by covariances.
 
     The blur is the isotropic blur of equal area plus a heat-equation term: half the second derivatives times the rest
@@ -136,7 +136,7 @@ def sample_blurred(target: Target, print_xy: Floats, blur: FloatArray) -> PrintS
 
     Parameters
     ----------
-    target
+    board
         The print.
     print_xy
         Sample points (n, m, 2), in squares from the print's top left.
@@ -146,8 +146,8 @@ def sample_blurred(target: Target, print_xy: Floats, blur: FloatArray) -> PrintS
     count, samples = print_xy.shape[:2]
     value, derivatives = np.empty((count, samples), dtype=np.float32), np.empty((count, 5, samples), dtype=np.float32)
     remaining = blur.copy()
-    for rows, step, pixels in _by_step(target, print_xy, blur):
-        blurred = _blurred(target, step)
+    for rows, step, pixels in _by_step(board, print_xy, blur):
+        blurred = _blurred(board, step)
         value[rows] = sample(blurred.value, pixels)
         derivatives[rows, :4] = sample(blurred.derivatives, pixels).transpose(0, 2, 1)
         derivatives[rows, 4] = sample(blurred.mixed, pixels)
@@ -158,20 +158,22 @@ def sample_blurred(target: Target, print_xy: Floats, blur: FloatArray) -> PrintS
     return PrintSamples(value, first, second)
 
 
-def third_derivatives(target: Target, print_xy: Floats, blur: FloatArray) -> Image:
+def third_derivatives(board: CalibrationBoard, print_xy: Floats, blur: FloatArray) -> Image:
     """Third derivatives (n, 4, m) of a blurred print at points (n, m, 2): xxx, xxy, xyy and yyy, per square.
 
     `blur` (n, 2, 2) is as in `sample_blurred`; its shape is neglected.
     """
     derivatives = np.empty((*print_xy.shape[:2], 4), dtype=np.float32)
-    for rows, step, pixels in _by_step(target, print_xy, blur):
-        derivatives[rows] = sample(_third(target, step), pixels)
+    for rows, step, pixels in _by_step(board, print_xy, blur):
+        derivatives[rows] = sample(_third(board, step), pixels)
     return derivatives.transpose(0, 2, 1)
 
 
-def _by_step(target: Target, print_xy: Floats, blur: FloatArray) -> Iterator[tuple[NDArray[np.int64], int, Floats]]:
+def _by_step(
+    board: CalibrationBoard, print_xy: Floats, blur: FloatArray
+) -> Iterator[tuple[NDArray[np.int64], int, Floats]]:
     """Group corners by the step of the isotropic blur of equal area: their indices, the step, their image's pixels."""
-    pixels, steps = image_px_of_print(target, print_xy), _step(np.linalg.det(blur) ** 0.25)
+    pixels, steps = image_px_of_print(board, print_xy), _step(np.linalg.det(blur) ** 0.25)
     for step in np.unique(steps).tolist():
         rows = np.flatnonzero(steps == step)
         yield rows, step, pixels[rows]
@@ -181,21 +183,21 @@ def _step(blur_cells: FloatArray) -> NDArray[np.int64]:
     return np.rint(np.log(np.clip(blur_cells, MIN_BLUR, MAX_BLUR)) / np.log(BLUR_STEP)).astype(np.int64)
 
 
-def local_print(target: Target, print_xy: FloatArray) -> tuple[Target, FloatArray]:
-    """Return a print that equals a target around its corners at `print_xy` (n, 2), and these corners' points on it.
+def local_print(board: CalibrationBoard, print_xy: FloatArray) -> tuple[CalibrationBoard, FloatArray]:
+    """Return a print that equals a board around its corners at `print_xy` (n, 2), and these corners' points on it.
 
     All plain checkerboards look the same around inner corners, so a small one represents them.
     """
-    if isinstance(target, Checkerboard):
-        return LOCAL, 2.0 + (print_xy + np.array([target.inverted, 0.0])) % 2.0
-    return target, print_xy
+    if isinstance(board, Checkerboard):
+        return LOCAL, 2.0 + (print_xy + np.array([board.inverted, 0.0])) % 2.0
+    return board, print_xy
 
 
 @lru_cache(maxsize=48)
-def _blurred(target: Target, step: int) -> BlurredPrint:
-    scale = px_per_pitch(target)
+def _blurred(board: CalibrationBoard, step: int) -> BlurredPrint:
+    scale = px_per_pitch(board)
     blur_px = BLUR_STEP**step * scale
-    padded = np.pad(1.0 - 2.0 * _ink(target), scale, constant_values=1.0).astype(np.float32)
+    padded = np.pad(1.0 - 2.0 * _ink(board), scale, constant_values=1.0).astype(np.float32)
     value = np.asarray(cv2.GaussianBlur(padded, (0, 0), blur_px), dtype=np.float32)
     first, second = FIRST * scale, SECOND * scale**2
     *derivatives, mixed = (_filtered(value, kernel) for kernel in (first, first.T, second, second.T, first.T @ first))
@@ -203,11 +205,11 @@ def _blurred(target: Target, step: int) -> BlurredPrint:
 
 
 @lru_cache(maxsize=16)
-def _third(target: Target, step: int) -> Image:
+def _third(board: CalibrationBoard, step: int) -> Image:
     """Images (h, w, 4) of the third derivatives xxx, xxy, xyy and yyy, per square."""
     kernels = THIRD, FIRST.T @ SECOND, SECOND.T @ FIRST, THIRD.T
-    scale = px_per_pitch(target) ** 3
-    return np.stack([_filtered(_blurred(target, step).value, kernel * scale) for kernel in kernels], axis=2)
+    scale = px_per_pitch(board) ** 3
+    return np.stack([_filtered(_blurred(board, step).value, kernel * scale) for kernel in kernels], axis=2)
 
 
 def _filtered(image: Image, kernel: FloatArray) -> Image:

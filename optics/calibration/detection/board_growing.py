@@ -18,7 +18,7 @@ from mirrorcam.optics.calibration.detection.board_warp import SEPTIC, BoardWarp,
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
-from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 
 BoolArray = NDArray[np.bool_]
 GreyValues = TypeVar("GreyValues", NDArray[np.uint8], Image)
@@ -51,7 +51,9 @@ MAX_RELATIVE_SIGMA, MAX_RELATIVE_UNEXPLAINED, UNEXPLAINED_OFFSET = 2.5, 3.0, 0.0
 COLUMN_STEP = np.array([1.0, 0.0])
 
 
-def grow_board(picture: Image, print_xy: FloatArray, pixels: FloatArray, target: Target, *, mirrored: bool) -> Corners:
+def grow_board(
+    picture: Image, print_xy: FloatArray, pixels: FloatArray, board: CalibrationBoard, *, mirrored: bool
+) -> Corners:
     """Find all visible corners of one board, from approximate points on it.
 
     Corners are searched up to `MAX_EXTRAPOLATION` squares around the known ones, and those found predict the next ones.
@@ -63,7 +65,7 @@ def grow_board(picture: Image, print_xy: FloatArray, pixels: FloatArray, target:
         Grey values (h, w).
     print_xy, pixels
         Known points: their coordinates (n, 2) on the print, in squares, and pixels (n, 2).
-    target
+    board
         The board.
     mirrored
         Whether the board appears in a mirror.
@@ -73,7 +75,7 @@ def grow_board(picture: Image, print_xy: FloatArray, pixels: FloatArray, target:
     Corners
         Empty if the points lie on no surface with the expected handedness.
     """
-    return _visible_corners(picture, print_xy, pixels, corner_print_xy(target), target, mirrored=mirrored)
+    return _visible_corners(picture, print_xy, pixels, corner_print_xy(board), board, mirrored=mirrored)
 
 
 def grow_grid(picture: Image, grid_xy: IntArray, pixels: FloatArray, *, margin: int) -> tuple[IntArray, Corners]:
@@ -105,12 +107,18 @@ def grow_grid(picture: Image, grid_xy: IntArray, pixels: FloatArray, *, margin: 
 
 
 def _visible_corners(
-    picture: Image, print_xy: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
+    picture: Image,
+    print_xy: FloatArray,
+    pixels: FloatArray,
+    corners: FloatArray,
+    board: CalibrationBoard,
+    *,
+    mirrored: bool,
 ) -> Corners:
     """Return the visible corners among all corners (c, 2) of a print, with their indices as ids."""
-    corner_pixels, rough = _grow(picture, print_xy, pixels, corners, target, mirrored=mirrored)
+    corner_pixels, rough = _grow(picture, print_xy, pixels, corners, board, mirrored=mirrored)
     grown_ids = np.flatnonzero(np.isfinite(corner_pixels[:, 0]))
-    ids = grown_ids[on_smooth_surface(corners[grown_ids], corner_pixels[grown_ids], target.longest_step)]
+    ids = grown_ids[on_smooth_surface(corners[grown_ids], corner_pixels[grown_ids], board.longest_step)]
     warp = BoardWarp.fit(corners[ids], corner_pixels[ids])
     if warp is None:
         return Corners.empty()
@@ -130,8 +138,8 @@ def _visible_corners(
         return Corners.empty()
     ids, refined = _confirmed(picture, ids, better, fine, mirrored=mirrored)
     valid = _similar_contrast(corners[ids], refined.contrast) & _typical_quality(refined)
-    board = Corners(ids.astype(np.int64), refined.pixels, refined.sigma_px).where(valid)
-    return board.where(on_smooth_surface(corners[board.ids], board.pixels, target.longest_step))
+    detected = Corners(ids.astype(np.int64), refined.pixels, refined.sigma_px).where(valid)
+    return detected.where(on_smooth_surface(corners[detected.ids], detected.pixels, board.longest_step))
 
 
 def _measured_blur_px(picture: Image, typical: ExpectedCorners, appearance: Appearance) -> float:
@@ -157,13 +165,19 @@ def _is_blurred_by_motion(picture: Image, typical: ExpectedCorners, appearance: 
 
 
 def _grow(
-    picture: Image, print_xy: FloatArray, pixels: FloatArray, corners: FloatArray, target: Target, *, mirrored: bool
+    picture: Image,
+    print_xy: FloatArray,
+    pixels: FloatArray,
+    corners: FloatArray,
+    board: CalibrationBoard,
+    *,
+    mirrored: bool,
 ) -> tuple[FloatArray, Appearance]:
     """Return pixels (c, 2) of all corners, NaN if not found, and the print's appearance with the estimated blur."""
     corner_pixels = np.full((len(corners), 2), np.nan)
     tries = np.zeros(len(corners), dtype=np.int64)
-    known_xy, known_pixels, max_distance = print_xy, pixels, MAX_EXTRAPOLATION * target.longest_step
-    appearance = Appearance(target, first_blur_px(print_xy, pixels), motion=False, rough=True)
+    known_xy, known_pixels, max_distance = print_xy, pixels, MAX_EXTRAPOLATION * board.longest_step
+    appearance = Appearance(board, first_blur_px(print_xy, pixels), motion=False, rough=True)
     max_tries = 1 if len(print_xy) >= MANY_POINTS else MAX_TRIES
     for _ in range(MAX_ROUNDS):
         near = cKDTree(known_xy).query(corners, distance_upper_bound=max_distance)[0] < max_distance

@@ -9,7 +9,7 @@ import numpy as np
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.corner_patches import ExpectedCorners
-from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 
 MIN_POINTS, MIN_CORRECTED = 4, 24  # for a warp, and for a warp with a polynomial
 CUBIC, SEPTIC = 3, 7  # degrees of the polynomial
@@ -133,9 +133,9 @@ def _homography(print_xy: FloatArray, pixels: FloatArray, outlier_px: float) -> 
     return None if robust is None else np.asarray(robust)
 
 
-def corner_print_xy(target: Target) -> FloatArray:
+def corner_print_xy(board: CalibrationBoard) -> FloatArray:
     """Coordinates (n, 2) of the corners on the print, in squares (pitches) from its top left, ordered by id."""
-    return target.corners_in_board_mm[:, :2] / target.pitch_mm
+    return board.corners_in_board_mm[:, :2] / board.pitch_mm
 
 
 def typical_cell_px(print_xy: FloatArray, pixels: FloatArray) -> float:

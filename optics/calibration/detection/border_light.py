@@ -17,10 +17,10 @@ from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.blurred_print import Image, blurred_print, image_px_of_print, sample
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, intersect_plane
 from mirrorcam.optics.geometry.pupil import disc_part, outline_aperture
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse
 
 SEARCH_PX = 48.0
@@ -179,7 +179,7 @@ def _inside_mm(mirror: Mirror, normalized: FloatArray, focus_mm: float) -> Float
     return np.asarray(outline_aperture(mirror, normalized, focus_mm).distance.min(axis=1))
 
 
-def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -> list[BorderLight]:
+def border_light(layout: Layout, frames: Sequence[BoardFrame], board: CalibrationBoard) -> list[BorderLight]:
     """Measure the light of each mirror across the borders of its sub-image.
 
     Parameters
@@ -188,7 +188,7 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
         A calibrated layout; its pupil may be approximate.
     frames
         Frames via the mirrors.
-    target
+    board
         The board.
     """
     measured = [(_Rays.of(layout, border), _Sums.of(border)) for border in borders(layout)]
@@ -197,7 +197,7 @@ def border_light(layout: Layout, frames: Sequence[BoardFrame], target: Target) -
         board_from_rig = inverse(frame.rig_from_board)
         for rays, sums in measured:
             mirror_print, neighbour_print = (
-                _print_values(target, *reflected, board_from_rig) for reflected in (rays.mirror, rays.neighbour)
+                _print_values(board, *reflected, board_from_rig) for reflected in (rays.mirror, rays.neighbour)
             )
             sums.add(
                 sample(grey, sums.border.pixels).astype(np.float64),
@@ -240,21 +240,23 @@ def _reflected_rays(layout: Layout, mirror: Mirror, normalized: FloatArray) -> t
     return apparent.reflect(start).reshape(shape), (rays @ apparent.reflection).reshape(shape)
 
 
-def _print_values(target: Target, starts: FloatArray, directions: FloatArray, board_from_rig: FloatArray) -> FloatArray:
+def _print_values(
+    board: CalibrationBoard, starts: FloatArray, directions: FloatArray, board_from_rig: FloatArray
+) -> FloatArray:
     """Values of the print, from -1 to 1, where rays (s, d, 3) hit it; NaN where they miss the board."""
     rotation = board_from_rig[:3, :3].T
     start, direction = starts @ rotation + board_from_rig[:3, 3], directions @ rotation
     with np.errstate(divide="ignore", invalid="ignore"):
         length = -start[..., 2] / direction[..., 2]
-        hits = (start + length[..., None] * direction)[..., :2] / target.pitch_mm
+        hits = (start + length[..., None] * direction)[..., :2] / board.pitch_mm
     inside = (length > 0.0) & (direction[..., 2] > 0.0)
-    inside &= ((hits > BOARD_MARGIN) & (hits < np.array(target.size_mm) / target.pitch_mm - BOARD_MARGIN)).all(axis=-1)
+    inside &= ((hits > BOARD_MARGIN) & (hits < np.array(board.size_mm) / board.pitch_mm - BOARD_MARGIN)).all(axis=-1)
     steps = np.linalg.norm(np.diff(np.nan_to_num(hits), axis=1), axis=2)[inside[:, 1:] & inside[:, :-1]]
     if not len(steps):
         return np.full(hits.shape[:2], np.nan)
     hits = np.nan_to_num(hits)
     square_px = STEP_PX / max(float(np.median(steps)), 1e-6)
-    value = sample(blurred_print(target, BLUR_PX / square_px).value, image_px_of_print(target, hits))
+    value = sample(blurred_print(board, BLUR_PX / square_px).value, image_px_of_print(board, hits))
     return np.where(inside, value, np.nan)
 
 

@@ -27,7 +27,7 @@ from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, Detecte
 from mirrorcam.optics.calibration.detection.marker_numbering import Markers, numbered_by_markers
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
-from mirrorcam.optics.geometry.targets import TAG_BORDER, TAG_FAMILY, AprilGrid, Charuco
+from mirrorcam.optics.geometry.boards import TAG_BORDER, TAG_FAMILY, AprilGrid, Charuco
 
 WHITE_QUANTILE = 0.995
 WINDOWS_PX = (15, 31, 7)  # sides of the adaptive threshold's window, tried in turn
@@ -40,7 +40,7 @@ MIN_LOG_RATIO = 0.5  # of tag to gap in the picture, relative to the print
 MIN_SIDES, MAX_SPREAD = 6, 0.2  # sides of each kind on a grid; spread of their ratios relative to the logarithmic ratio
 
 
-def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool, max_boards: int) -> list[Corners]:
+def find_marked_boards(grey: Grey, board: Charuco | AprilGrid, *, mirrored: bool, max_boards: int) -> list[Corners]:
     """Find up to `max_boards` boards in a picture, those with most corners first.
 
     Grids of saddle points are numbered by the markers between them. If fewer than half of the boards are found this
@@ -50,7 +50,7 @@ def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: boo
     ----------
     grey
         Picture (h, w).
-    target
+    board
         The board.
     mirrored
         Whether the boards appear in mirrors.
@@ -59,52 +59,52 @@ def find_marked_boards(grey: Grey, target: Charuco | AprilGrid, *, mirrored: boo
     """
     picture = np.asarray(grey, dtype=np.float32)
     found: list[Corners] = []
-    markers = _markers(target)
-    for grid_xy, pixels in linked_grids(grey) if isinstance(target, Charuco) else linked_tags(grey, target):
+    markers = _markers(board)
+    for grid_xy, pixels in linked_grids(grey) if isinstance(board, Charuco) else linked_tags(grey, board):
         if not has_new_corners(pixels, found):
             continue
         grid = DetectedGrid(grid_xy, Corners(np.arange(len(grid_xy)), pixels), NO_LIMITS)
         numbered = numbered_by_markers(picture, grid.as_printed if mirrored else grid, markers)
         if numbered is None:
             continue
-        board = grow_board(picture, _print_xy(numbered.grid_xy, target), pixels, target, mirrored=mirrored)
-        if len(board) and not any(same_board(board, other) for other in found):
-            found.append(board)
+        detected = grow_board(picture, _print_xy(numbered.grid_xy, board), pixels, board, mirrored=mirrored)
+        if len(detected) and not any(same_board(detected, other) for other in found):
+            found.append(detected)
     if 2 * len(found) < max_boards:
-        found = _from_markers(grey, target, found, mirrored=mirrored)
+        found = _from_markers(grey, board, found, mirrored=mirrored)
     return sorted(found, key=len, reverse=True)[:max_boards]
 
 
-def _print_xy(grid_xy: IntArray, target: Charuco | AprilGrid) -> FloatArray:
+def _print_xy(grid_xy: IntArray, board: Charuco | AprilGrid) -> FloatArray:
     """Coordinates (n, 2) on the print, in pitches, of corners given by column and row (n, 2)."""
-    if isinstance(target, AprilGrid):
-        return target.line_mm(grid_xy) / target.pitch_mm
+    if isinstance(board, AprilGrid):
+        return board.line_mm(grid_xy) / board.pitch_mm
     return grid_xy.astype(np.float64) + 1.0
 
 
 @lru_cache(maxsize=8)
-def _markers(target: Charuco | AprilGrid) -> Markers:
-    if isinstance(target, AprilGrid):
-        numbers = target.tag_numbers
-        tags = np.array([~target.tag(number)[1:-1, 1:-1] for number in numbers.ravel().tolist()])
+def _markers(board: Charuco | AprilGrid) -> Markers:
+    if isinstance(board, AprilGrid):
+        numbers = board.tag_numbers
+        tags = np.array([~board.tag(number)[1:-1, 1:-1] for number in numbers.ravel().tolist()])
         return Markers(tags, 2 * np.argwhere(numbers >= 0)[:, ::-1], 1.0, parity=0, every_other=True)
     return Markers(
-        target.markers[:, 1:-1, 1:-1],
-        target.marker_squares[:, ::-1] - 1,
-        target.marker_mm / target.square_mm,
-        parity=not target.inverted,
+        board.markers[:, 1:-1, 1:-1],
+        board.marker_squares[:, ::-1] - 1,
+        board.marker_mm / board.square_mm,
+        parity=not board.inverted,
     )
 
 
-def _from_markers(grey: Grey, target: Charuco | AprilGrid, boards: list[Corners], *, mirrored: bool) -> list[Corners]:
+def _from_markers(grey: Grey, board: Charuco | AprilGrid, boards: list[Corners], *, mirrored: bool) -> list[Corners]:
     """Return the known boards, and new ones grown from single markers that these do not contain."""
-    ids, quads = find_markers(grey, target, mirrored=mirrored)
-    print_quads = marker_corners(target)[ids]
+    ids, quads = find_markers(grey, board, mirrored=mirrored)
+    print_quads = marker_corners(board)[ids]
     picture = np.asarray(grey, dtype=np.float32)
     found = list(boards)
     used = np.zeros(len(ids), dtype=bool)
-    for board in boards:
-        used |= _on_board(board, print_quads, quads, target)
+    for detected in boards:
+        used |= _on_board(detected, print_quads, quads, board)
     queue = groups(print_quads, quads)
     while queue:
         members = queue.pop(0)
@@ -112,11 +112,11 @@ def _from_markers(grey: Grey, target: Charuco | AprilGrid, boards: list[Corners]
         if len(members) < MIN_MARKERS:
             continue
         known_xy, known_pixels = print_quads[members].reshape(-1, 2), quads[members].reshape(-1, 2)
-        board = grow_board(picture, known_xy, known_pixels, target, mirrored=mirrored)
-        if not len(board) or any(same_board(board, other) for other in found):
+        detected = grow_board(picture, known_xy, known_pixels, board, mirrored=mirrored)
+        if not len(detected) or any(same_board(detected, other) for other in found):
             continue
-        found.append(board)
-        on_board = _on_board(board, print_quads, quads, target)
+        found.append(detected)
+        on_board = _on_board(detected, print_quads, quads, board)
         used |= on_board
         # A group may hold two boards that seem to continue each other; one of them is found now.
         remaining = members[~on_board[members]]
@@ -125,9 +125,9 @@ def _from_markers(grey: Grey, target: Charuco | AprilGrid, boards: list[Corners]
     return found
 
 
-def _on_board(board: Corners, print_quads: FloatArray, quads: FloatArray, target: Charuco | AprilGrid) -> BoolArray:
+def _on_board(detected: Corners, print_quads: FloatArray, quads: FloatArray, board: Charuco | AprilGrid) -> BoolArray:
     """Mask of the markers (n, 4, 2), with corners (n, 4, 2) on the print, that match a detected board."""
-    warp = BoardWarp.fit(corner_print_xy(target)[board.ids], board.pixels)
+    warp = BoardWarp.fit(corner_print_xy(board)[detected.ids], detected.pixels)
     if warp is None:
         return np.zeros(len(print_quads), dtype=bool)
     centres = print_quads.mean(axis=1)
@@ -136,27 +136,27 @@ def _on_board(board: Corners, print_quads: FloatArray, quads: FloatArray, target
     return np.asarray(distance < MAX_OFFSET * np.sqrt(np.abs(np.linalg.det(cells))))
 
 
-def marker_corners(target: Charuco | AprilGrid) -> FloatArray:
+def marker_corners(board: Charuco | AprilGrid) -> FloatArray:
     """Corners (m, 4, 2) of the markers, in squares from the print's top left, in the detector's order."""
-    if isinstance(target, AprilGrid):
+    if isinstance(board, AprilGrid):
         # OpenCV numbers a tag's corners from the top left of its own drawing, which the print shows rotated by 180 deg.
-        numbers = target.tag_numbers.ravel().argsort()
-        low = 2 * np.stack([numbers % target.cols, numbers // target.cols], axis=1)
-        return target.line_mm(low[:, None] + np.array([[1, 1], [0, 1], [0, 0], [1, 0]])) / target.pitch_mm
-    half = target.marker_mm / target.square_mm / 2.0
-    centres = target.marker_squares[:, None, ::-1] + 0.5
+        numbers = board.tag_numbers.ravel().argsort()
+        low = 2 * np.stack([numbers % board.cols, numbers // board.cols], axis=1)
+        return board.line_mm(low[:, None] + np.array([[1, 1], [0, 1], [0, 0], [1, 0]])) / board.pitch_mm
+    half = board.marker_mm / board.square_mm / 2.0
+    centres = board.marker_squares[:, None, ::-1] + 0.5
     return np.asarray(centres + half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]))
 
 
-def find_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
-    """Return numbers (n,), from 0 and with repetitions, and corners (n, 4, 2) of the detected markers of the target.
+def find_markers(grey: Grey, board: Charuco | AprilGrid, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
+    """Return numbers (n,), from 0 and with repetitions, and corners (n, 4, 2) of the detected markers of the board.
 
     A few suffice to grow boards; if there are too few, other window sizes are tried.
     """
-    inverted = isinstance(target, Charuco) and target.inverted
+    inverted = isinstance(board, Charuco) and board.inverted
     bright, parameters = _prepared(np.asarray(255 - grey, dtype=np.uint8) if inverted else grey, mirrored=mirrored)
-    parameters.markerBorderBits = TAG_BORDER if isinstance(target, AprilGrid) else 1
-    dictionary, first, count = _dictionary(target)
+    parameters.markerBorderBits = TAG_BORDER if isinstance(board, AprilGrid) else 1
+    dictionary, first, count = _dictionary(board)
     for window_px in WINDOWS_PX:
         parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = window_px
         detector = cv2.aruco.ArucoDetector(dictionary, parameters)
@@ -189,11 +189,11 @@ def _prepared(grey: Grey, *, mirrored: bool) -> tuple[Grey, cv2.aruco.DetectorPa
     return np.asarray(cv2.convertScaleAbs(image, alpha=255.0 / max(white, 16.0)), dtype=np.uint8), parameters
 
 
-def _dictionary(target: Charuco | AprilGrid) -> tuple[cv2.aruco.Dictionary, int, int]:
+def _dictionary(board: Charuco | AprilGrid) -> tuple[cv2.aruco.Dictionary, int, int]:
     """Return OpenCV's dictionary for a print's markers, the id of the first one, and their number."""
-    if isinstance(target, AprilGrid):
-        return TAG_FAMILY, 0, target.cols * target.rows
-    return dictionaries.dictionary(target.dictionary), target.first_marker, len(target.markers)
+    if isinstance(board, AprilGrid):
+        return TAG_FAMILY, 0, board.cols * board.rows
+    return dictionaries.dictionary(board.dictionary), board.first_marker, len(board.markers)
 
 
 def groups(print_quads: FloatArray, quads: FloatArray) -> list[IntArray]:
@@ -231,7 +231,7 @@ def linked_markers(print_quads: FloatArray, quads: FloatArray) -> csr_array:
     return matrix.multiply(matrix.T)
 
 
-def linked_tags(grey: Grey, target: AprilGrid) -> list[tuple[IntArray, FloatArray]]:
+def linked_tags(grey: Grey, board: AprilGrid) -> list[tuple[IntArray, FloatArray]]:
     """Return grid coordinates (n, 2) of corners on separate grids, and their approximate pixels (n, 2).
 
     The coordinates are those of `corner_grids`, shifted so that tags begin at odd x and even y.
@@ -239,17 +239,17 @@ def linked_tags(grey: Grey, target: AprilGrid) -> list[tuple[IntArray, FloatArra
     points = saddle_points(grey)
     found = []
     for members, grid_xy in corner_grids(points, alternating=True):
-        aligned = _aligned_with_tags(grid_xy, points.pixels[members], target)
+        aligned = _aligned_with_tags(grid_xy, points.pixels[members], board)
         if aligned is None:
             continue
         # Lines of corners on a print whose first tag begins at (1, 0).
-        print_xy = target.line_mm(aligned - np.array([1, 0])) / target.pitch_mm
-        parts = smooth_parts(print_xy, points.pixels[members], target.longest_step)
+        print_xy = board.line_mm(aligned - np.array([1, 0])) / board.pitch_mm
+        parts = smooth_parts(print_xy, points.pixels[members], board.longest_step)
         found += [(aligned[part], points.pixels[members[part]]) for part in parts]
     return found
 
 
-def _aligned_with_tags(grid_xy: IntArray, pixels: FloatArray, target: AprilGrid) -> IntArray | None:
+def _aligned_with_tags(grid_xy: IntArray, pixels: FloatArray, board: AprilGrid) -> IntArray | None:
     """Shift the coordinates so that tags begin at odd x and even y; None unless widths alternate as on the print."""
     index = {(x, y): number for number, (x, y) in enumerate(grid_xy.tolist())}
     ratios = []
@@ -263,7 +263,7 @@ def _aligned_with_tags(grid_xy: IntArray, pixels: FloatArray, target: AprilGrid)
                 sides[((x, y)[axis] + tag_parity) % 2].append(np.log(max(length, 1e-6)))
         if sides[0] and sides[1]:
             ratios.append(float(np.median(sides[0]) - np.median(sides[1])))
-    if not ratios or abs(np.mean(ratios)) < MIN_LOG_RATIO * -np.log(target.spacing):
+    if not ratios or abs(np.mean(ratios)) < MIN_LOG_RATIO * -np.log(board.spacing):
         return None
     return grid_xy if np.mean(ratios) > 0 else grid_xy + 1
 

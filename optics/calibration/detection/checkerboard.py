@@ -25,7 +25,7 @@ from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, typical
 from mirrorcam.optics.calibration.detection.corner_grids import corner_grids, saddle_points
 from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, DetectedGrid
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, IntArray
-from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.geometry.boards import Checkerboard
 
 Grey = NDArray[np.uint8]
 CHECKERBOARD_WINDOW = 0.4
@@ -78,15 +78,15 @@ def non_collinear(corners: Corners) -> Corners:
     return Corners.empty()
 
 
-def find_checkerboards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
-    """Find all checkerboards in a picture (h, w) that may be the target or a part of it, the largest first.
+def find_checkerboards(grey: Grey, board: Checkerboard) -> list[DetectedGrid]:
+    """Find all checkerboards in a picture (h, w) that may be the board or a part of it, the largest first.
 
     Grids of saddle points start the search; comparison with the print then decides which corners are visible. Where
     linked corners do not fit a smooth print, or none are linked, as with a fisheye lens, OpenCV searches for completely
     visible boards by their squares.
     """
     picture = np.asarray(grey, dtype=np.float32)
-    max_side = max(target.cols, target.rows)
+    max_side = max(board.cols, board.rows)
     grids: list[DetectedGrid] = []
     all_fit = True
     for linked_xy, pixels in linked_grids(grey):
@@ -99,8 +99,8 @@ def find_checkerboards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
             grids.append(DetectedGrid(grid_xy, corners, board_limits(picture, grid_xy, corners.pixels)))
     if not grids or not all_fit:
         detected = [grid.corners for grid in grids]
-        complete = [board for board in complete_boards(grey, target) if has_new_corners(board.corners.pixels, detected)]
-        corners_in_complete = [board.corners for board in complete]
+        complete = [found for found in complete_boards(grey, board) if has_new_corners(found.corners.pixels, detected)]
+        corners_in_complete = [found.corners for found in complete]
         grids = complete + [grid for grid in grids if has_new_corners(grid.corners.pixels, corners_in_complete)]
     return sorted(grids, key=lambda grid: -len(grid))
 
@@ -168,7 +168,7 @@ def _interpolated(grey: Grey, pixels: FloatArray) -> FloatArray:
     return np.asarray(map_coordinates(grey, coordinates, output=np.float64, order=1))
 
 
-def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shift: float = 0.35) -> Corners:
+def confirm(grey: Grey, predicted: FloatArray, board: Checkerboard, *, max_shift: float = 0.35) -> Corners:
     """Confirm the corners of a plain checkerboard near their predictions.
 
     A corner is confirmed if its refined position is near the prediction and its four squares are black and white as
@@ -180,12 +180,12 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
         Picture (h, w).
     predicted
         Predicted pixels (n, 2) of all corners, ordered by id.
-    target
+    board
         The board.
     max_shift
         Maximum distance from the prediction, in cells.
     """
-    rows, cols = target.rows - 1, target.cols - 1
+    rows, cols = board.rows - 1, board.cols - 1
     cells = cell_px(predicted)
     height, width = grey.shape
     margin = np.maximum(cells, 3.0)
@@ -200,7 +200,7 @@ def confirm(grey: Grey, predicted: FloatArray, target: Checkerboard, *, max_shif
     right, down = (np.asarray(np.gradient(grid, axis=axis)).reshape(-1, 2)[ids] for axis in (1, 0))
     # Corner (r, c) has square (r, c) at its upper left, black if r + c is even (white if inverted), and the same colour
     # at its lower right.
-    black_first = (ids // cols + ids % cols) % 2 == target.inverted
+    black_first = (ids // cols + ids % cols) % 2 == board.inverted
     first, second = (
         np.array([_interpolated(grey, refined + x * right + sign * y * down) for x, y in SQUARE_SAMPLES])
         for sign in (1, -1)
@@ -264,11 +264,11 @@ def _is_board_edge(picture: Image, warp: BoardWarp, axis: int, last: int, sign: 
     return bool(min(agreeing[white].mean(), agreeing[~white].mean()) >= MIN_AGREEING)
 
 
-def complete_boards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
-    """Return the completely visible boards of the target's size in a picture (h, w), under any distortion."""
+def complete_boards(grey: Grey, board: Checkerboard) -> list[DetectedGrid]:
+    """Return the completely visible boards of the board's size in a picture (h, w), under any distortion."""
     remaining = grey.copy()
     boards: list[DetectedGrid] = []
-    while len(boards) < MAX_COMPLETE and (complete := complete_board(remaining, target)):
+    while len(boards) < MAX_COMPLETE and (complete := complete_board(remaining, board)):
         grid_xy, pixels = complete
         cells = cell_px(pixels)
         refined = refine_saddles(grey, pixels, cells, COMPLETE_WINDOW)
@@ -279,12 +279,12 @@ def complete_boards(grey: Grey, target: Checkerboard) -> list[DetectedGrid]:
     return boards
 
 
-def complete_board(grey: NDArray[np.uint8], target: Checkerboard) -> tuple[IntArray, FloatArray] | None:
+def complete_board(grey: NDArray[np.uint8], board: Checkerboard) -> tuple[IntArray, FloatArray] | None:
     """Return grid coordinates (n, 2), as from `corner_grids`, and pixels (n, 2) of a complete board's corners.
 
-    None if the picture (h, w) shows no complete board of the target's size.
+    None if the picture (h, w) shows no complete board of the board's size.
     """
-    cols, rows = target.corner_counts
+    cols, rows = board.corner_counts
     found, corners = cv2.findChessboardCorners(grey, (cols, rows), flags=FLAGS)
     if not found:
         return None

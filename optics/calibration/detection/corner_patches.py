@@ -22,7 +22,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import (
     shifted,
     third_derivatives,
 )
-from mirrorcam.optics.geometry.targets import AprilGrid, Target
+from mirrorcam.optics.geometry.boards import AprilGrid, CalibrationBoard
 
 HALF_CELLS = 0.5  # half side of the compared patch, in cells
 HALF_GAPS = 0.76  # the same, in gaps of an AprilGrid: larger patches across a gap would share most of their errors
@@ -119,7 +119,7 @@ class Appearance:
 
     Attributes
     ----------
-    target
+    board
         The print.
     blur_px
         Assumed sigma of the lens's isotropic blur in the picture, px.
@@ -136,7 +136,7 @@ class Appearance:
         Whether an accuracy of some hundredths of a pixel suffices, which takes a fifth of the time.
     """
 
-    target: Target
+    board: CalibrationBoard
     blur_px: float
     ghosts: GhostImages | None = None
     fit_strengths: bool = False
@@ -145,9 +145,9 @@ class Appearance:
     rough: bool = False
 
 
-def half_cells(target: Target) -> float:
+def half_cells(board: CalibrationBoard) -> float:
     """Half the side of the patches around a print's corners, in cells."""
-    return min(HALF_CELLS, HALF_GAPS * (2.0 - target.longest_step)) if isinstance(target, AprilGrid) else HALF_CELLS
+    return min(HALF_CELLS, HALF_GAPS * (2.0 - board.longest_step)) if isinstance(board, AprilGrid) else HALF_CELLS
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ class LinearModel:
     @classmethod
     def of(cls, expected: ExpectedCorners, patches: Patches, appearance: Appearance, greys: Image) -> LinearModel:
         """Build the model at corners (n); `greys` (n, m) are the grey values at the expected positions."""
-        local, print_xy = local_print(appearance.target, expected.print_xy)
+        local, print_xy = local_print(appearance.board, expected.print_xy)
         squares_per_px = expected.squares_per_px
         metric = squares_per_px @ squares_per_px.transpose(0, 2, 1)
         sample_xy = shifted(patches.print_offsets, print_xy)
@@ -302,11 +302,11 @@ def _modulation(value: Image, greys: Image, centre_weights: Image) -> float:
 
 
 def _ghosts(
-    target: Target, blurred: BlurredPrint, sample_xy: Image, squares_per_px: FloatArray, ghosts: GhostImages
+    board: CalibrationBoard, blurred: BlurredPrint, sample_xy: Image, squares_per_px: FloatArray, ghosts: GhostImages
 ) -> list[Image]:
     """Ghost images (n, m) of a print at points (n, m, 2) on it, summed for each kind."""
-    shifts = px_per_pitch(target) * ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)
-    print_px = image_px_of_print(target, sample_xy)
+    shifts = px_per_pitch(board) * ghosts.offsets_px @ squares_per_px.transpose(0, 2, 1)
+    print_px = image_px_of_print(board, sample_xy)
     images = [
         strength[:, None] * sample(blurred.value, shifted(print_px, -shift))
         for shift, strength in zip(np.moveaxis(shifts, 1, 0), ghosts.strengths.T.astype(np.float32), strict=True)

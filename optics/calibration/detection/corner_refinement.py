@@ -182,7 +182,7 @@ def colour_shifts(picture: Image, expected: ExpectedCorners, appearance: Appeara
     -------
     Shifts (c, n, 2) of the corners in each colour from these pixels, px; NaN where a colour shows none.
     """
-    patches = Patches.around(expected, SAMPLES, half_cells(appearance.target))
+    patches = Patches.around(expected, SAMPLES, half_cells(appearance.board))
     planes = [sample(np.asarray(plane), shifted(patches.offsets_px, expected.pixels)) for plane in cv2.split(picture)]
     model = LinearModel.of(expected, patches, appearance, np.mean(planes, axis=0))
     weights = np.tile(patches.centre_weights, (len(expected.print_xy), 1))
@@ -212,7 +212,7 @@ def refine(picture: Image, expected: ExpectedCorners, appearance: Appearance) ->
         The corners (n,), with pixels NaN where the search diverged.
     """
     samples = FEW_SAMPLES if appearance.rough else SAMPLES
-    patches = Patches.around(expected, samples, half_cells(appearance.target))
+    patches = Patches.around(expected, samples, half_cells(appearance.board))
     fine = _FinePicture.around(picture, shifted(patches.offsets_px, expected.pixels))
     greys = fine.at(patches.offsets_px, expected.pixels)
     model = LinearModel.of(expected, patches, appearance, greys)

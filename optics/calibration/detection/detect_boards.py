@@ -1,4 +1,4 @@
-"""Detection of a target in frames: in the bare camera's view, or in every sub-image of a mirror camera."""
+"""Detection of a board in frames: in the bare camera's view, or in every sub-image of a mirror camera."""
 
 from __future__ import annotations
 
@@ -16,65 +16,68 @@ from mirrorcam.optics.calibration.detection.assignment import assign, likely_mir
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards, non_collinear
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, Observations
+from mirrorcam.optics.geometry.boards import CalibrationBoard, Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Checkerboard, Target
 
 
-def find_boards(grey: Grey, target: Target, *, mirrored: bool, max_boards: int) -> list[tuple[Corners, ...]]:
+def find_boards(grey: Grey, board: CalibrationBoard, *, mirrored: bool, max_boards: int) -> list[tuple[Corners, ...]]:
     """Find up to `max_boards` boards in a picture (h, w), the largest first, each with all possible numberings.
 
     A numbering assigns ids to corners. `mirrored` states whether the boards appear in mirrors. Boards with few or
     collinear corners are left out, because they do not determine a pose, and so are parts of checkerboards that fit the
-    target at several positions.
+    board at several positions.
     """
-    if isinstance(target, Checkerboard):
-        found = [tuple(grid.numberings(target, mirrored=mirrored)) for grid in find_checkerboards(grey, target)]
-        found = [board for board in found if len(board) <= 1 + target.looks_same_upside_down]
+    if isinstance(board, Checkerboard):
+        found = [tuple(grid.numberings(board, mirrored=mirrored)) for grid in find_checkerboards(grey, board)]
+        found = [detected for detected in found if len(detected) <= 1 + board.looks_same_upside_down]
     else:
         found = [
-            (board,) for board in charuco.find_marked_boards(grey, target, mirrored=mirrored, max_boards=max_boards)
+            (detected,)
+            for detected in charuco.find_marked_boards(grey, board, mirrored=mirrored, max_boards=max_boards)
         ]
-    return [board for board in found if board and len(non_collinear(board[0]))][:max_boards]
+    return [detected for detected in found if detected and len(non_collinear(detected[0]))][:max_boards]
 
 
-def detect_direct_view(grey: Grey, target: Target) -> Observations:
+def detect_direct_view(grey: Grey, board: CalibrationBoard) -> Observations:
     """Return the corners of the largest board in a picture of the bare camera, as frame 0."""
-    for numberings in find_boards(grey, target, mirrored=False, max_boards=1):
+    for numberings in find_boards(grey, board, mirrored=False, max_boards=1):
         return Observations.of_view(0, DIRECT, numberings[0].ids, numberings[0].pixels, numberings[0].sigma_px)
     return Observations.empty()
 
 
-def detect_sub_images(grey: Grey, layout: Layout, target: Target, results: Results | None = None) -> DetectedFrame:
+def detect_sub_images(
+    grey: Grey, layout: Layout, board: CalibrationBoard, results: Results | None = None
+) -> DetectedFrame:
     """Return the corners in every mirror of a frame (h, w), as frame 0; views without a board add no rows.
 
     A results store caches the boards, which do not depend on the layout.
     """
     max_boards = 2 * len(layout.mirrors)  # more boards than mirrors, because some may be stray
-    if isinstance(target, Checkerboard):
-        cached = _cached(grey, target, max_boards, results, lambda: _as_grids(find_checkerboards(grey, target)))
-        return _checkerboards([grid for _, grid in cached.grids], layout, target)
+    if isinstance(board, Checkerboard):
+        cached = _cached(grey, board, max_boards, results, lambda: _as_grids(find_checkerboards(grey, board)))
+        return _checkerboards([grid for _, grid in cached.grids], layout, board)
     cached = _cached(
         grey,
-        target,
+        board,
         max_boards,
         results,
-        lambda: _as_views(find_boards(grey, target, mirrored=True, max_boards=max_boards)),
+        lambda: _as_views(find_boards(grey, board, mirrored=True, max_boards=max_boards)),
     )
     parts = [cached.corners.where(cached.corners.view == number) for number in np.unique(cached.corners.view)]
     boards = [(Corners(part.corner, part.pixels, part.sigma_px),) for part in parts]
-    assigned = assign(boards, layout, target)
+    assigned = assign(boards, layout, board)
     views = [Observations.of_view(0, index, found.ids, found.pixels, found.sigma_px) for index, found in assigned]
     return DetectedFrame(Observations.join(views), unassigned_px(boards, assigned, layout))
 
 
 def _cached(
-    grey: Grey, target: Target, boards: int, results: Results | None, find: Callable[[], DetectedFrame]
+    grey: Grey, board: CalibrationBoard, boards: int, results: Results | None, find: Callable[[], DetectedFrame]
 ) -> DetectedFrame:
     """Return cached detections of a picture, or find and cache them; `boards` is 0 for the direct view."""
     if results is None:
         return find()
-    name = detection_cache.name_of(grey, target, boards)
-    cached = detection_cache.load(results, name, views=boards, corners=len(target.corners_in_board_mm))
+    name = detection_cache.name_of(grey, board, boards)
+    cached = detection_cache.load(results, name, views=boards, corners=len(board.corners_in_board_mm))
     if cached is None:
         cached = find()
         detection_cache.save(results, name, cached)
@@ -94,12 +97,12 @@ def _as_views(boards: Sequence[tuple[Corners, ...]]) -> DetectedFrame:
     return DetectedFrame(Observations.join(parts))
 
 
-def _checkerboards(detected: Sequence[DetectedGrid], layout: Layout, target: Checkerboard) -> DetectedFrame:
+def _checkerboards(detected: Sequence[DetectedGrid], layout: Layout, board: Checkerboard) -> DetectedFrame:
     """Return the corners of checkerboards that can be numbered in a single view, and all checkerboards as grids."""
     grids = [grid for grid in detected if len(non_collinear(grid.corners))]
-    numbered = [(grid, tuple(grid.numberings(target, mirrored=True))) for grid in grids[: 2 * len(layout.mirrors)]]
-    boards = [options for _, options in numbered if 0 < len(options) <= 1 + target.looks_same_upside_down]
-    assigned = assign(boards, layout, target)
+    numbered = [(grid, tuple(grid.numberings(board, mirrored=True))) for grid in grids[: 2 * len(layout.mirrors)]]
+    boards = [options for _, options in numbered if 0 < len(options) <= 1 + board.looks_same_upside_down]
+    assigned = assign(boards, layout, board)
     chosen = {id(corners): mirror for mirror, corners in assigned}
     views, mirror_grids = [], []
     for grid, options in numbered:
@@ -117,14 +120,14 @@ def _checkerboards(detected: Sequence[DetectedGrid], layout: Layout, target: Che
 def detect_frames(
     pictures: Iterable[Grey | None],
     layout: Layout,
-    target: Target,
+    board: CalibrationBoard,
     *,
     mirrored: bool,
     folder: Path | None = None,
     workers: int = 1,
     on_frame: Callable[[Sequence[DetectedFrame]], None] = lambda found: None,
 ) -> list[DetectedFrame]:
-    """Detect the target in every picture.
+    """Detect the board in every picture.
 
     Parameters
     ----------
@@ -133,7 +136,7 @@ def detect_frames(
         replaces an unreadable frame, which shows nothing.
     layout
         Nominal or calibrated layout, which locates the sub-images.
-    target
+    board
         The board.
     mirrored
         Whether the pictures show the board in the mirrors (`detect_sub_images`), or directly.
@@ -161,8 +164,8 @@ def detect_frames(
         if grey is None:
             return DetectedFrame(Observations.empty())
         if mirrored:
-            return detect_sub_images(grey, layout, target, results)
-        return _cached(grey, target, 0, results, lambda: DetectedFrame(detect_direct_view(grey, target)))
+            return detect_sub_images(grey, layout, board, results)
+        return _cached(grey, board, 0, results, lambda: DetectedFrame(detect_direct_view(grey, board)))
 
     def checked() -> Iterator[Grey | None]:
         for number, grey in enumerate(pictures):

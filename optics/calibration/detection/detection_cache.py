@@ -15,7 +15,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations
-from mirrorcam.optics.geometry.targets import Target
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 
 FIELDS = ("view", "corner", "pixels", "sigma_px")
 UNASSIGNED = "unassigned"
@@ -28,16 +28,16 @@ CODE = "mirrorcam.optics.calibration.detection.detect_boards"
 _FRAME = "frame.npz"
 
 
-def name_of(grey: Grey, target: Target, boards: int) -> str:
-    """Return the cache key (64 hexadecimal digits) of a picture (h, w), a target and the number of boards to find."""
-    request = f"{target.model_dump_json()} {boards} {grey.shape}\n"
+def name_of(grey: Grey, board: CalibrationBoard, boards: int) -> str:
+    """Return the cache key (64 hexadecimal digits) of a picture (h, w), a board and the number of boards to find."""
+    request = f"{board.model_dump_json()} {boards} {grey.shape}\n"
     return digest(request.encode(), np.ascontiguousarray(grey).data)
 
 
 def load(results: Results, name: str, *, views: int, corners: int) -> DetectedFrame | None:
     """Load the detections of a name, as frame 0; None if they are not cached or are invalid.
 
-    `views` and `corners` are the numbers of views, and of corners on the target.
+    `views` and `corners` are the numbers of views, and of corners on the board.
     """
     cached = results.get(name, program_of(CODE))
     try:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray, Observations
-from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.geometry.boards import Checkerboard
 
 QUARTER_ROTATIONS = tuple(np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), turn) for turn in range(4))
 NO_LIMITS = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
@@ -63,12 +63,12 @@ class DetectedGrid:
         corners = self.corners.where(mask)
         return replace(self, grid_xy=self.grid_xy[mask], corners=replace(corners, ids=np.arange(len(corners))))
 
-    def numberings(self, target: Checkerboard, *, mirrored: bool) -> list[Corners]:
-        """Return this grid's corners with all ids that are consistent with the target's colours, extent and edges.
+    def numberings(self, board: Checkerboard, *, mirrored: bool) -> list[Corners]:
+        """Return this grid's corners with all ids that are consistent with the board's colours, extent and edges.
 
         Parameters
         ----------
-        target
+        board
             The board.
         mirrored
             Whether the board appears in a mirror.
@@ -76,17 +76,17 @@ class DetectedGrid:
         Returns
         -------
         list of Corners
-            One or two for a board of known full extent; none if it does not fit the target.
+            One or two for a board of known full extent; none if it does not fit the board.
         """
         if mirrored:
-            return self.as_printed.numberings(target, mirrored=False)
-        last = np.array([target.cols - 2, target.rows - 2])
+            return self.as_printed.numberings(board, mirrored=False)
+        last = np.array([board.cols - 2, board.rows - 2])
         candidates = []
         for turn in range(4):
             for shift in _shifts(self.transformed(turn, np.zeros(2, dtype=np.int64)), last):
                 # On the print, the square at the lower right of a corner with an even coordinate sum is black, or white
                 # if the print is inverted.
-                if (shift.sum() + turn) % 2 != target.inverted:
+                if (shift.sum() + turn) % 2 != board.inverted:
                     col, row = self.transformed(turn, shift).grid_xy.T
                     candidates.append(replace(self.corners, ids=(row * (last[0] + 1) + col).astype(np.int64)))
         return candidates

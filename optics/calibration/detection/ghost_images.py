@@ -58,11 +58,11 @@ from mirrorcam.optics.calibration.detection.corner_patches import (
 )
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
 from mirrorcam.optics.calibration.solver.observations import MIN_CORNERS, Corners, IntArray, Observations
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.plate import surface_reflectance
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 
 REFLECTANCE = 0.92  # assumed for the coating; `refine_with_ghosts` corrects it
@@ -108,22 +108,22 @@ class GhostedView:
         """Scale the strengths of the ghost images by a factor for each kind."""
         return replace(self, ghosts=self.ghosts.scaled(factors))
 
-    def fitted(self, light: Image, target: Target, *, fit_encoding: bool = False) -> tuple[GhostedView, RefinedCorners]:
+    def fitted(
+        self, light: Image, board: CalibrationBoard, *, fit_encoding: bool = False
+    ) -> tuple[GhostedView, RefinedCorners]:
         """Fit a picture in linear light; return the view at the fitted positions and blur, and the fit."""
-        appearance = Appearance(target, self.blur_px, self.ghosts, fit_strengths=True, fit_encoding=fit_encoding)
+        appearance = Appearance(board, self.blur_px, self.ghosts, fit_strengths=True, fit_encoding=fit_encoding)
         fit = refine(light, self.expected, appearance)
         pixels = np.where(np.isfinite(fit.pixels), fit.pixels, self.expected.pixels)
         expected = replace(self.expected, pixels=pixels)
         return replace(self, expected=expected, blur_px=max(float(np.median(fit.blur_px)), MIN_BLUR_PX)), fit
 
-    def corners(self, light: Image, target: Target) -> Corners:
+    def corners(self, light: Image, board: CalibrationBoard) -> Corners:
         """Return the corners in a picture in linear light, without those off the smooth surface through the others."""
-        fit = refine(light, self.expected, Appearance(target, self.blur_px, self.ghosts))
+        fit = refine(light, self.expected, Appearance(board, self.blur_px, self.ghosts))
         converged = np.asarray(np.isfinite(fit.pixels).all(axis=1))
         refined = Corners(self.ids, fit.pixels, fit.sigma_px).where(converged)
-        return refined.where(
-            on_smooth_surface(corner_print_xy(target)[refined.ids], refined.pixels, target.longest_step)
-        )
+        return refined.where(on_smooth_surface(corner_print_xy(board)[refined.ids], refined.pixels, board.longest_step))
 
 
 def ghosted_view(
@@ -131,7 +131,7 @@ def ghosted_view(
     rig_from_board: FloatArray,
     camera: Camera,
     mirror: Mirror,
-    target: Target,
+    board: CalibrationBoard,
     *,
     edges_known: bool = True,
 ) -> GhostedView | None:
@@ -140,21 +140,21 @@ def ghosted_view(
     If the mirror's edges are unknown, all ghost images are assumed to be complete. None if too few corners remain.
     """
     if edges_known:
-        corners = corners.where(_inside(corners, camera, _unfolded(mirror, MAX_COMPLETE_PASSES), target))
+        corners = corners.where(_inside(corners, camera, _unfolded(mirror, MAX_COMPLETE_PASSES), board))
     if len(corners) < MIN_CORNERS:
         return None
-    ghosts = ghost_images_of(corners, rig_from_board, camera, mirror, target)
-    expected = expected_corners(corner_print_xy(target)[corners.ids], corners.pixels)
+    ghosts = ghost_images_of(corners, rig_from_board, camera, mirror, board)
+    expected = expected_corners(corner_print_xy(board)[corners.ids], corners.pixels)
     if ghosts is None or expected is None:
         return None
     return GhostedView(corners.ids, expected, ghosts, first_blur_px(expected.print_xy, expected.pixels))
 
 
 def ghost_images_of(
-    corners: Corners, rig_from_board: FloatArray, camera: Camera, mirror: Mirror, target: Target
+    corners: Corners, rig_from_board: FloatArray, camera: Camera, mirror: Mirror, board: CalibrationBoard
 ) -> GhostImages | None:
     """Return the ghost images that a second-surface mirror adds at corners (n); None if it cannot show them."""
-    points = transform(rig_from_board, target.corners_in_board_mm[corners.ids])
+    points = transform(rig_from_board, board.corners_in_board_mm[corners.ids])
     picture = camera.project(mirror.image_of(points))
     mirrors = [_unfolded(mirror, passes) for passes in PASSES]
     offsets = np.stack([camera.project(ghost.image_of(points)) - picture for ghost in mirrors], axis=1)
@@ -182,7 +182,7 @@ def _unfolded(mirror: Mirror, passes: int) -> Mirror:
     )
 
 
-def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) -> NDArray[np.bool_]:
+def _inside(corners: Corners, camera: Camera, mirror: Mirror, board: CalibrationBoard) -> NDArray[np.bool_]:
     """Mask (n,) of the corners that a mirror shows together with their patches used for refinement."""
     outline = mirror.usable_normalized
     if not len(outline) or len(corners) < 2:
@@ -193,7 +193,7 @@ def _inside(corners: Corners, camera: Camera, mirror: Mirror, target: Target) ->
     visible = shapely.Polygon(pixels[np.isfinite(pixels).all(axis=1)])
     points = shapely.points(corners.pixels)
     # Distance to the corners of the patch; the nearest neighbour is across a gap of an AprilGrid.
-    half_px = half_cells(target) / (2.0 - target.longest_step) * cell_px(corners.pixels)
+    half_px = half_cells(board) / (2.0 - board.longest_step) * cell_px(corners.pixels)
     min_distance = np.sqrt(2.0) * np.minimum(half_px, MAX_HALF_PX) + MARGIN_PX
     return np.asarray(shapely.contains(visible, points) & (shapely.distance(visible.exterior, points) > min_distance))
 
@@ -212,7 +212,7 @@ def refine_with_ghosts(
     pictures: Sequence[Grey | Path | None],
     rig_from_board: Mapping[int, FloatArray],
     layout: Layout,
-    target: Target,
+    board: CalibrationBoard,
     *,
     edges_known: bool = True,
     workers: int = 1,
@@ -231,7 +231,7 @@ def refine_with_ghosts(
         Pose (4, 4) of the board in each frame with corners.
     layout
         Camera and mirrors, estimated from corners that ghost images still shift by some hundredths of a pixel.
-    target
+    board
         The board.
     edges_known
         Whether the layout's outlines are the mirrors' edges.
@@ -244,7 +244,7 @@ def refine_with_ghosts(
         One per frame.
     """
     ghosted = {
-        number: _ghosted(rows, rig_from_board[number], layout, target, edges_known=edges_known)
+        number: _ghosted(rows, rig_from_board[number], layout, board, edges_known=edges_known)
         for number, rows in enumerate(detected)
         if number in rig_from_board and pictures[number] is not None
     }
@@ -252,7 +252,7 @@ def refine_with_ghosts(
 
     def rendering_of(*, soften: bool) -> _Rendering:
         frames = [(_grey(pictures[n], soften=soften), list(ghosted[n].values())) for n in largest[-MAX_FRAMES:]]
-        return _rendering(frames, target)
+        return _rendering(frames, board)
 
     soften, rendering = False, rendering_of(soften=False)
     if rendering.blur_px is not None and rendering.blur_px <= MIN_BLUR_PX:  # as where a camera sharpens
@@ -260,7 +260,7 @@ def refine_with_ghosts(
 
     def refined(number: int) -> Observations:
         light = linear_light(_grey(pictures[number], soften=soften), rendering.gamma)
-        views = ((mirror, _refined(light, view, rendering, target)) for mirror, view in ghosted[number].items())
+        views = ((mirror, _refined(light, view, rendering, board)) for mirror, view in ghosted[number].items())
         return Observations.join(
             [Observations.of_view(0, mirror, found.ids, found.pixels, found.sigma_px) for mirror, found in views]
         )
@@ -282,7 +282,7 @@ def _second_surface(layout: Layout) -> list[int]:
 
 
 def _ghosted(
-    rows: Observations, rig_from_board: FloatArray, layout: Layout, target: Target, *, edges_known: bool
+    rows: Observations, rig_from_board: FloatArray, layout: Layout, board: CalibrationBoard, *, edges_known: bool
 ) -> dict[int, GhostedView]:
     """Return a frame's views in second-surface mirrors, by mirror index."""
     views = {}
@@ -290,7 +290,7 @@ def _ghosted(
         in_mirror = rows.where(rows.view == mirror)
         corners = Corners(in_mirror.corner, in_mirror.pixels, in_mirror.sigma_px)
         view = ghosted_view(
-            corners, rig_from_board, layout.camera, layout.mirrors[mirror], target, edges_known=edges_known
+            corners, rig_from_board, layout.camera, layout.mirrors[mirror], board, edges_known=edges_known
         )
         if view is not None:
             views[mirror] = view
@@ -308,18 +308,16 @@ def _grey(picture: Grey | Path | None, *, soften: bool) -> Grey:
     return softened(grey) if soften else grey
 
 
-def _rendering(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target) -> _Rendering:
+def _rendering(frames: Sequence[tuple[Grey, list[GhostedView]]], board: CalibrationBoard) -> _Rendering:
     """Estimate encoding, blur and strengths jointly from corners of some frames."""
     samples = [(grey, [view.sample for view in views]) for grey, views in frames]
     present = np.ones(2, dtype=np.bool_)
     if sum(len(view) for _, views in samples for view in views) < MIN_CORNERS_FOR_STRENGTH:
         return _Rendering(1.0, present.astype(np.float64))
     while True:
-        gamma, fitted = _gamma(
-            [(grey, [view.with_kinds(present) for view in views]) for grey, views in samples], target
-        )
+        gamma, fitted = _gamma([(grey, [view.with_kinds(present) for view in views]) for grey, views in samples], board)
         lights = [(linear_light(grey, gamma), views) for grey, views in fitted]
-        fits = [_blurred(view, light, target) for light, views in lights for view in views]
+        fits = [_blurred(view, light, board) for light, views in lights for view in views]
         factors = np.zeros(2)
         factors[present] = np.nanmedian(np.concatenate([fit.ghost_strengths for _, fit in fits]), axis=0)
         faint = present & (factors < MIN_STRENGTH)
@@ -330,14 +328,14 @@ def _rendering(frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target)
 
 
 def _gamma(
-    frames: Sequence[tuple[Grey, list[GhostedView]]], target: Target
+    frames: Sequence[tuple[Grey, list[GhostedView]]], board: CalibrationBoard
 ) -> tuple[float, list[tuple[Grey, list[GhostedView]]]]:
     """Return the power at which ghost images are equally strong on white and black, and views with fitted blur."""
     gamma, fitted = FIRST_GAMMA, list(frames)
     for _ in range(GAMMA_ROUNDS):
         lights = [linear_light(grey, gamma) for grey, _ in fitted]
         fits = [
-            [view.fitted(light, target, fit_encoding=True) for view in views]
+            [view.fitted(light, board, fit_encoding=True) for view in views]
             for light, (_, views) in zip(lights, fitted, strict=True)
         ]
         fitted = [(grey, [view for view, _ in frame_fits]) for (grey, _), frame_fits in zip(fitted, fits, strict=True)]
@@ -359,15 +357,15 @@ def _coating_factors(factors: FloatArray) -> FloatArray:
     return np.array([1.0 / reflectance_factor, reflectance_factor])
 
 
-def _blurred(view: GhostedView, light: Image, target: Target) -> tuple[GhostedView, RefinedCorners]:
+def _blurred(view: GhostedView, light: Image, board: CalibrationBoard) -> tuple[GhostedView, RefinedCorners]:
     """Fit a view's blur to a picture in linear light; return the view and the last fit."""
     for _ in range(BLUR_ROUNDS):
-        view, fit = view.fitted(light, target)
+        view, fit = view.fitted(light, board)
     return view, fit
 
 
-def _refined(light: Image, view: GhostedView, rendering: _Rendering, target: Target) -> Corners:
+def _refined(light: Image, view: GhostedView, rendering: _Rendering, board: CalibrationBoard) -> Corners:
     """Return the corners of a view, with the blur estimated from some of them."""
     view = view.scaled(rendering.factors)
     start = view.sample if rendering.blur_px is None else replace(view.sample, blur_px=rendering.blur_px)
-    return replace(view, blur_px=_blurred(start, light, target)[0].blur_px).corners(light, target)
+    return replace(view, blur_px=_blurred(start, light, board)[0].blur_px).corners(light, board)

@@ -19,10 +19,10 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.detections import QUARTER_ROTATIONS, DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import DIRECT, IntArray, Observations
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import inverse, transform
 
 MIN_CORNERS = 20  # of a part whose pose is used
@@ -100,7 +100,7 @@ _TRANSPOSED_ROTATIONS = np.array([rotation.T for rotation in QUARTER_ROTATIONS])
 
 
 def number_jointly(
-    frames: Sequence[DetectedFrame], base: Sequence[DetectedFrame], layout: Layout, target: Checkerboard
+    frames: Sequence[DetectedFrame], base: Sequence[DetectedFrame], layout: Layout, board: Checkerboard
 ) -> list[DetectedFrame]:
     """Number the boards of frames from all views of each frame jointly.
 
@@ -110,7 +110,7 @@ def number_jointly(
         Detections in pictures via the mirrors, and without them.
     layout
         The nominal layout.
-    target
+    board
         The board.
 
     Returns
@@ -121,17 +121,17 @@ def number_jointly(
     """
     if not any(frame.grids for frame in frames):
         return list(frames)
-    camera = _camera(frames, base, layout.camera, target)
+    camera = _camera(frames, base, layout.camera, board)
     parts = [_parts(frame, camera) for frame in frames]
-    motions = _motions(parts, layout, target.square_mm)
+    motions = _motions(parts, layout, board.square_mm)
     return [
-        _numbered(frame, in_frame, motions, target) if frame.grids else frame
+        _numbered(frame, in_frame, motions, board) if frame.grids else frame
         for frame, in_frame in zip(frames, parts, strict=True)
     ]
 
 
 def _camera(
-    frames: Sequence[DetectedFrame], base: Sequence[DetectedFrame], nominal: Camera, target: Checkerboard
+    frames: Sequence[DetectedFrame], base: Sequence[DetectedFrame], nominal: Camera, board: Checkerboard
 ) -> Camera:
     """Estimate the camera from the largest parts in the mirrors, which reach the picture's edges, and other pictures.
 
@@ -140,7 +140,7 @@ def _camera(
     largest = sorted((grid for frame in frames for _, grid in frame.grids), key=len, reverse=True)[:CAMERA_VIEWS]
     views = [(grid.grid_xy, grid.corners.pixels) for grid in largest]
     for corners in [frame.corners for frame in base if len(frame.corners)][:CAMERA_VIEWS]:
-        row, col = np.divmod(corners.corner, target.cols - 1)
+        row, col = np.divmod(corners.corner, board.cols - 1)
         views.append((np.stack([col, row], axis=1), corners.pixels))
     grid_xy = np.concatenate([xy for xy, _ in views])
     lattice, ids = np.unique(grid_xy, axis=0, return_inverse=True)
@@ -258,7 +258,7 @@ def _propose(pose: FloatArray, part: _Part, nominal: FloatArray) -> list[FloatAr
 
 
 def _numbered(
-    frame: DetectedFrame, in_frame: dict[int, _Part], motions: dict[int, FloatArray], target: Checkerboard
+    frame: DetectedFrame, in_frame: dict[int, _Part], motions: dict[int, FloatArray], board: Checkerboard
 ) -> DetectedFrame:
     pose = _first_mirror_pose(in_frame, motions)
     if pose is None:
@@ -272,11 +272,11 @@ def _numbered(
     view = np.repeat(views, [len(grid) for grid in grids])
     numberings = [
         Observations(np.zeros(len(view), dtype=np.int64), view, corners.ids, corners.pixels, corners.sigma_px)
-        for corners in joined.numberings(target, mirrored=False)
+        for corners in joined.numberings(board, mirrored=False)
     ]
     if not numberings:
         return replace(frame, corners=Observations.empty())
-    if len(numberings) > 1 + target.looks_same_upside_down:
+    if len(numberings) > 1 + board.looks_same_upside_down:
         return frame
     best = max(numberings, key=lambda numbering: _agreement(numbering, frame.corners))
     unjoined = frame.corners.where(~np.isin(frame.corners.view, views))

@@ -30,7 +30,7 @@ from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, Detecte
 from mirrorcam.optics.calibration.detection.marker_numbering import Markers, ReadMarkers, read_markers, standardised
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
-from mirrorcam.optics.geometry.targets import SQUARES, TAG_FAMILY, TAGS, AprilGrid, Charuco
+from mirrorcam.optics.geometry.boards import SQUARES, TAG_FAMILY, TAGS, AprilGrid, Charuco
 
 TRIAL_SIDES = tuple(np.arange(0.3, 0.96, 0.06).tolist())  # trial sides of markers, in squares, for reading pictures
 SIDE_STEP, SIDE_RANGE = 0.01, 0.09  # step of the compared sides, and their range about the best trial side
@@ -64,7 +64,7 @@ class _MarkedSquares:
     quads: FloatArray
 
 
-def marker_side(pictures: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> float | None:
+def marker_side(pictures: Sequence[GriddedPicture], board: Charuco, *, mirrored: bool | None) -> float | None:
     """Estimate the side of the markers in pictures, in squares; None if too few markers can be read.
 
     `mirrored` states whether the pictures show the board in mirrors; None: both directly and in mirrors.
@@ -72,9 +72,9 @@ def marker_side(pictures: Sequence[GriddedPicture], target: Charuco, *, mirrored
     square and of the marker equally, so they do not bias the side.
     """
     flips = (False, True) if mirrored is None else (mirrored,)
-    side, squares = _squares_in_grids(pictures, target, flips)
+    side, squares = _squares_in_grids(pictures, board, flips)
     if sum(len(marked.ids) for marked in squares) < MIN_SQUARES:
-        side, squares = _between_markers(pictures, target, flips)
+        side, squares = _between_markers(pictures, board, flips)
     count = sum(len(marked.ids) for marked in squares)
     if count < MIN_SQUARES:
         return None
@@ -82,7 +82,7 @@ def marker_side(pictures: Sequence[GriddedPicture], target: Charuco, *, mirrored
         sides = np.arange(-SIDE_RANGE, SIDE_RANGE + SIDE_STEP / 2.0, SIDE_STEP) + np.clip(
             side, 0.1 + SIDE_RANGE, 0.99 - SIDE_RANGE
         )
-        correlations = np.sum([_correlations(marked, target, sides) for marked in squares], axis=0) / count
+        correlations = np.sum([_correlations(marked, board, sides) for marked in squares], axis=0) / count
         best = int(correlations.argmax())
         if 0 < best < len(sides) - 1:
             break
@@ -96,17 +96,17 @@ def marker_side(pictures: Sequence[GriddedPicture], target: Charuco, *, mirrored
     return float(sides[best] + (SIDE_STEP * 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0))
 
 
-def _sized(target: Charuco, side: float) -> Charuco:
-    return target.replaced(marker_mm=side * target.square_mm)
+def _sized(board: Charuco, side: float) -> Charuco:
+    return board.replaced(marker_mm=side * board.square_mm)
 
 
 def _squares_in_grids(
-    pictures: Sequence[GriddedPicture], target: Charuco, flips: Sequence[bool]
+    pictures: Sequence[GriddedPicture], board: Charuco, flips: Sequence[bool]
 ) -> tuple[float, list[_MarkedSquares]]:
     """Return a rough side of the markers, and the squares of grids of corners that hold them."""
 
     def read(side: float) -> list[tuple[GriddedPicture, ReadMarkers]]:
-        sized = _sized(target, side)
+        sized = _sized(board, side)
         grids = [
             (gridded, grid) for gridded in pictures for flip in flips for grid in gridded.read(sized, mirrored=flip)
         ]
@@ -115,7 +115,7 @@ def _squares_in_grids(
     def likelihood(grids: list[tuple[GriddedPicture, ReadMarkers]]) -> float:
         return sum(grid.correlation * len(grid.ids) for _, grid in grids)
 
-    side = target.marker_mm / target.square_mm
+    side = board.marker_mm / board.square_mm
     grids = read(side)
     if likelihood(grids) < MIN_LIKELY_CORRELATION * sum(len(grid.ids) for _, grid in grids):
         others = [(trial, read(trial)) for trial in TRIAL_SIDES]
@@ -129,43 +129,43 @@ def _squares_in_grids(
 
 
 def _between_markers(
-    pictures: Sequence[GriddedPicture], target: Charuco, flips: Sequence[bool]
+    pictures: Sequence[GriddedPicture], board: Charuco, flips: Sequence[bool]
 ) -> tuple[float, list[_MarkedSquares]]:
     """Like `_squares_in_grids`, for squares located by the centres of single markers."""
     detections = [
-        (gridded, *find_markers(gridded.grey, target, mirrored=flip)) for gridded in pictures for flip in flips
+        (gridded, *find_markers(gridded.grey, board, mirrored=flip)) for gridded in pictures for flip in flips
     ]
 
     def grouped(side: float) -> list[list[IntArray]]:
-        print_quads = marker_corners(_sized(target, side))
+        print_quads = marker_corners(_sized(board, side))
         return [groups(print_quads[ids], quads) for _, ids, quads in detections]
 
     def count(parts: list[list[IntArray]]) -> int:
         return sum(len(part) for picture_parts in parts for part in picture_parts)
 
-    sides = (target.marker_mm / target.square_mm, *TRIAL_SIDES)
+    sides = (board.marker_mm / board.square_mm, *TRIAL_SIDES)
     side, parts = max(((side, grouped(side)) for side in sides), key=lambda candidate: count(candidate[1]))
     squares = []
     for (gridded, ids, quads), picture_parts in zip(detections, parts, strict=True):
-        centres, centres_px = marker_corners(target).mean(axis=1)[ids], quads.mean(axis=1)
+        centres, centres_px = marker_corners(board).mean(axis=1)[ids], quads.mean(axis=1)
         for part in picture_parts:
             warp = BoardWarp.fit(centres[part], centres_px[part])
             if warp is not None:
                 first = part[:MAX_SQUARES]
                 corners = warp.map((centres[first, None] + CENTRE_TO_CORNERS).reshape(-1, 2)).reshape(-1, 4, 2)
-                squares.append(_MarkedSquares(gridded.picture, target.first_marker + ids[first], corners))
+                squares.append(_MarkedSquares(gridded.picture, board.first_marker + ids[first], corners))
     return side, squares
 
 
-def _correlations(squares: _MarkedSquares, target: Charuco, sides: FloatArray) -> FloatArray:
+def _correlations(squares: _MarkedSquares, board: Charuco, sides: FloatArray) -> FloatArray:
     """Sum (s,) of the correlations of squares with their markers at sides (s,), at the likeliest blur."""
     positions = (np.arange(PX_PER_SQUARE) + 0.5) / PX_PER_SQUARE
     v, u = (axis.ravel() for axis in np.meshgrid(positions, positions, indexing="ij"))
     weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
     sampled = standardised(sample(squares.picture, weights @ squares.quads).astype(np.float64))
-    if target.inverted:
+    if board.inverted:
         sampled = -sampled
-    white = dictionaries.white_modules(target.dictionary)[squares.ids]
+    white = dictionaries.white_modules(board.dictionary)[squares.ids]
 
     def with_side(side: float, blur: float) -> float:
         edges = PX_PER_SQUARE * (0.5 + side * (np.arange(white.shape[1] + 1) / white.shape[1] - 0.5))
@@ -227,10 +227,10 @@ class MarkerPairs:
         """Select the pairs of a mask (n,)."""
         return MarkerPairs(*(getattr(self, column.name)[mask] for column in fields(self)))
 
-    def vertical(self, target: Charuco | AprilGrid) -> VerticalPairs:
+    def vertical(self, board: Charuco | AprilGrid) -> VerticalPairs:
         """Return the vertically adjacent pairs."""
         vertical = self.where(self.offset[:, 0] == 0)
-        tags = isinstance(target, AprilGrid)
+        tags = isinstance(board, AprilGrid)
         columns = (vertical.upper - vertical.lower) if tags else (vertical.lower - vertical.upper)
         highest, has_next_row = np.maximum(vertical.upper, vertical.lower), vertical.inner & (not tags)
         possible = columns > 1
@@ -292,15 +292,15 @@ class VerticalPairs:
 
 @dataclass(frozen=True, eq=False)
 class GriddedPicture:
-    """A picture (h, w) and its grids of corners, for a board of any size that is otherwise like a target."""
+    """A picture (h, w) and its grids of corners, for a board of any size that is otherwise like a board."""
 
     grey: Grey
     grids: tuple[DetectedGrid, ...]
 
     @classmethod
-    def of(cls, grey: Grey, target: Charuco | AprilGrid) -> GriddedPicture:
+    def of(cls, grey: Grey, board: Charuco | AprilGrid) -> GriddedPicture:
         """Find the grids of a picture."""
-        linked = linked_tags(grey, target) if isinstance(target, AprilGrid) else linked_grids(grey)
+        linked = linked_tags(grey, board) if isinstance(board, AprilGrid) else linked_grids(grey)
         return cls(
             grey,
             tuple(
@@ -313,20 +313,20 @@ class GriddedPicture:
         """The grey values (h, w)."""
         return np.asarray(self.grey, dtype=np.float32)
 
-    def read(self, target: Charuco | AprilGrid, *, mirrored: bool) -> list[ReadMarkers]:
+    def read(self, board: Charuco | AprilGrid, *, mirrored: bool) -> list[ReadMarkers]:
         """Read the markers in each grid, from any part of any board."""
-        picture, markers = self.picture, _every_marker(target)
+        picture, markers = self.picture, _every_marker(board)
         return [read_markers(picture, grid.as_printed if mirrored else grid, markers) for grid in self.grids]
 
 
-def marker_pairs(gridded: GriddedPicture, target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
-    """Return pairs of markers of all boards in a picture, of any size but otherwise like the target.
+def marker_pairs(gridded: GriddedPicture, board: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
+    """Return pairs of markers of all boards in a picture, of any size but otherwise like the board.
 
     Markers are read in grids of corners or, if these contain few, individually by OpenCV.
     """
-    pairs = _pairs_in_grids(gridded.read(target, mirrored=mirrored))
-    if len(pairs.vertical(target).columns) < MIN_PAIRS:
-        pairs = MarkerPairs.join([pairs, _pairs_of_single_markers(gridded.grey, target, mirrored=mirrored)])
+    pairs = _pairs_in_grids(gridded.read(board, mirrored=mirrored))
+    if len(pairs.vertical(board).columns) < MIN_PAIRS:
+        pairs = MarkerPairs.join([pairs, _pairs_of_single_markers(gridded.grey, board, mirrored=mirrored)])
     return pairs
 
 
@@ -341,17 +341,17 @@ def _pairs_in_grids(grids: Sequence[ReadMarkers]) -> MarkerPairs:
     return MarkerPairs.of(pairs, inner=True)
 
 
-def _pairs_of_single_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
+def _pairs_of_single_markers(grey: Grey, board: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
     """Return pairs of single markers whose maps from the print predict each other."""
-    ids, quads = find_markers(grey, _with_every_marker(target), mirrored=mirrored)
+    ids, quads = find_markers(grey, _with_every_marker(board), mirrored=mirrored)
     if not len(ids):
         return MarkerPairs.of([], inner=False)
-    centres, maps = quads.mean(axis=1), marker_maps(marker_corners(target)[0], quads)
+    centres, maps = quads.mean(axis=1), marker_maps(marker_corners(board)[0], quads)
     # The mean of two maps is the map halfway, up to second order of the perspective.
     between = (maps[:, None] + maps) / 2.0
     side = np.sqrt(np.abs(np.linalg.det(between)))
     pairs = []
-    for offset in NEIGHBOUR_OFFSETS[:1] if isinstance(target, AprilGrid) else NEIGHBOUR_OFFSETS:
+    for offset in NEIGHBOUR_OFFSETS[:1] if isinstance(board, AprilGrid) else NEIGHBOUR_OFFSETS:
         distances = np.linalg.norm(centres - centres[:, None] - between @ np.array(offset, dtype=np.float64), axis=2)
         pairs += [
             (int(ids[a]), int(ids[b]), offset)
@@ -360,20 +360,20 @@ def _pairs_of_single_markers(grey: Grey, target: Charuco | AprilGrid, *, mirrore
     return MarkerPairs.of(pairs, inner=False)
 
 
-def _with_every_marker(target: Charuco | AprilGrid) -> Charuco | AprilGrid:
-    """Return a board like the target with as many rows as its marker family allows."""
-    if isinstance(target, AprilGrid):
-        return target.replaced(rows=min(len(TAG_FAMILY.bytesList) // target.cols, int(TAGS.max)))
-    markers = dictionaries.count(target.dictionary)
-    return target.replaced(rows=min(2 * markers // target.cols, int(SQUARES.max)), first_marker=0, legacy=False)
+def _with_every_marker(board: Charuco | AprilGrid) -> Charuco | AprilGrid:
+    """Return a board like the board with as many rows as its marker family allows."""
+    if isinstance(board, AprilGrid):
+        return board.replaced(rows=min(len(TAG_FAMILY.bytesList) // board.cols, int(TAGS.max)))
+    markers = dictionaries.count(board.dictionary)
+    return board.replaced(rows=min(2 * markers // board.cols, int(SQUARES.max)), first_marker=0, legacy=False)
 
 
-def _every_marker(target: Charuco | AprilGrid) -> Markers:
-    """Return all markers of a target's family or dictionary."""
-    if isinstance(target, AprilGrid):
+def _every_marker(board: Charuco | AprilGrid) -> Markers:
+    """Return all markers of a board's family or dictionary."""
+    if isinstance(board, AprilGrid):
         return Markers(_codes_of_tags(), NO_GRID_XY, 1.0, parity=0, every_other=True)
-    codes = dictionaries.white_modules(target.dictionary)[:, 1:-1, 1:-1] != target.inverted
-    return Markers(codes, NO_GRID_XY, target.marker_mm / target.square_mm, parity=not target.inverted)
+    codes = dictionaries.white_modules(board.dictionary)[:, 1:-1, 1:-1] != board.inverted
+    return Markers(codes, NO_GRID_XY, board.marker_mm / board.square_mm, parity=not board.inverted)
 
 
 @lru_cache(maxsize=1)

@@ -17,9 +17,9 @@ from mirrorcam.optics.calibration.solver.normal_equations import Grouped, normal
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Corners, IntArray, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model, pair_prior
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import rigid, transform
 
 TILT_DEG = 30.0
@@ -134,21 +134,21 @@ class NextPosePlanner:
             )
 
     @classmethod
-    def for_layout(cls, layout: Layout, target: Target) -> Self:
+    def for_layout(cls, layout: Layout, board: CalibrationBoard) -> Self:
         """Return a planner for a device built to a layout within `CENTRE_SIGMA_MM`."""
         camera, (focal, centre, distortion) = layout.camera, INTRINSIC_SIGMAS
         intrinsics = [focal * camera.fx_px, focal * camera.fy_px, centre * camera.width_px, centre * camera.width_px]
         return cls(
             Estimate.of(camera, layout.mirrors, np.zeros((0, 4, 4))),
             replace(
-                planning_model(camera.intrinsic_names, target), centres_prior=pair_prior(layout, COMMON_ROTATION_DEG)
+                planning_model(camera.intrinsic_names, board), centres_prior=pair_prior(layout, COMMON_ROTATION_DEG)
             ),
             [*intrinsics, *[distortion] * (len(camera.intrinsics) - 4), *[CENTRE_SIGMA_MM] * (3 * len(layout.mirrors))],
             [
                 f"mirror {name} ({position_in_words(camera, np.nanmean(layout.outline_px(index), axis=0))})"
                 for index, name in enumerate(layout.mirror_names)
             ],
-            _placements(layout, target),
+            _placements(layout, board),
         )
 
     def add(self, rig_from_board: FloatArray, picture: Observations) -> None:
@@ -207,13 +207,13 @@ class NextPosePlanner:
         return np.degrees(np.stack(sigma, axis=-1))
 
 
-def planning_model(intrinsics: Sequence[str], target: Target) -> Model:
+def planning_model(intrinsics: Sequence[str], board: CalibrationBoard) -> Model:
     """Return the model of planes, intrinsics and poses of a board as drawn."""
-    board = Board.rigid(target.corners_in_board_mm)
-    return Model(tuple(intrinsics), thickness=False, curvature=False, board=board)
+    flat = Board.rigid(board.corners_in_board_mm)
+    return Model(tuple(intrinsics), thickness=False, curvature=False, board=flat)
 
 
-def board_pose(layout: Layout, target: Target, picture: Observations) -> FloatArray | None:
+def board_pose(layout: Layout, board: CalibrationBoard, picture: Observations) -> FloatArray | None:
     """Return the board's pose (4, 4) in a picture; None if no view shows enough corners."""
     views = []
     for mirror in np.unique(picture.view).tolist():
@@ -223,18 +223,18 @@ def board_pose(layout: Layout, target: Target, picture: Observations) -> FloatAr
             views.append((layout.mirrors[mirror].apparent, corners))
     if not views:
         return None
-    return initial_estimates.best_pose(layout.camera, views, target.corners_in_board_mm)
+    return initial_estimates.best_pose(layout.camera, views, board.corners_in_board_mm)
 
 
-def _placements(layout: Layout, target: Target) -> Iterator[Placement]:
+def _placements(layout: Layout, board: CalibrationBoard) -> Iterator[Placement]:
     """Yield the poses, at three depths, five tilts and nine positions, in which a mirror shows enough of the board."""
-    corners = target.corners_in_board_mm
+    corners = board.corners_in_board_mm
     sensor = shapely.box(0.0, 0.0, layout.camera.width_px - 1.0, layout.camera.height_px - 1.0)
     regions = []
     for index in range(len(layout.mirrors)):
         outline = layout.outline_px(index, usable=True)
         regions.append(shapely.Polygon(outline[np.isfinite(outline).all(axis=1)]).intersection(sensor))
-    for pose, depth_mm, tilt_deg in poses_of(layout, target):
+    for pose, depth_mm, tilt_deg in poses_of(layout, board):
         points, views = transform(pose, corners), []
         for index, region in enumerate(regions):
             pixels = layout.project(points, index)
@@ -242,9 +242,7 @@ def _placements(layout: Layout, target: Target) -> Iterator[Placement]:
             if len(ids) >= MIN_CORNERS:
                 views.append(Observations.of_view(0, index, ids, pixels[ids]))
         if views:
-            description = (
-                f"the board at about {round(depth_mm, -1):.0f} mm, {_in_words(layout, target, pose, tilt_deg)}"
-            )
+            description = f"the board at about {round(depth_mm, -1):.0f} mm, {_in_words(layout, board, pose, tilt_deg)}"
             yield Placement(pose, depth_mm, tilt_deg, description, Observations.join(views))
 
 
@@ -253,9 +251,9 @@ def indices_inside(region: shapely.Geometry, pixels: FloatArray) -> IntArray:
     return np.flatnonzero(shapely.contains_xy(region, *np.nan_to_num(pixels, nan=-1e9).T))
 
 
-def _in_words(layout: Layout, target: Target, pose: FloatArray, tilt_deg: tuple[float, float]) -> str:
+def _in_words(layout: Layout, board: CalibrationBoard, pose: FloatArray, tilt_deg: tuple[float, float]) -> str:
     """Describe tilt and position, as seen by the camera."""
-    half = np.array([*target.size_mm, 0.0])[None] / 2.0
+    half = np.array([*board.size_mm, 0.0])[None] / 2.0
     centre = layout.view_from_rig @ transform(pose, half)[0]
     x, y = (centre - layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0))[:2]
     tilt = tilt_in_words(tilt_deg, "the mirrors") or "facing the mirrors"
@@ -271,10 +269,10 @@ def shift_in_words(x: float, y: float) -> str:
     return f"moved {direction}" if direction else ""
 
 
-def poses_of(layout: Layout, target: Target) -> Iterator[tuple[FloatArray, float, tuple[float, float]]]:
+def poses_of(layout: Layout, board: CalibrationBoard) -> Iterator[tuple[FloatArray, float, tuple[float, float]]]:
     """Yield poses rig_from_board (4, 4), with the depth of the board's centre in mm and the tilts in degrees."""
     depths = (300.0, 500.0) if layout.spec is None else (min(layout.spec.depths_mm), max(layout.spec.depths_mm))
-    half = np.array([*target.size_mm, 0.0]) / 2.0
+    half = np.array([*board.size_mm, 0.0]) / 2.0
     view_centre = layout.virtual_centres_in_view_mm.reshape(-1, 3).mean(axis=0)
     for depth_mm in np.geomspace(0.95 * depths[0], 1.1 * depths[1], 3).tolist():
         for tilt in TILTS:

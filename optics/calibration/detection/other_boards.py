@@ -27,7 +27,7 @@ from mirrorcam.optics.calibration.detection.marker_layout import (
     marker_side,
 )
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.boards import AprilGrid, CalibrationBoard, Charuco, Checkerboard
 
 MAX_PICTURES = 2  # pictures examined of each kind
 MIN_FILLED = 0.9  # fraction of a grid's bounding rectangle that has corners, for a completely visible board
@@ -43,7 +43,7 @@ ANY_APRILGRID = AprilGrid(cols=24, rows=24, tag_mm=10.0, spacing=0.3)
 
 
 def other_board(
-    pictures: Sequence[Grey], target: Target, *, mirrored: bool | None, found: bool, fits: bool = True
+    pictures: Sequence[Grey], board: CalibrationBoard, *, mirrored: bool | None, found: bool, fits: bool = True
 ) -> str | None:
     """Describe how pictures show a board other than the stated one, or are flipped; None if they seem right.
 
@@ -51,7 +51,7 @@ def other_board(
     ----------
     pictures
         Some pictures (h, w).
-    target
+    board
         The stated board.
     mirrored
         Whether they show the board in mirrors; None if both directly and in mirrors.
@@ -64,122 +64,120 @@ def other_board(
     pictures = pictures[:MAX_PICTURES]
     if not pictures:
         return None
-    if not isinstance(target, Checkerboard):
-        return other_markers(pictures, target, mirrored=mirrored, found=found and fits)
+    if not isinstance(board, Checkerboard):
+        return other_markers(pictures, board, mirrored=mirrored, found=found and fits)
     if found and fits:
         return None
-    other = _other_checkerboard(pictures, target, mirrored=mirrored, found=found)
-    return other or (None if found else _other_kind(pictures, target, mirrored=bool(mirrored)))
+    other = _other_checkerboard(pictures, board, mirrored=mirrored, found=found)
+    return other or (None if found else _other_kind(pictures, board, mirrored=bool(mirrored)))
 
 
 def _other_checkerboard(
-    pictures: Sequence[Grey], target: Checkerboard, *, mirrored: bool | None, found: bool
+    pictures: Sequence[Grey], board: Checkerboard, *, mirrored: bool | None, found: bool
 ) -> str | None:
-    grids = [grid for picture in pictures for grid in find_checkerboards(picture, target)]
-    counts = _complete_sizes(grids, target)
-    stated = counts.pop((target.cols, target.rows), 0)
+    grids = [grid for picture in pictures for grid in find_checkerboards(picture, board)]
+    counts = _complete_sizes(grids, board)
+    stated = counts.pop((board.cols, board.rows), 0)
     # Parts of a board look like smaller boards, so once the stated size is found, smaller ones do not count.
     if stated or found:
-        counts = Counter({size: n for size, n in counts.items() if size[0] >= target.cols and size[1] >= target.rows})
+        counts = Counter({size: n for size, n in counts.items() if size[0] >= board.cols and size[1] >= board.rows})
     # Occasionally, a board and its mirror image together look like a larger board.
     min_count = max(len(pictures), MIN_FRACTION * max([*counts.values(), stated], default=0))
     frequent = [size for size, count in counts.items() if count >= min_count]
     if frequent:
         cols, rows = max(frequent, key=lambda size: size[0] * size[1])
-        return f"the pictures show a checkerboard of {cols} x {rows} squares, board.toml says {_size(target)}"
+        return f"the pictures show a checkerboard of {cols} x {rows} squares, board.toml says {_size(board)}"
     if mirrored is None or found:
         return None
-    complete = [grid for grid in grids if _size_like(target, grid) == (target.cols, target.rows)]
-    if stated >= len(pictures) and not any(grid.numberings(target, mirrored=mirrored) for grid in complete):
+    complete = [grid for grid in grids if _size_like(board, grid) == (board.cols, board.rows)]
+    if stated >= len(pictures) and not any(grid.numberings(board, mirrored=mirrored) for grid in complete):
         return (
-            f"the {_size(target)} checkerboard in the pictures has black where it should be white: they are mirrored, "
+            f"the {_size(board)} checkerboard in the pictures has black where it should be white: they are mirrored, "
             "like those of a selfie camera (switch that off, or flip them left to right), or cols and rows are "
             "exchanged in board.toml"
         )
     return None
 
 
-def _complete_sizes(grids: Sequence[DetectedGrid], target: Target) -> Counter[tuple[int, int]]:
-    return Counter(_size_like(target, grid) for grid in grids if len(grid) >= MIN_FILLED * np.prod(grid.extent))
+def _complete_sizes(grids: Sequence[DetectedGrid], board: CalibrationBoard) -> Counter[tuple[int, int]]:
+    return Counter(_size_like(board, grid) for grid in grids if len(grid) >= MIN_FILLED * np.prod(grid.extent))
 
 
-def _size_like(target: Target, grid: DetectedGrid) -> tuple[int, int]:
-    """Columns and rows of squares of a board that ends where the grid does, in the order closer to the target's."""
+def _size_like(board: CalibrationBoard, grid: DetectedGrid) -> tuple[int, int]:
+    """Columns and rows of squares of a board that ends where the grid does, in the order closer to the board's."""
     long, short = max(grid.extent) + 1, min(grid.extent) + 1
-    sizes = [(long, short), (short, long)] if target.cols >= target.rows else [(short, long), (long, short)]
-    return min(sizes, key=lambda size: abs(size[0] - target.cols) + abs(size[1] - target.rows))
+    sizes = [(long, short), (short, long)] if board.cols >= board.rows else [(short, long), (long, short)]
+    return min(sizes, key=lambda size: abs(size[0] - board.cols) + abs(size[1] - board.rows))
 
 
-def _size(target: Target) -> str:
-    return f"{target.cols} x {target.rows}"
+def _size(board: CalibrationBoard) -> str:
+    return f"{board.cols} x {board.rows}"
 
 
 def other_markers(
-    pictures: Sequence[Grey], target: Charuco | AprilGrid, *, mirrored: bool | None, found: bool
+    pictures: Sequence[Grey], board: Charuco | AprilGrid, *, mirrored: bool | None, found: bool
 ) -> str | None:
     """Describe how pictures (h, w) show a marked board other than the stated one; None if they seem right.
 
     For `mirrored` and `found`, see `other_board`.
     """
-    if isinstance(target, AprilGrid) and (other := _other_spacing(pictures, target)):
+    if isinstance(board, AprilGrid) and (other := _other_spacing(pictures, board)):
         return other
-    gridded = [GriddedPicture.of(picture, target) for picture in pictures]
-    return _differences(gridded, target, mirrored=mirrored, found=found)
+    gridded = [GriddedPicture.of(picture, board) for picture in pictures]
+    return _differences(gridded, board, mirrored=mirrored, found=found)
 
 
 def _differences(
-    gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool | None, found: bool
+    gridded: Sequence[GriddedPicture], board: Charuco | AprilGrid, *, mirrored: bool | None, found: bool
 ) -> str | None:
     pictures = [picture.grey for picture in gridded]
     min_pairs = MIN_VERTICAL * len(gridded)
-    pairs = _pairs(gridded, target, mirrored=bool(mirrored))
-    columns, vertical = pairs.vertical(target).majority
+    pairs = _pairs(gridded, board, mirrored=bool(mirrored))
+    columns, vertical = pairs.vertical(board).majority
     if len(vertical.highest) < min_pairs:
         if not found:
-            return _unreadable(gridded, target, mirrored=mirrored)
-        if not isinstance(target, Charuco):
+            return _unreadable(gridded, board, mirrored=mirrored)
+        if not isinstance(board, Charuco):
             return None
         # Markers of a different size are rarely readable.
-        other = _pattern_with_more_corners(pictures, target, mirrored=mirrored)
-        return other or _other_marker_side(gridded, target, mirrored=mirrored)
-    tags = isinstance(target, AprilGrid)
-    board, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
-    size = f"{target.cols} x {target.rows}"
-    highest = vertical.highest - (target.first_marker if isinstance(target, Charuco) else 0)
+        other = _pattern_with_more_corners(pictures, board, mirrored=mirrored)
+        return other or _other_marker_side(gridded, board, mirrored=mirrored)
+    tags = isinstance(board, AprilGrid)
+    kind, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
+    size = f"{board.cols} x {board.rows}"
+    highest = vertical.highest - (board.first_marker if isinstance(board, Charuco) else 0)
     rows = (highest if tags else 2 * highest + 1) // columns + 1 + vertical.has_next_row  # at least
-    if columns != target.cols:
-        sentence = f"the pictures show {board} of {columns} columns of {cells}, board.toml says {size} {cells}"
-        exchanged = columns == target.rows and rows.max() <= target.cols
+    if columns != board.cols:
+        sentence = f"the pictures show {kind} of {columns} columns of {cells}, board.toml says {size} {cells}"
+        exchanged = columns == board.rows and rows.max() <= board.cols
         return sentence + (": are cols and rows exchanged?" if exchanged else "")
-    if isinstance(target, Charuco) and (other := _other_numbers(pairs, vertical, target, len(gridded))):
+    if isinstance(board, Charuco) and (other := _other_numbers(pairs, vertical, board, len(gridded))):
         return other
-    if (rows > target.rows).sum() >= MIN_BEYOND * len(gridded):
-        return f"the pictures show {board} of more rows of {cells}, board.toml says {size} {cells}"
-    if not isinstance(target, Charuco):
+    if (rows > board.rows).sum() >= MIN_BEYOND * len(gridded):
+        return f"the pictures show {kind} of more rows of {cells}, board.toml says {size} {cells}"
+    if not isinstance(board, Charuco):
         return None
-    white = target.marker_at_top_left
+    white = board.marker_at_top_left
     stated_pairs, other_pairs = (
-        pairs.count_consistent(columns, target.first_marker, white_first=bool(first)) for first in (white, not white)
+        pairs.count_consistent(columns, board.first_marker, white_first=bool(first)) for first in (white, not white)
     )
     unclear = stated_pairs - other_pairs < min_pairs
-    other = _pattern_with_more_corners(pictures, target, mirrored=mirrored) if unclear else None
-    return other or _other_marker_side(gridded, target, mirrored=mirrored)
+    other = _pattern_with_more_corners(pictures, board, mirrored=mirrored) if unclear else None
+    return other or _other_marker_side(gridded, board, mirrored=mirrored)
 
 
 def _other_numbers(
-    pairs: MarkerPairs, vertical: VerticalPairs, target: Charuco, pictures: int, *, any_pattern: bool = True
+    pairs: MarkerPairs, vertical: VerticalPairs, board: Charuco, pictures: int, *, any_pattern: bool = True
 ) -> str | None:
-    """Describe how markers are arranged or numbered differently from the target; None if they are not.
+    """Describe how markers are arranged or numbered differently from the board; None if they are not.
 
-    `any_pattern` states whether the target's pattern may be wrong.
+    `any_pattern` states whether the board's pattern may be wrong.
     """
-    first, count = target.first_marker, len(target.markers)
-    white = target.marker_at_top_left
-    votes = [
-        pairs.count_consistent(target.cols, phase, white_first=white) for phase in range(first, first + target.cols)
-    ]
-    lowest, highest = int(vertical.highest.min()) - target.cols, int(vertical.highest.max())
-    pairs_beyond = int(((vertical.highest >= first + count) | (vertical.highest - target.cols < first)).sum())
+    first, count = board.first_marker, len(board.markers)
+    white = board.marker_at_top_left
+    votes = [pairs.count_consistent(board.cols, phase, white_first=white) for phase in range(first, first + board.cols)]
+    lowest, highest = int(vertical.highest.min()) - board.cols, int(vertical.highest.max())
+    pairs_beyond = int(((vertical.highest >= first + count) | (vertical.highest - board.cols < first)).sum())
     # With an odd number of columns, a wrong numbering fails only at the sides of the board.
     min_votes = max(votes) - max(MIN_VERTICAL * pictures, MAX_SHORTFALL * max(votes))
     if min_votes < 0:
@@ -187,95 +185,93 @@ def _other_numbers(
     as_stated, few_beyond = votes[0] > min_votes, pairs_beyond < MIN_BEYOND * pictures
     if as_stated and few_beyond:
         return None
-    other_pattern = not as_stated and pairs.count_consistent(target.cols, first, white_first=not white) > min_votes
+    other_pattern = not as_stated and pairs.count_consistent(board.cols, first, white_first=not white) > min_votes
     phase = 0 if as_stated else int(np.argmax(votes))
     # The numbers of complete pairs of rows, from the pair that holds the lowest number.
-    begin = first + phase + (lowest - first - phase) // target.cols * target.cols
+    begin = first + phase + (lowest - first - phase) // board.cols * board.cols
     fits = begin != first and begin >= 0 and highest < begin + count
     is_other_pattern = other_pattern and (few_beyond or not fits)
-    if any_pattern and (is_other_pattern or (not fits and target.rows % 2 == 0)):
-        toggled = target.replaced(legacy=not target.legacy)
-        numbers = (
-            _other_numbers(pairs, vertical, toggled, pictures, any_pattern=False) if target.rows % 2 == 0 else None
-        )
+    if any_pattern and (is_other_pattern or (not fits and board.rows % 2 == 0)):
+        toggled = board.replaced(legacy=not board.legacy)
+        numbers = _other_numbers(pairs, vertical, toggled, pictures, any_pattern=False) if board.rows % 2 == 0 else None
         if is_other_pattern or numbers:
-            return "; ".join(filter(None, [_other_pattern(target), numbers]))
+            return "; ".join(filter(None, [_other_pattern(board), numbers]))
     # With the other pattern, the first and last rows must be visible: otherwise, more rows are likelier.
-    all_rows = lowest < begin + target.cols // 2 and highest >= begin + count - target.cols
+    all_rows = lowest < begin + board.cols // 2 and highest >= begin + count - board.cols
     if not fits or not (any_pattern or all_rows):
         return None
     # If neither the left nor the right side of the board is visible, several numberings are equally likely.
     first_id = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
     return (
-        f"the pictures show markers {lowest} to {highest}, the {target.cols} x {target.rows} ChArUco board of "
+        f"the pictures show markers {lowest} to {highest}, the {board.cols} x {board.rows} ChArUco board of "
         f"board.toml has {first} to {first + count - 1}: set "
         f"first_marker = {first_id} there, unless the board has more rows"
     )
 
 
-def _pattern_with_more_corners(pictures: Sequence[Grey], target: Charuco, *, mirrored: bool | None) -> str | None:
+def _pattern_with_more_corners(pictures: Sequence[Grey], board: Charuco, *, mirrored: bool | None) -> str | None:
     """Name the other pattern if it gives more corners: the wrong pattern lacks the corners along a side of the board.
 
     With an odd number of columns, the patterns differ by a shift, so only the corners at the sides differ.
     """
-    if target.rows % 2:
+    if board.rows % 2:
         return None
-    other = target.replaced(legacy=not target.legacy)
+    other = board.replaced(legacy=not board.legacy)
     more = []
     for picture, flipped in itertools.product(pictures, (False, True) if mirrored is None else (mirrored,)):
         corners_stated, corners_other = (
             max(map(len, find_marked_boards(picture, candidate, mirrored=flipped, max_boards=1)), default=0)
-            for candidate in (target, other)
+            for candidate in (board, other)
         )
         if corners_stated and corners_other:
             more.append(corners_other - corners_stated)
-    if not more or min(more) < 0 or sum(more) < max(MIN_VERTICAL, target.rows // 2) * len(pictures):
+    if not more or min(more) < 0 or sum(more) < max(MIN_VERTICAL, board.rows // 2) * len(pictures):
         return None
-    return _other_pattern(target)
+    return _other_pattern(board)
 
 
-def _other_pattern(target: Charuco) -> str:
-    if target.rows % 2:
+def _other_pattern(board: Charuco) -> str:
+    if board.rows % 2:
         return (
-            f"the ChArUco board in the pictures has a white square at its top left, which no board of {target.rows} "
+            f"the ChArUco board in the pictures has a white square at its top left, which no board of {board.rows} "
             "rows has: are cols and rows right in board.toml?"
         )
     sentence = "the markers of the ChArUco board in the pictures are arranged as OpenCV"
-    if target.legacy:
+    if board.legacy:
         return f"{sentence} 4.6 and later print them, board.toml says legacy = true: remove that"
     return f"{sentence} before 4.6 printed them (its old pattern): add legacy = true to board.toml"
 
 
-def _other_marker_side(gridded: Sequence[GriddedPicture], target: Charuco, *, mirrored: bool | None) -> str | None:
-    side = marker_side(gridded, target, mirrored=mirrored)
-    if side is None or abs(side - target.marker_mm / target.square_mm) < MAX_SIDE_DIFFERENCE:
+def _other_marker_side(gridded: Sequence[GriddedPicture], board: Charuco, *, mirrored: bool | None) -> str | None:
+    side = marker_side(gridded, board, mirrored=mirrored)
+    if side is None or abs(side - board.marker_mm / board.square_mm) < MAX_SIDE_DIFFERENCE:
         return None
-    if not _readable(gridded, target.replaced(marker_mm=side * target.square_mm), mirrored=bool(mirrored)):
+    if not _readable(gridded, board.replaced(marker_mm=side * board.square_mm), mirrored=bool(mirrored)):
         return None
     return (
-        f"the markers in the pictures look like {side * target.square_mm:.2g} mm on squares of {target.square_mm:g} "
-        f"mm, board.toml says marker_mm = {target.marker_mm:g}"
+        f"the markers in the pictures look like {side * board.square_mm:.2g} mm on squares of {board.square_mm:g} "
+        f"mm, board.toml says marker_mm = {board.marker_mm:g}"
     )
 
 
-def _unreadable(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool | None) -> str | None:
+def _unreadable(gridded: Sequence[GriddedPicture], board: Charuco | AprilGrid, *, mirrored: bool | None) -> str | None:
     """Explain why the markers cannot be read."""
     flipped = bool(mirrored)
-    if mirrored is not None and _readable(gridded, target, mirrored=not flipped):
+    if mirrored is not None and _readable(gridded, board, mirrored=not flipped):
         return (
             "the markers of the board can be read only when the pictures are flipped: they are mirrored, like those of "
             "a selfie camera; switch that off, or flip them left to right"
         )
-    if isinstance(target, Charuco):
-        inverted = target.replaced(inverted=not target.inverted)
+    if isinstance(board, Charuco):
+        inverted = board.replaced(inverted=not board.inverted)
         if _readable(gridded, inverted, mirrored=flipped):
-            return _with_others(_other_polarity(target), gridded, inverted, mirrored=mirrored)
-        if other := _other_marker_side(gridded, target, mirrored=mirrored):
+            return _with_others(_other_polarity(board), gridded, inverted, mirrored=mirrored)
+        if other := _other_marker_side(gridded, board, mirrored=mirrored):
             return other
-        for polarity in (target.inverted, inverted.inverted):
-            if other := _other_dictionary(gridded, target, inverted=polarity, mirrored=mirrored):
+        for polarity in (board.inverted, inverted.inverted):
+            if other := _other_dictionary(gridded, board, inverted=polarity, mirrored=mirrored):
                 return other
-    return _other_kind([picture.grey for picture in gridded], target, mirrored=flipped)
+    return _other_kind([picture.grey for picture in gridded], board, mirrored=flipped)
 
 
 def _with_others(cause: str, gridded: Sequence[GriddedPicture], corrected: Charuco, *, mirrored: bool | None) -> str:
@@ -284,33 +280,33 @@ def _with_others(cause: str, gridded: Sequence[GriddedPicture], corrected: Charu
     return f"{cause}; {others}" if others else cause
 
 
-def _other_polarity(target: Charuco) -> str:
-    board = "the ChArUco board in the pictures is printed"
-    if target.inverted:
-        return f"{board} black on white, board.toml says inverted = true: remove that"
-    return f"{board} white on black: add inverted = true to board.toml"
+def _other_polarity(board: Charuco) -> str:
+    subject = "the ChArUco board in the pictures is printed"
+    if board.inverted:
+        return f"{subject} black on white, board.toml says inverted = true: remove that"
+    return f"{subject} white on black: add inverted = true to board.toml"
 
 
 def _other_dictionary(
-    gridded: Sequence[GriddedPicture], target: Charuco, *, inverted: bool, mirrored: bool | None
+    gridded: Sequence[GriddedPicture], board: Charuco, *, inverted: bool, mirrored: bool | None
 ) -> str | None:
     """Name the dictionary of the markers if they are of another one, and printed `inverted`."""
     pictures = [picture.grey for picture in gridded]
-    stated = dictionaries.family(target.dictionary)
+    stated = dictionaries.family(board.dictionary)
     families = [name for name in dictionaries.FAMILIES if name != stated]
-    for name in _likely_families(pictures, families, len(target.markers), inverted=inverted, mirrored=bool(mirrored)):
-        if dictionaries.count(name) < len(target.markers):
+    for name in _likely_families(pictures, families, len(board.markers), inverted=inverted, mirrored=bool(mirrored)):
+        if dictionaries.count(name) < len(board.markers):
             continue
-        other = target.replaced(dictionary=name, first_marker=0, inverted=inverted)
+        other = board.replaced(dictionary=name, first_marker=0, inverted=inverted)
         vertical = _pairs(gridded, other, mirrored=bool(mirrored)).vertical(other).majority[1]
         if len(vertical.highest) >= MIN_VERTICAL * len(gridded):
-            shown = dictionaries.smallest(name, max(len(target.markers), int(vertical.highest.max()) + 1))
+            shown = dictionaries.smallest(name, max(len(board.markers), int(vertical.highest.max()) + 1))
             cause = (
-                f"the pictures show markers of {shown}, board.toml says dictionary {target.dictionary}: "
+                f"the pictures show markers of {shown}, board.toml says dictionary {board.dictionary}: "
                 f'set dictionary = "{shown}" there'
             )
-            if inverted != target.inverted:
-                cause = f"{_other_polarity(target)}; {cause}"
+            if inverted != board.inverted:
+                cause = f"{_other_polarity(board)}; {cause}"
             return _with_others(cause, gridded, other.replaced(dictionary=shown), mirrored=mirrored)
     return None
 
@@ -331,10 +327,10 @@ def _likely_families(
                 yield families[number]
 
 
-def _other_kind(pictures: Sequence[Grey], target: Target, *, mirrored: bool) -> str | None:
+def _other_kind(pictures: Sequence[Grey], board: CalibrationBoard, *, mirrored: bool) -> str | None:
     """Name the kind of board in the pictures if it is another one."""
-    says = f'board.toml says kind = "{target.kind}"'
-    if not isinstance(target, AprilGrid):
+    says = f'board.toml says kind = "{board.kind}"'
+    if not isinstance(board, AprilGrid):
         spacings = [spacing for picture in pictures if (spacing := tag_spacing(picture)) is not None]
         grid = ANY_APRILGRID.replaced(spacing=float(np.median(spacings))) if spacings else None
         columns = 0 if grid is None else _columns(pictures, grid, mirrored=mirrored)[0]
@@ -343,11 +339,11 @@ def _other_kind(pictures: Sequence[Grey], target: Target, *, mirrored: bool) -> 
                 f"the pictures show an AprilGrid of {columns} columns of tags, {says}: "
                 f'set kind = "aprilgrid" there, spacing = {grid.spacing:.3g}, and cols, rows and tag_mm of its tags'
             )
-    if not isinstance(target, Charuco):
+    if not isinstance(board, Charuco):
         for inverted in (False, True):
             for name in _likely_families(pictures, dictionaries.FAMILIES, 50, inverted=inverted, mirrored=mirrored):
-                board = ANY_CHARUCO.replaced(dictionary=name, inverted=inverted)
-                columns, highest = _columns(pictures, board, mirrored=mirrored)
+                assumed = ANY_CHARUCO.replaced(dictionary=name, inverted=inverted)
+                columns, highest = _columns(pictures, assumed, mirrored=mirrored)
                 if columns:
                     name = dictionaries.smallest(name, highest + 1)
                     return (
@@ -355,8 +351,8 @@ def _other_kind(pictures: Sequence[Grey], target: Target, *, mirrored: bool) -> 
                         f'set kind = "charuco" there, dictionary = "{name}", marker_mm'
                         f"{' and inverted = true' if inverted else ''}"
                     )
-    if not isinstance(target, Checkerboard):
-        plain = Checkerboard(cols=target.cols, rows=target.rows, square_mm=1.0)
+    if not isinstance(board, Checkerboard):
+        plain = Checkerboard(cols=board.cols, rows=board.rows, square_mm=1.0)
         sizes = _complete_sizes([grid for picture in pictures for grid in find_checkerboards(picture, plain)], plain)
         if sizes and (count := max(sizes.values())) >= len(pictures):
             cols, rows = max(size for size in sizes if sizes[size] == count)
@@ -376,22 +372,22 @@ def _columns(pictures: Sequence[Grey], board: Charuco | AprilGrid, *, mirrored: 
     return columns, int(vertical.highest.max())
 
 
-def _other_spacing(pictures: Sequence[Grey], target: AprilGrid) -> str | None:
+def _other_spacing(pictures: Sequence[Grey], board: AprilGrid) -> str | None:
     spacings = [spacing for picture in pictures if (spacing := tag_spacing(picture)) is not None]
-    if not spacings or abs((spacing := float(np.median(spacings))) - target.spacing) < (
-        MAX_SPACING_DIFFERENCE * target.spacing
+    if not spacings or abs((spacing := float(np.median(spacings))) - board.spacing) < (
+        MAX_SPACING_DIFFERENCE * board.spacing
     ):
         return None
     return (
         f"the gaps between the tags in the pictures look like {spacing:.3g} sides of a tag, board.toml says spacing = "
-        f"{target.spacing:g} (Kalibr's tagSpacing): set spacing = {spacing:.3g} there if that is what you measure"
+        f"{board.spacing:g} (Kalibr's tagSpacing): set spacing = {spacing:.3g} there if that is what you measure"
     )
 
 
-def _readable(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> bool:
-    vertical = _pairs(gridded, target, mirrored=mirrored).vertical(target).majority[1]
+def _readable(gridded: Sequence[GriddedPicture], board: Charuco | AprilGrid, *, mirrored: bool) -> bool:
+    vertical = _pairs(gridded, board, mirrored=mirrored).vertical(board).majority[1]
     return len(vertical.highest) >= MIN_VERTICAL * len(gridded)
 
 
-def _pairs(gridded: Sequence[GriddedPicture], target: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
-    return MarkerPairs.join([marker_pairs(picture, target, mirrored=mirrored) for picture in gridded])
+def _pairs(gridded: Sequence[GriddedPicture], board: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
+    return MarkerPairs.join([marker_pairs(picture, board, mirrored=mirrored) for picture in gridded])

@@ -24,8 +24,8 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import find_boards
 from mirrorcam.optics.calibration.detection.segmentation import DetectedEdge
 from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
+from mirrorcam.optics.geometry.boards import AprilGrid, CalibrationBoard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import AprilGrid, Target
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.transforms import transform
 
@@ -44,12 +44,12 @@ ALARM_SIGMAS, REFUSED_DEVIATION = 3.5, 0.1
 NOTED_SIGMAS, NOTED_DEVIATION = 2.0, 0.01
 
 
-def wrong_size_message(pictures: Sequence[Grey], layout: Layout, target: Target) -> str | None:
+def wrong_size_message(pictures: Sequence[Grey], layout: Layout, board: CalibrationBoard) -> str | None:
     """Describe that pictures through a layout's mirrors fit a board of a different size; None if they do not."""
-    ratio = size_ratio(pictures, layout, target)
+    ratio = size_ratio(pictures, layout, board)
     if ratio is None or 1.0 / MIN_SIZE_RATIO < ratio < MIN_SIZE_RATIO:
         return None
-    side, element = (target.tag_mm, "tags") if isinstance(target, AprilGrid) else (target.square_mm, "squares")
+    side, element = (board.tag_mm, "tags") if isinstance(board, AprilGrid) else (board.square_mm, "squares")
     reported = f"board.toml says {element} of {side:g} mm, the pictures fit about"
     for factor, unit in UNITS:
         if max(ratio / factor, factor / ratio) < MAX_UNIT_RATIO:
@@ -59,11 +59,11 @@ def wrong_size_message(pictures: Sequence[Grey], layout: Layout, target: Target)
     )
 
 
-def size_ratio(pictures: Sequence[Grey], layout: Layout, target: Target) -> float | None:
+def size_ratio(pictures: Sequence[Grey], layout: Layout, board: CalibrationBoard) -> float | None:
     """Return the board's size implied by pictures, relative to the stated one; None if they are inconsistent."""
     from_boards, from_layout = [], []
     for picture in pictures:
-        boards = _board_centres(picture, layout, target)
+        boards = _board_centres(picture, layout, board)
         if len(boards) < 2:
             continue
         centres = np.array([layout.mirrors[mirror].apparent.virtual_centre_in_rig_mm for mirror in boards])
@@ -79,15 +79,15 @@ def size_ratio(pictures: Sequence[Grey], layout: Layout, target: Target) -> floa
     return float(np.linalg.norm(nominal) / np.linalg.norm(apparent)) if agreement > MIN_CORRELATION else None
 
 
-def _board_centres(picture: Grey, layout: Layout, target: Target) -> dict[int, FloatArray]:
+def _board_centres(picture: Grey, layout: Layout, board: CalibrationBoard) -> dict[int, FloatArray]:
     """Return the apparent centre (3,) of the largest board in each mirror, rig frame, mm, assuming the stated size."""
     centres: dict[int, FloatArray] = {}
-    centre = target.corners_in_board_mm.mean(axis=0, keepdims=True)
-    for board, *_ in find_boards(picture, target, mirrored=True, max_boards=2 * len(layout.mirrors)):
-        mirror = likely_mirror(board, layout)
+    centre = board.corners_in_board_mm.mean(axis=0, keepdims=True)
+    for detected, *_ in find_boards(picture, board, mirrored=True, max_boards=2 * len(layout.mirrors)):
+        mirror = likely_mirror(detected, layout)
         if mirror is None or mirror in centres:
             continue
-        pose = camera_from_flat_board(layout.camera, board, target.corners_in_board_mm)
+        pose = camera_from_flat_board(layout.camera, detected, board.corners_in_board_mm)
         if pose is not None:
             centres[mirror] = transform(pose, centre)[0]
     return centres

@@ -16,14 +16,14 @@ from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
+from mirrorcam.optics.geometry.boards import CalibrationBoard, Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Checkerboard, Target
 
 ALARM_FRAMES = 0.2  # minimum fraction of the frames with boards that raises an alarm
 MAX_SCATTER = 0.25  # standard deviation of boards about a grid, relative to its spacing
 
 
-def fits_upside_down(mirrored: Sequence[Observations], layout: Layout, target: Target) -> bool:
+def fits_upside_down(mirrored: Sequence[Observations], layout: Layout, board: CalibrationBoard) -> bool:
     """Return whether the corners of mirrored frames are consistent once the pictures are rotated by 180 degrees.
 
     Parameters
@@ -32,17 +32,17 @@ def fits_upside_down(mirrored: Sequence[Observations], layout: Layout, target: T
         Observations of each mirrored frame, numbered as frame 0.
     layout
         The nominal layout.
-    target
+    board
         The board.
     """
     try:
-        screen([_rotated(frame, layout, target) for frame in mirrored], [], layout, target.corners_in_board_mm)
+        screen([_rotated(frame, layout, board) for frame in mirrored], [], layout, board.corners_in_board_mm)
     except (InputError, UndeterminedError):
         return False
     return True
 
 
-def _rotated(frame: Observations, layout: Layout, target: Target) -> Observations:
+def _rotated(frame: Observations, layout: Layout, board: CalibrationBoard) -> Observations:
     """Return the corners of a frame rotated by 180 degrees, reassigned to mirrors."""
     last_px = np.array([layout.camera.width_px, layout.camera.height_px]) - 1.0
     boards = []
@@ -50,10 +50,10 @@ def _rotated(frame: Observations, layout: Layout, target: Target) -> Observation
         rows = frame.view == view
         ids, pixels = frame.corner[rows], last_px - frame.pixels[rows]
         numberings = [Corners(ids, pixels)]
-        if isinstance(target, Checkerboard) and target.looks_same_upside_down:
-            numberings.append(Corners(len(target.corners_in_board_mm) - 1 - ids, pixels))
+        if isinstance(board, Checkerboard) and board.looks_same_upside_down:
+            numberings.append(Corners(len(board.corners_in_board_mm) - 1 - ids, pixels))
         boards.append(tuple(numberings))
-    assigned = assign(boards, layout, target)
+    assigned = assign(boards, layout, board)
     return Observations.join(
         [Observations.of_view(0, mirror, corners.ids, corners.pixels, corners.sigma_px) for mirror, corners in assigned]
     )

@@ -23,7 +23,7 @@ from mirrorcam.optics.calibration.detection.other_boards import other_board
 from mirrorcam.optics.calibration.direct.direct_start import NumberedBoard, Start, first_direct_estimate
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target
+from mirrorcam.optics.geometry.boards import AprilGrid, CalibrationBoard, Charuco, Checkerboard
 
 MAX_FLIPPED = 0.003  # rms error of the first estimate from flipped pictures, relative to the picture's diagonal
 MIN_DISTANCE_MM, MAX_DISTANCE_MM = 60.0, 20000.0  # at which cameras with mirrors show boards in focus
@@ -71,21 +71,21 @@ def _flipped(board: NumberedBoard, width_px: int) -> NumberedBoard:
 
 
 def boards_in(
-    pictures: Sequence[Grey], target: Target, *, max_boards: int, progress: Progress
+    pictures: Sequence[Grey], board: CalibrationBoard, *, max_boards: int, progress: Progress
 ) -> list[list[DetectedBoard]]:
     """Detect boards in each picture, up to `max_boards` of each handedness; raises InputError if there are none."""
     all_boards = []
     for number, picture in enumerate(pictures):
-        if isinstance(target, Checkerboard):
-            boards = _checkerboards(picture, target)
+        if isinstance(board, Checkerboard):
+            boards = _checkerboards(picture, board)
         else:
-            boards = _with_markers(picture, target, max_boards)
-        all_boards.append([board for board in boards if board.any_numbering is not None])
+            boards = _with_markers(picture, board, max_boards)
+        all_boards.append([detected for detected in boards if detected.any_numbering is not None])
         progress(number + 1, len(pictures))
     if not any(all_boards):
         raise InputError(
-            other_board(pictures, target, mirrored=None, found=False)
-            or f"no {target.cols} x {target.rows} {target.name} found in any of {len(pictures)} pictures"
+            other_board(pictures, board, mirrored=None, found=False)
+            or f"no {board.cols} x {board.rows} {board.name} found in any of {len(pictures)} pictures"
         )
     return all_boards
 
@@ -98,27 +98,28 @@ def more_mirrors(boards: Sequence[Sequence[DetectedBoard]], names: Sequence[str]
     return f"; {names[-number]} shows {count} boards, expected more than --direct-view {mirrors}"
 
 
-def _with_markers(picture: Grey, target: Charuco | AprilGrid, max_boards: int) -> list[DetectedBoard]:
+def _with_markers(picture: Grey, board: Charuco | AprilGrid, max_boards: int) -> list[DetectedBoard]:
     """Detect ChArUco boards and AprilGrids, whose markers reveal whether they are mirrored."""
     direct, image = (
         [
-            board
-            for board in find_with_markers(picture, target, mirrored=mirrored, max_boards=max_boards)
-            if len(non_collinear(board))
+            detected
+            for detected in find_with_markers(picture, board, mirrored=mirrored, max_boards=max_boards)
+            if len(non_collinear(detected))
         ]
         for mirrored in (False, True)
     )
-    numbered = [*(NumberedBoard([board], []) for board in direct), *(NumberedBoard([], [board]) for board in image)]
-    return [DetectedBoard(board, NumberedBoard([], [])) for board in numbered]
+    numbered = [NumberedBoard([detected], []) for detected in direct]
+    numbered += [NumberedBoard([], [detected]) for detected in image]
+    return [DetectedBoard(stated, NumberedBoard([], [])) for stated in numbered]
 
 
-def _checkerboards(picture: Grey, target: Checkerboard) -> list[DetectedBoard]:
-    grids = find_checkerboards(picture, target)
-    return [DetectedBoard(_numbered(grid, target), _numbered(_inverted(grid), target)) for grid in grids]
+def _checkerboards(picture: Grey, board: Checkerboard) -> list[DetectedBoard]:
+    grids = find_checkerboards(picture, board)
+    return [DetectedBoard(_numbered(grid, board), _numbered(_inverted(grid), board)) for grid in grids]
 
 
-def _numbered(grid: DetectedGrid, target: Checkerboard) -> NumberedBoard:
-    direct, image = (grid.numberings(target, mirrored=mirrored) for mirrored in (False, True))
+def _numbered(grid: DetectedGrid, board: Checkerboard) -> NumberedBoard:
+    direct, image = (grid.numberings(board, mirrored=mirrored) for mirrored in (False, True))
     return NumberedBoard(direct, image)
 
 
@@ -134,7 +135,7 @@ def negative(picture: Grey) -> Grey:
 
 
 def first_estimate_of(
-    boards: Sequence[Sequence[DetectedBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
+    boards: Sequence[Sequence[DetectedBoard]], board: CalibrationBoard, *, mirrors: int, width_px: int, height_px: int
 ) -> tuple[Start, bool]:
     """Return the first estimate, and whether the print has black and white exchanged, as the mirrors' geometry shows.
 
@@ -145,9 +146,9 @@ def first_estimate_of(
     for inverted in (False, True):
         numbered = [
             [
-                board
-                for board in (detected.inverted if inverted else detected.stated for detected in in_picture)
-                if 0 < len(board.direct) + len(board.image) <= MAX_NUMBERINGS
+                found
+                for found in (detected.inverted if inverted else detected.stated for detected in in_picture)
+                if 0 < len(found.direct) + len(found.image) <= MAX_NUMBERINGS
             ]
             for in_picture in boards
         ]
@@ -155,7 +156,7 @@ def first_estimate_of(
             continue
         try:
             start = first_direct_estimate(
-                numbered, target.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
+                numbered, board.corners_in_board_mm, mirrors=mirrors, width_px=width_px, height_px=height_px
             )
             starts.append((start, inverted))
         except InputError as error:
@@ -167,30 +168,30 @@ def first_estimate_of(
 
 
 def fits_flipped(
-    boards: Sequence[Sequence[DetectedBoard]], target: Target, *, mirrors: int, width_px: int, height_px: int
+    boards: Sequence[Sequence[DetectedBoard]], board: CalibrationBoard, *, mirrors: int, width_px: int, height_px: int
 ) -> bool:
     """Return whether boards that give no first estimate give one after exchanging left and right."""
-    flipped = [[board.flipped(width_px) for board in in_picture] for in_picture in boards]
+    flipped = [[detected.flipped(width_px) for detected in in_picture] for in_picture in boards]
     try:
-        start, _ = first_estimate_of(flipped, target, mirrors=mirrors, width_px=width_px, height_px=height_px)
+        start, _ = first_estimate_of(flipped, board, mirrors=mirrors, width_px=width_px, height_px=height_px)
     except InputError:
         return False
     return start.error_px < MAX_FLIPPED * float(np.hypot(width_px, height_px))
 
 
-def distance_note(estimate: Estimate, target: Target) -> tuple[str, ...]:
+def distance_note(estimate: Estimate, board: CalibrationBoard) -> tuple[str, ...]:
     """Note a board so near to or far from the camera that its size seems to be in a unit other than mm."""
-    centre = np.append(target.corners_in_board_mm.mean(axis=0), 1.0)
+    centre = np.append(board.corners_in_board_mm.mean(axis=0), 1.0)
     distance_mm = float(np.median((estimate.rig_from_board @ centre)[:, 2]))
     if MIN_DISTANCE_MM < distance_mm < MAX_DISTANCE_MM:
         return ()
     return (
-        f"the board of {target.layout_text} is {distance_mm:.3g} mm from the camera: is its size in mm? Without a "
+        f"the board of {board.layout_text} is {distance_mm:.3g} mm from the camera: is its size in mm? Without a "
         "layout, pictures do not reveal it",
     )
 
 
-def confirmed_corners(pictures: Sequence[Grey], start: Start, target: Target) -> tuple[Observations, bool]:
+def confirmed_corners(pictures: Sequence[Grey], start: Start, board: CalibrationBoard) -> tuple[Observations, bool]:
     """Detect all corners of a checkerboard again, starting near their predictions, in all views.
 
     This completes partly detected boards; boards with markers are already complete. A camera that sharpens its pictures
@@ -198,42 +199,42 @@ def confirmed_corners(pictures: Sequence[Grey], start: Start, target: Target) ->
 
     Returns the corners, and whether they are those of the softened pictures.
     """
-    if not isinstance(target, Checkerboard):
+    if not isinstance(board, Checkerboard):
         return start.observations, False
     plain, soft = (
-        _confirmed(copies, start, target) for copies in (pictures, [softened(picture) for picture in pictures])
+        _confirmed(copies, start, board) for copies in (pictures, [softened(picture) for picture in pictures])
     )
-    is_sharpened = len(soft) >= MIN_COMPLETE * len(plain) and _roughness(soft, plain, target) < MAX_SMOOTHER
+    is_sharpened = len(soft) >= MIN_COMPLETE * len(plain) and _roughness(soft, plain, board) < MAX_SMOOTHER
     return (soft, True) if is_sharpened else (plain, False)
 
 
-def _confirmed(pictures: Sequence[Grey], start: Start, target: Checkerboard) -> Observations:
-    estimate, print_xy = start.estimate, corner_print_xy(target)
-    board = Board.rigid(target.corners_in_board_mm)
-    ids = np.arange(len(board.corners_in_board_mm))
+def _confirmed(pictures: Sequence[Grey], start: Start, board: Checkerboard) -> Observations:
+    estimate, print_xy = start.estimate, corner_print_xy(board)
+    flat = Board.rigid(board.corners_in_board_mm)
+    ids = np.arange(len(flat.corners_in_board_mm))
     parts = []
     for frame, picture in enumerate(pictures):
         grey = np.asarray(picture, dtype=np.float32)
         single_frame = estimate.of_frames(np.array([frame]))
         for view in range(DIRECT, len(estimate.virtual_centres_in_rig_mm)):
-            predicted = residuals(single_frame, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
+            predicted = residuals(single_frame, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), flat)
             if not np.isfinite(predicted).all():
                 continue
-            near = confirm(picture, predicted, target)
+            near = confirm(picture, predicted, board)
             if not len(near):
                 continue
-            corners = grow_board(grey, print_xy[near.ids], near.pixels, target, mirrored=view != DIRECT)
+            corners = grow_board(grey, print_xy[near.ids], near.pixels, board, mirrored=view != DIRECT)
             if len(non_collinear(corners)):
                 parts.append(Observations.of_view(frame, view, corners.ids, corners.pixels, corners.sigma_px))
     return Observations.join(parts)
 
 
-def _roughness(observations: Observations, others: Observations, target: Checkerboard) -> float:
+def _roughness(observations: Observations, others: Observations, board: Checkerboard) -> float:
     """Rms distance of the corners from the smooth surface of their view, relative to others of the same views.
 
     The geometric mean over the views.
     """
-    print_xy = corner_print_xy(target)
+    print_xy = corner_print_xy(board)
     ratios = []
     for frame, view in np.unique(np.stack([observations.frame, observations.view]), axis=1).T:
         rms = []

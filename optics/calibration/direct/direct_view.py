@@ -59,9 +59,9 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import Undetermined
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
 
 INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
 """Free intrinsics of the first fit, which few boards determine."""
@@ -69,7 +69,7 @@ INTRINSICS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2")
 
 def calibrate_with_direct_view(
     pictures: Sequence[Grey],
-    target: Target,
+    board: CalibrationBoard,
     *,
     mirrors: int,
     names: Sequence[str],
@@ -87,8 +87,8 @@ def calibrate_with_direct_view(
     ----------
     pictures
         Grey pictures (h, w) of one camera.
-    target
-        The board; lengths are in the unit of `target.square_mm`.
+    board
+        The board; lengths are in the unit of `board.square_mm`.
     mirrors
         Number of mirrors.
     names
@@ -123,51 +123,51 @@ def calibrate_with_direct_view(
     if not pictures:
         raise InputError("no pictures given")
     _check_sizes((*pictures, *base), (*names, *base_names))
-    boards = boards_in(pictures, target, max_boards=mirrors + 1, progress=progress)
+    boards = boards_in(pictures, board, max_boards=mirrors + 1, progress=progress)
     # Pictures with the most corners come first: those taken first may not show the board yet.
     pictures_by_corners = [
         pictures[number] for number in sorted(range(len(pictures)), key=lambda number: -_corner_count(boards[number]))
     ]
-    if other := other_board(pictures_by_corners, target, mirrored=None, found=True):
+    if other := other_board(pictures_by_corners, board, mirrored=None, found=True):
         raise InputError(other)
-    corners_mm = target.corners_in_board_mm
+    corners_mm = board.corners_in_board_mm
     height, width = pictures[0].shape
     notes: tuple[str, ...] = ()
     used = list(range(len(pictures)))
     if max_pictures is not None and len(pictures) > max_pictures:
         detected = [
-            [board.any_numbering for board in in_picture if board.any_numbering is not None] for in_picture in boards
+            [found.any_numbering for found in in_picture if found.any_numbering is not None] for in_picture in boards
         ]
         used = most_informative(detected, corners_mm, width_px=width, max_frames=max_pictures)
         notes = (f"{len(used)} of {len(pictures)} pictures used: {grouped_names([names[number] for number in used])}",)
         boards = [boards[number] for number in used]
         pictures, names = [pictures[number] for number in used], [names[number] for number in used]
     try:
-        start, inverted = first_estimate_of(boards, target, mirrors=mirrors, width_px=width, height_px=height)
+        start, inverted = first_estimate_of(boards, board, mirrors=mirrors, width_px=width, height_px=height)
     except InputError as error:
         # The stated board was found but gives no estimate: parts of a larger checkerboard can look like it.
-        other = other_board(pictures_by_corners, target, mirrored=None, found=True, fits=False)
-        if other is None and fits_flipped(boards, target, mirrors=mirrors, width_px=width, height_px=height):
+        other = other_board(pictures_by_corners, board, mirrored=None, found=True, fits=False)
+        if other is None and fits_flipped(boards, board, mirrors=mirrors, width_px=width, height_px=height):
             other = FLIPPED
         raise InputError(other or f"{error}{more_mirrors(boards, names, mirrors)}") from None
     if inverted:
         notes += (INVERTED,)
-    notes += distance_note(start.estimate, target)
+    notes += distance_note(start.estimate, board)
     used_pictures = [negative(pictures[number]) if inverted else pictures[number] for number in start.pictures]
     try:
-        observations, is_sharpened = confirmed_corners(used_pictures, start, target)
+        observations, is_sharpened = confirmed_corners(used_pictures, start, board)
         base_pictures = [negative(picture) if inverted else picture for picture in base]
         if is_sharpened:
             notes += (SMOOTHER,)
             used_pictures, base_pictures = (
                 [softened(picture) for picture in group] for group in (used_pictures, base_pictures)
             )
-        base_corners = [detect_direct_view(picture, target) for picture in base_pictures]
+        base_corners = [detect_direct_view(picture, board) for picture in base_pictures]
         used_names = [names[number] for number in start.pictures]
         if on_hint is not None:
             shown = [rows for rows in base_corners if len(rows)]
             hint = next_direct_pose(
-                start.estimate, observations, target, intrinsics=INTRINSICS, pictures=used_names, base=shown
+                start.estimate, observations, board, intrinsics=INTRINSICS, pictures=used_names, base=shown
             )
             if hint is not None:
                 on_hint(names[-1], hint)
@@ -192,13 +192,13 @@ def calibrate_with_direct_view(
             frames = replace(frames, triplets=triplets)
         labels = [*used_names, *(base_names or [f"base frame {number}" for number in range(len(base))])]
         layout = layout_from_corners(estimate, observations.where(flat.solution.inliers))
-        fitted, layout, shutter = _fitted(frames, base_corners, layout, target, model, labels)
+        fitted, layout, shutter = _fitted(frames, base_corners, layout, board, model, labels)
         result = with_direct_figures(calibration_of(fitted, layout), rotations, shutter)
         shown_pictures = [*used_pictures, *base]
         result = with_worst_views(result, lambda frame: shown_pictures[fitted.frames[frame]])
     except (UndeterminedError, InvalidValue) as error:
         # Parts of a different board that look like the stated one lead to impossible mirrors, or to views without it.
-        if other := other_board(pictures_by_corners, target, mirrored=None, found=False):
+        if other := other_board(pictures_by_corners, board, mirrored=None, found=False):
             raise InputError(other) from None
         if isinstance(error, InvalidValue):
             raise InputError(f"the pictures lead to impossible mirrors: {error}") from None
@@ -273,11 +273,11 @@ class _Frames:
         shutter = rolling_shutter(fitted.selection, fitted.observations, velocity, self.camera.height_px)
         return replace(self, shutter=shutter)
 
-    def with_ghosts(self, fitted: FittedCorners, layout: Layout, target: Target) -> _Frames:
+    def with_ghosts(self, fitted: FittedCorners, layout: Layout, board: CalibrationBoard) -> _Frames:
         """Refine the corners in second-surface mirrors together with their ghost images."""
         poses = dict(zip(fitted.frames, fitted.selection.solution.estimate.rig_from_board, strict=True))
         refined = refine_with_ghosts(
-            self.detected, self.pictures, poses, layout, target, edges_known=False, workers=cores()
+            self.detected, self.pictures, poses, layout, board, edges_known=False, workers=cores()
         )
         return replace(self, detected=refined)
 
@@ -286,7 +286,7 @@ def _fitted(
     frames: _Frames,
     base: Sequence[Observations],
     layout: Layout,
-    target: Target,
+    board: CalibrationBoard,
     model: RequestedModel,
     names: Sequence[str],
 ) -> tuple[FittedCorners, Layout, Shutter | None]:
@@ -295,7 +295,7 @@ def _fitted(
     `layout` has first-surface mirrors; the returned one has plates if the fit has.
     """
     fit = partial(
-        fit_corners, base=list(base), corners_in_board_mm=target.corners_in_board_mm, names=names, is_designed=False
+        fit_corners, base=list(base), corners_in_board_mm=board.corners_in_board_mm, names=names, is_designed=False
     )
     if model.surface == "second" and "sheet" not in model.additions:
         model = replace(model, additions=("sheet", *model.additions))
@@ -308,7 +308,7 @@ def _fitted(
     solution = fitted.selection.solution
     if (solution.estimate.thickness_mm > 0.0).any():
         layout = layout_from_corners(solution.estimate, fitted.observations.where(solution.inliers))
-        frames = frames.with_ghosts(fitted, layout, target)
+        frames = frames.with_ghosts(fitted, layout, board)
         if "sheet" not in model.additions:
             model = replace(model, additions=("sheet", *model.additions))
         fitted = fit(frames.corrected(), layout=layout, model=model)

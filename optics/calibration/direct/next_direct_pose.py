@@ -31,8 +31,8 @@ from mirrorcam.optics.calibration.detection.next_pose import (
 from mirrorcam.optics.calibration.solver.initial_estimates import camera_from_flat_board
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, residuals
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
 DEPTHS = {0.8: "nearer by a fifth", 1.0: "", 1.25: "farther by a quarter"}
@@ -49,7 +49,7 @@ CENTRE_SIGMA = 0.3
 def next_direct_pose(
     start: Estimate,
     observations: Observations,
-    target: Target,
+    board: CalibrationBoard,
     *,
     intrinsics: Sequence[str],
     pictures: Sequence[str],
@@ -63,7 +63,7 @@ def next_direct_pose(
         First estimate of camera, mirrors and poses.
     observations
         The corners of all frames.
-    target
+    board
         The board.
     intrinsics
         Names of the estimated camera parameters.
@@ -84,12 +84,12 @@ def next_direct_pose(
         prior_sigmas.get(name[0], distortion) if name.endswith("_px") else distortion for name in intrinsics
     ]
     start_poses = start.with_poses(start.rig_from_board)
-    placements = list(_placements(start_poses, observations, target, pictures))
+    placements = list(_placements(start_poses, observations, board, pictures))
     if not placements:
         return None
     planner = NextPosePlanner(
         start_poses,
-        planning_model(intrinsics, target),
+        planning_model(intrinsics, board),
         [*intrinsic_sigmas, *np.repeat(CENTRE_SIGMA * np.linalg.norm(centres, axis=1), 3)],
         [_name(camera, observations, mirror) for mirror in range(len(centres))],
         placements,
@@ -100,7 +100,7 @@ def next_direct_pose(
             planner.add(pose, rows)
     for rows in base:
         corners = Corners(rows.corner, rows.pixels)
-        pose = camera_from_flat_board(camera, corners, target.corners_in_board_mm)
+        pose = camera_from_flat_board(camera, corners, board.corners_in_board_mm)
         if pose is not None:
             planner.add(pose, rows)
     return planner.next()
@@ -117,15 +117,15 @@ def _name(camera: Camera, observations: Observations, mirror: int) -> str:
 
 
 def _placements(
-    start: Estimate, observations: Observations, target: Target, pictures: Sequence[str]
+    start: Estimate, observations: Observations, board: CalibrationBoard, pictures: Sequence[str]
 ) -> Iterator[Placement]:
     """Yield variations of the poses of the pictures with the most corners."""
     counts = np.bincount(observations.frame, minlength=len(pictures))
     regions = _regions(start, observations)
     for frame in np.argsort(-counts, kind="stable")[:MAX_EXAMPLES].tolist():
         for factor, tilt, x, y in product(DEPTHS, TILTS, SHIFTS, SHIFTS):
-            pose, depth_mm = _varied_pose(start.rig_from_board[frame], target, factor, tilt, (x, y))
-            corners = _visible_corners(start, pose, regions, target)
+            pose, depth_mm = _varied_pose(start.rig_from_board[frame], board, factor, tilt, (x, y))
+            corners = _visible_corners(start, pose, regions, board)
             if len(corners):
                 changes = [DEPTHS[factor], tilt_in_words(tilt, "the camera"), shift_in_words(x, y)]
                 change_text = ", ".join(change for change in changes if change)
@@ -136,10 +136,10 @@ def _placements(
 
 
 def _varied_pose(
-    pose: FloatArray, target: Target, factor: float, tilt_deg: tuple[float, float], shift: tuple[float, float]
+    pose: FloatArray, board: CalibrationBoard, factor: float, tilt_deg: tuple[float, float], shift: tuple[float, float]
 ) -> tuple[FloatArray, float]:
     """Return a pose at `factor` times its distance, tilted, and shifted in halves of the board's size; its depth."""
-    half = np.array([*target.size_mm, 0.0]) / 2.0
+    half = np.array([*board.size_mm, 0.0]) / 2.0
     rotation = Rotation.from_euler("xy", tilt_deg, degrees=True).as_matrix() @ pose[:3, :3]
     centre = factor * transform(pose, half) + half.max() * np.array([*shift, 0.0])
     return rigid(rotation, centre - rotation @ half), float(centre[2])
@@ -157,16 +157,16 @@ def _regions(start: Estimate, observations: Observations) -> dict[int, shapely.G
 
 
 def _visible_corners(
-    start: Estimate, pose: FloatArray, regions: dict[int, shapely.Geometry], target: Target
+    start: Estimate, pose: FloatArray, regions: dict[int, shapely.Geometry], board: CalibrationBoard
 ) -> Observations:
     """Return the corners at a pose, as frame 0, in all views that show enough; none if the direct view does not."""
-    board = Board.rigid(target.corners_in_board_mm)
-    estimate, ids = start.with_poses(pose[None]), np.arange(len(board.corners_in_board_mm))
+    flat = Board.rigid(board.corners_in_board_mm)
+    estimate, ids = start.with_poses(pose[None]), np.arange(len(flat.corners_in_board_mm))
     parts = []
     for view, region in regions.items():
         pupil = np.zeros(3) if view == DIRECT else start.virtual_centres_in_rig_mm[view]
-        pupil_from_centre = transform(inverse(pose), pupil) - np.array([*target.size_mm, 0.0]) / 2.0
-        pixels = residuals(estimate, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), board)
+        pupil_from_centre = transform(inverse(pose), pupil) - np.array([*board.size_mm, 0.0]) / 2.0
+        pixels = residuals(estimate, Observations.of_view(0, view, ids, np.zeros((len(ids), 2))), flat)
         visible = indices_inside(region, pixels)
         facing = -pupil_from_centre[2] > MIN_FACING * np.linalg.norm(pupil_from_centre)
         if facing and len(non_collinear(Corners(visible, pixels[visible]))):

@@ -1,4 +1,4 @@
-"""The observations of a calibration: corners of a target, by frame and by view."""
+"""The observations of a calibration: corners of a board, by frame and by view."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def _unknown_sigma() -> FloatArray:
 
 @dataclass(frozen=True)
 class Corners:
-    """Corners of one target in one picture.
+    """Corners of one board in one picture.
 
     Attributes
     ----------
     ids
-        Corner numbers on the target (n,).
+        Corner numbers on the board (n,).
     pixels
         Detected positions (n, 2).
     sigma_px
@@ -69,7 +69,7 @@ class Observations:
     view
         Mirror indices (n,), or DIRECT.
     corner
-        Corner numbers on the target (n,).
+        Corner numbers on the board (n,).
     pixels
         Detected positions (n, 2).
     sigma_px

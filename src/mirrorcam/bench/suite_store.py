@@ -200,7 +200,7 @@ def _requested_by(recipe: SetRecipe) -> dict[str, object]:
         "base_frames": recipe.base_frames,
         "width_px": camera.width_px,
         "height_px": camera.height_px,
-        "target": recipe.board,
+        "board": recipe.board,
         "tolerances": recipe.tolerances,
         "settings": recipe.settings,
         "rate_hz": recipe.rate_hz,
@@ -208,7 +208,7 @@ def _requested_by(recipe: SetRecipe) -> dict[str, object]:
 
 
 def _stated_by(dataset: Dataset) -> dict[str, object]:
-    names = ("frames", "base_frames", "width_px", "height_px", "target", "tolerances", "settings", "rate_hz")
+    names = ("frames", "base_frames", "width_px", "height_px", "board", "tolerances", "settings", "rate_hz")
     return {name: getattr(dataset, name) for name in names}
 
 

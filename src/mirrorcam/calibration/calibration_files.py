@@ -36,11 +36,11 @@ from mirrorcam.optics.calibration.diagnostics.view_statistics import ARROWS_ACRO
 from mirrorcam.optics.calibration.direct.direct_view import calibrate_with_direct_view
 from mirrorcam.optics.calibration.plain_camera import calibrate_camera
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.boards import CalibrationBoard, load_board
 from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target, load_board
 
 FILES = ("metrics.json", "report.html", "residuals.png", "corners.csv")
 """Names of the files that a calibration writes besides its result (`result_name`)."""
@@ -94,24 +94,24 @@ def calibrate_files(
         raise InputError("--live-hint works only with pictures, expected no --corners")
     if request.board is None:
         raise InputError("expected --board FILE")
-    target = load_board(request.board)
+    board = load_board(request.board)
     if request.is_plain:
         if on_hint is not None:
             raise InputError("--live-hint needs --layout or --direct-view; else the next pose is always recommended")
-        return _calibrate_plain(pictures, request, target, detections, progress, on_note, on_step)
+        return _calibrate_plain(pictures, request, board, detections, progress, on_note, on_step)
     if request.direct_view is not None:
-        return _calibrate_directly(pictures, request, request.direct_view, target, progress, on_hint, on_note)
+        return _calibrate_directly(pictures, request, request.direct_view, board, progress, on_hint, on_note)
     if request.layout is None:
         raise InputError("expected a layout, or the number of mirrors")
     layout = Layout.load(request.layout)
     if request.corners:
-        return _with_surface(layout, request.model, _fit_to_corners(request, layout, target, on_step))
+        return _with_surface(layout, request.model, _fit_to_corners(request, layout, board, on_step))
     mirrored, base = _all_pictures(pictures, request, layout.camera, on_note)
-    planner = None if on_hint is None else NextPosePlanner.for_layout(layout, target)
+    planner = None if on_hint is None else NextPosePlanner.for_layout(layout, board)
 
     def hint(detected: Sequence[Observations]) -> None:
         if planner is not None and on_hint is not None:
-            pose = board_pose(layout, target, detected[-1])
+            pose = board_pose(layout, board, detected[-1])
             if pose is not None:
                 planner.add(pose, detected[-1])
             on_hint(mirrored.names[len(detected) - 1], planner.next())
@@ -121,13 +121,13 @@ def calibrate_files(
             mirrored.pictures,
             base.pictures,
             layout,
-            target,
+            board,
             model=model,
             detections=detections,
             workers=cores(),
             max_pictures=(mirrored.max_pictures, base.max_pictures),
             names=(mirrored.labels, base.labels),
-            on_frame=lambda done: progress(done, len(mirrored.pictures) + len(base.pictures)),
+            progress=progress,
             on_observations=hint if last else lambda detected: None,
             on_step=on_step,
         )
@@ -156,9 +156,9 @@ def _with_surface(layout: Layout, requested: RequestedModel, fit: _Fit) -> Calib
     return fit(layout, model, last=True)
 
 
-def _fit_to_corners(request: CalibrationRequest, layout: Layout, target: Target, on_step: Step) -> _Fit:
+def _fit_to_corners(request: CalibrationRequest, layout: Layout, board: CalibrationBoard, on_step: Step) -> _Fit:
     """Return a function that fits a model to the corners of a request's tables."""
-    corners_mm = target.corners_in_board_mm
+    corners_mm = board.corners_in_board_mm
     tables = [load_corners(path, layout, len(corners_mm)) for path in request.corners]
     names = [name for table in tables for name in (*table.mirrored, *table.base)]
     left_out = _left_out(request.leave_out, names)
@@ -188,7 +188,7 @@ def _calibrate_directly(
     pictures: Sequence[Path],
     request: CalibrationRequest,
     mirrors: int,
-    target: Target,
+    board: CalibrationBoard,
     progress: Progress,
     on_hint: Callable[[str, NextPose], None] | None,
     on_note: Callable[[str], None],
@@ -196,7 +196,7 @@ def _calibrate_directly(
     mirrored, base = _all_pictures(pictures, request, None, on_note)
     return calibrate_with_direct_view(
         mirrored.read(),
-        target,
+        board,
         mirrors=mirrors,
         names=mirrored.names,
         base=base.read(),
@@ -212,7 +212,7 @@ def _calibrate_directly(
 def _calibrate_plain(
     pictures: Sequence[Path],
     request: CalibrationRequest,
-    target: Target,
+    board: CalibrationBoard,
     detections: Path | None,
     progress: Progress,
     on_note: Callable[[str], None],
@@ -222,14 +222,14 @@ def _calibrate_plain(
     shown, _ = _all_pictures(pictures, request, camera, on_note)
     return calibrate_camera(
         shown.pictures,
-        target,
+        board,
         nominal=camera,
         model=request.model,
         detections=detections,
         workers=cores(),
         max_pictures=shown.max_pictures,
         names=shown.names if len(set(shown.names)) == len(shown.names) else shown.labels,
-        on_frame=lambda done: progress(done, len(shown.pictures)),
+        progress=progress,
         on_step=on_step,
     )
 

@@ -21,8 +21,8 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     project_points,
     uncertainty_of,
 )
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -87,7 +87,7 @@ class DecodedCorners:
 
 
 def decoded_corners(
-    light_field: LightField, layout: Layout, truth: Layout, board: Target, rig_from_board: FloatArray
+    light_field: LightField, layout: Layout, truth: Layout, board: CalibrationBoard, rig_from_board: FloatArray
 ) -> DecodedCorners:
     """Find a board in all views of a decoded frame.
 

@@ -6,7 +6,6 @@ before it reads the `truth` folder.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,8 +24,8 @@ from mirrorcam.core.values import FloatArray, Matrix4, Metric, Value
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.solver.parameterisation import rotated_like
+from mirrorcam.optics.geometry.boards import load_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import load_board
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.render_scenes.sets.dataset import Dataset, true_layout
 
@@ -52,18 +51,15 @@ class Validation:
         return all(metric.passed for metric in self.metrics.values())
 
 
-def calibrate_set(folder: Path, on_frame: Callable[[int], None] = lambda done: None) -> Calibration:
-    """Calibrate a rendered set from its frames, base frames, nominal layout and board alone.
-
-    `on_frame` is called with the number of pictures done.
-    """
+def calibrate_set(folder: Path, progress: Progress = no_progress) -> Calibration:
+    """Calibrate a rendered set from its frames, base frames, nominal layout and board alone; `progress` per picture."""
     dataset = Dataset.load(folder)
     layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
 
     frames = [inside(folder, name) for name in dataset.frame_names]
     base_frames = [inside(folder, name) for name in dataset.base_names]
     names = dataset.frame_names, dataset.base_names
-    return calibrate(frames, base_frames, layout, board, workers=cores(), names=names, on_frame=on_frame)
+    return calibrate(frames, base_frames, layout, board, workers=cores(), names=names, progress=progress)
 
 
 def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
@@ -93,7 +89,7 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     dataset, board = Dataset.load(folder), load_board(folder / "board.toml")
     pictures = dataset.frames + dataset.base_frames
     total = pictures + dataset.frames
-    calibration = calibrate_set(folder, lambda done: progress(done, total))
+    calibration = calibrate_set(folder, lambda done, _: progress(done, total))
     truth = true_layout(folder)
     poses = read_model(_Poses, folder / "truth" / "poses.json", LARGEST_FILE_BYTES).frames
     layout, pair_metrics = calibration.layout, {}

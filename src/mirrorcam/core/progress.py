@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 Progress = Callable[[int, int], None]
-"""Called as `progress(done, total)` with the number of steps, frames or pictures done, and their total."""
+"""Called as `progress(done, total)` with the number of steps, frames or pictures done, and their total.
+
+It is called in the thread of the caller; an exception that it raises ends the work.
+"""
 
 
 def no_progress(done: int, total: int) -> None:

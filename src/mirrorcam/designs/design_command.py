@@ -142,8 +142,8 @@ def design(
     ):
         output.refuse_others(*FILES)
         with output.staged(result="layout.json") as folder:
-            with long_work("design", f"{spec.arrangement.text} mirrors"):
-                comparison = write_design(spec, folder, calls)
+            with long_work("design", f"{spec.arrangement.text} mirrors", "searches") as advance:
+                comparison = write_design(spec, folder, calls, advance)
             study, tolerance_error = None, None
             if tolerance:
                 from mirrorcam.designs.tolerance import write_tolerance

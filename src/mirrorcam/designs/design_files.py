@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, model_from, read_bytes, tables_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Calls, in_turn
+from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import with_tuples
 from mirrorcam.optics.design import optimise
 from mirrorcam.optics.design.optimise import assessed_parabola
@@ -103,27 +104,29 @@ class DesignComparison:
     no_parabola: str = ""
 
 
-def compare_designs(spec: DesignSpec, calls: Calls = in_turn) -> DesignComparison:
-    """Optimise a layout and evaluate the faceted parabola of the same spec; `calls` as for `design`.
+def compare_designs(spec: DesignSpec, calls: Calls = in_turn, progress: Progress = no_progress) -> DesignComparison:
+    """Optimise a layout and evaluate the faceted parabola of the same spec; `calls` and `progress` as for `design`.
 
     Raises InfeasibleDesign if no layout meets the spec.
     """
-    optimised = optimise.design(spec, calls)
+    optimised = optimise.design(spec, calls, progress=progress)
     try:
         return DesignComparison(optimised, assessed_parabola(spec))
     except InputError as error:
         return DesignComparison(optimised, None, str(error))
 
 
-def write_design(spec: DesignSpec, folder: Path, calls: Calls = in_turn) -> DesignComparison:
+def write_design(
+    spec: DesignSpec, folder: Path, calls: Calls = in_turn, progress: Progress = no_progress
+) -> DesignComparison:
     """Write layout.json (optimised), parabola.json (if the spec has one) and before_after.png into a folder.
 
-    Unless the camera is a pinhole, also write focus.png of the optimised layout. `calls` as for `design`. Raises
-    InfeasibleDesign, before anything is written, if no layout meets the spec.
+    Unless the camera is a pinhole, also write focus.png of the optimised layout. `calls` and `progress` as for
+    `design`. Raises InfeasibleDesign, before anything is written, if no layout meets the spec.
     """
     from mirrorcam.designs.design_figure import before_after, focus_figure
 
-    comparison = compare_designs(spec, calls)
+    comparison = compare_designs(spec, calls, progress)
     comparison.optimised.save(folder / "layout.json")
     if comparison.parabola is not None:
         comparison.parabola.save(folder / "parabola.json")

@@ -9,7 +9,7 @@ from pathlib import Path
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.errors import InputError
 from mirrorcam.device.board_print import FORMATS, page_for, write_board
-from mirrorcam.optics.geometry.targets import default_board, is_own_board, load_board, save_board
+from mirrorcam.optics.geometry.boards import default_board, is_own_board, load_board, save_board
 
 
 @dataclass(frozen=True)
@@ -37,15 +37,15 @@ def print_board(path: Path, board: Path | None = None, page: str = "", *, force:
     """
     if path.suffix not in FORMATS:
         raise InputError(f"--out {path}: expected a name that ends in {' or '.join(FORMATS)}")
-    target = default_board() if board is None else load_board(board)
+    printed = default_board() if board is None else load_board(board)
     own = board is not None and is_own_board(board)
     description = board if own and board is not None else path.with_suffix(".toml")
-    page_mm = page_for(target, page.lower())
+    page_mm = page_for(printed, page.lower())
     names = (path.name,) if own else (path.name, description.name)
     with output_folder(path.parent, "board", force=force) as output:
         output.refuse_others(*map(glob.escape, names))
         with output.staged(complete=False) as folder:
-            write_board(target, folder / path.name, page_mm, description.name)
+            write_board(printed, folder / path.name, page_mm, description.name)
             if not own:
-                save_board(folder / description.name, target)
+                save_board(folder / description.name, printed)
     return PrintedBoard(page_mm, description)

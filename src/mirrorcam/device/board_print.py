@@ -21,7 +21,7 @@ from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import drawable, fitted
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Target
+from mirrorcam.optics.geometry.boards import AprilGrid, CalibrationBoard, Charuco
 
 MM_PER_INCH = 25.4
 PAGES_MM = {
@@ -42,12 +42,12 @@ POINTS = 7  # font size
 FORMATS = (".pdf", ".svg")
 
 
-def page_for(target: Target, page: str) -> tuple[float, float]:
+def page_for(board: CalibrationBoard, page: str) -> tuple[float, float]:
     """Choose a page, portrait or landscape, that holds a board and its footer.
 
     Parameters
     ----------
-    target
+    board
         The board.
     page
         A name in `PAGES_MM`; WIDTHxHEIGHT in mm, which is not rotated; or empty for the smallest A page.
@@ -62,7 +62,7 @@ def page_for(target: Target, page: str) -> tuple[float, float]:
     InputError
         If `page` is not valid, or the board does not fit on it.
     """
-    needed = needed_mm(target)
+    needed = needed_mm(board)
     if page and page not in PAGES_MM:
         sizes = [_custom(page)]
     else:
@@ -70,7 +70,7 @@ def page_for(target: Target, page: str) -> tuple[float, float]:
         sizes = [size for short, long in sorted(portraits) for size in ((short, long), (long, short))]
     fitting = [size for size in sizes if size[0] >= needed[0] and size[1] >= needed[1]]
     if not fitting:
-        width, height = target.size_mm
+        width, height = board.size_mm
         raise InputError(
             f"board of {width:g} x {height:g} mm: does not fit on {page or 'a0'}, expected a page of "
             f"{needed[0]:g} x {needed[1]:g} mm or more"
@@ -78,9 +78,9 @@ def page_for(target: Target, page: str) -> tuple[float, float]:
     return fitting[0]
 
 
-def needed_mm(target: Target) -> tuple[float, float]:
+def needed_mm(board: CalibrationBoard) -> tuple[float, float]:
     """Return the smallest width and height of a page, in mm, that hold a board and its footer."""
-    width, height = target.size_mm
+    width, height = board.size_mm
     return max(width, RULER_MM + TEXT_MM) + 2 * EDGE_MM, height + FOOTER_MM + 3 * EDGE_MM
 
 
@@ -94,12 +94,12 @@ def _custom(text: str) -> tuple[float, float]:
     return width, height
 
 
-def write_board(target: Target, path: Path, page_mm: tuple[float, float], name: str) -> None:
+def write_board(board: CalibrationBoard, path: Path, page_mm: tuple[float, float], name: str) -> None:
     """Write the page of a board atomically; the same arguments give the same bytes.
 
     Parameters
     ----------
-    target
+    board
         The board.
     path
         The file; its suffix, one of `FORMATS`, chooses the format.
@@ -113,9 +113,9 @@ def write_board(target: Target, path: Path, page_mm: tuple[float, float], name: 
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0.0, width), ylim=(height, 0.0))
     axes.set_axis_off()
-    origin = board_in_page_mm(target, page_mm)
-    _fill(axes, shapely.transform(ink_in_board_mm(target), lambda points: points + origin))
-    _footer(axes, target, name, left=EDGE_MM, top=height - EDGE_MM - FOOTER_MM)
+    origin = board_in_page_mm(board, page_mm)
+    _fill(axes, shapely.transform(ink_in_board_mm(board), lambda points: points + origin))
+    _footer(axes, board, name, left=EDGE_MM, top=height - EDGE_MM - FOOTER_MM)
     metadata: dict[str, dict[str, Any]] = {
         ".svg": {"Date": None, "Creator": "MirrorCam", "Title": _drawable(name)},
         ".pdf": {"CreationDate": None, "Creator": "MirrorCam", "Producer": None, "Title": _drawable(name)},
@@ -125,9 +125,9 @@ def write_board(target: Target, path: Path, page_mm: tuple[float, float], name: 
         figure.savefig(temporary, format=path.suffix[1:], metadata=metadata[path.suffix])
 
 
-def board_in_page_mm(target: Target, page_mm: tuple[float, float]) -> tuple[float, float]:
+def board_in_page_mm(board: CalibrationBoard, page_mm: tuple[float, float]) -> tuple[float, float]:
     """Position of the board's top left corner on the page: centred above the footer."""
-    width, height = target.size_mm
+    width, height = board.size_mm
     return (page_mm[0] - width) / 2.0, (page_mm[1] - FOOTER_MM - EDGE_MM - height) / 2.0
 
 
@@ -139,7 +139,7 @@ def _fill(axes: Axes, areas: shapely.MultiPolygon) -> None:
     axes.add_patch(PathPatch(outline, facecolor="black", edgecolor="none", linewidth=0.0, snap=False, clip_on=False))
 
 
-def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> None:
+def _footer(axes: Axes, board: CalibrationBoard, name: str, left: float, top: float) -> None:
     """Draw a ruler of 100 mm and, next to it, the name and the dimensions of the board."""
     ticks = [
         shapely.box(
@@ -151,15 +151,15 @@ def _footer(axes: Axes, target: Target, name: str, left: float, top: float) -> N
     _fill(axes, shapely.MultiPolygon([bar, *ticks]))
     for mm in (0, 50, 100):
         axes.text(left + mm, top + 8.5, f"{mm} mm" if mm else "0", fontsize=POINTS, ha="center", va="baseline")
-    width, height = target.size_mm
-    lines = [fitted(_drawable(name), TEXT_MM - GAP_MM, _width_mm), f"{target.name}, {target.layout_text}"]
-    if isinstance(target, Charuco):
-        first_marker = f" from {target.first_marker} on" if target.first_marker else ""
-        pattern = ", pattern of OpenCV before 4.6" if target.legacy else ""
-        polarity = ", inverted" if target.inverted else ""
-        lines.append(f"markers of {target.marker_mm:g} mm, {target.dictionary}{first_marker}{pattern}{polarity}")
-    if isinstance(target, AprilGrid):
-        lines.append(f"gaps of {target.gap_mm:g} mm, family 36h11, tag 0 at the lower left")
+    width, height = board.size_mm
+    lines = [fitted(_drawable(name), TEXT_MM - GAP_MM, _width_mm), f"{board.name}, {board.layout_text}"]
+    if isinstance(board, Charuco):
+        first_marker = f" from {board.first_marker} on" if board.first_marker else ""
+        pattern = ", pattern of OpenCV before 4.6" if board.legacy else ""
+        polarity = ", inverted" if board.inverted else ""
+        lines.append(f"markers of {board.marker_mm:g} mm, {board.dictionary}{first_marker}{pattern}{polarity}")
+    if isinstance(board, AprilGrid):
+        lines.append(f"gaps of {board.gap_mm:g} mm, family 36h11, tag 0 at the lower left")
     lines.append(f"printed at 100 %, its squares span {width:g} x {height:g} mm")
     for number, line in enumerate(lines):
         position = left + RULER_MM + GAP_MM, top + 2.0 + number * LINE_MM
@@ -177,36 +177,36 @@ def _width_mm(text: str) -> float:
     return float(path.get_extents().width) / 72.0 * MM_PER_INCH
 
 
-def ink_in_board_mm(target: Target) -> shapely.MultiPolygon:
+def ink_in_board_mm(board: CalibrationBoard) -> shapely.MultiPolygon:
     """Black squares and markers in the board's frame, x and y in mm.
 
     Modules of a marker that share an edge form one polygon, so that viewers show no seams. Squares that touch at a
     corner are separate polygons.
     """
-    if isinstance(target, AprilGrid):
-        x, y = (target.cell_edges(n, tag=target.tag_mm, gap=target.gap_mm) for n in (target.cols, target.rows))
-        return shapely.MultiPolygon([shapely.orient_polygons(polygon) for polygon in _joined(target.black, x, y)])
-    side = target.square_mm
-    black = target.black if isinstance(target, Charuco) else target.image(1) == 0
-    if isinstance(target, Charuco) and target.inverted:
+    if isinstance(board, AprilGrid):
+        x, y = (board.cell_edges(n, tag=board.tag_mm, gap=board.gap_mm) for n in (board.cols, board.rows))
+        return shapely.MultiPolygon([shapely.orient_polygons(polygon) for polygon in _joined(board.black, x, y)])
+    side = board.square_mm
+    black = board.black if isinstance(board, Charuco) else board.image(1) == 0
+    if isinstance(board, Charuco) and board.inverted:
         black = np.zeros_like(black)  # all black squares hold markers
     squares = [
         shapely.box(column * side, row * side, (column + 1) * side, (row + 1) * side)
         for row, column in np.argwhere(black).tolist()
     ]
-    markers = _markers(target) if isinstance(target, Charuco) else ()
+    markers = _markers(board) if isinstance(board, Charuco) else ()
     return shapely.MultiPolygon([shapely.orient_polygons(polygon) for polygon in (*squares, *markers)])
 
 
-def _markers(target: Charuco) -> Iterator[shapely.Polygon]:
+def _markers(board: Charuco) -> Iterator[shapely.Polygon]:
     """Polygons of the squares with markers at their centres, in the order of their numbers, row by row."""
-    for white, (row, column) in zip(target.markers, target.marker_squares.tolist(), strict=True):
-        square = np.array([column, row]) * target.square_mm
-        corner = square + (target.square_mm - target.marker_mm) / 2.0
-        modules = np.arange(len(white) + 1) * target.marker_mm / len(white)
+    for white, (row, column) in zip(board.markers, board.marker_squares.tolist(), strict=True):
+        square = np.array([column, row]) * board.square_mm
+        corner = square + (board.square_mm - board.marker_mm) / 2.0
+        modules = np.arange(len(white) + 1) * board.marker_mm / len(white)
         # Neighbours share identical coordinates, so that their union has no gaps.
-        lines = np.column_stack([square, corner[:, None] + modules, square + target.square_mm])
-        yield from _joined(np.pad(~white, 1, constant_values=target.inverted), *lines)
+        lines = np.column_stack([square, corner[:, None] + modules, square + board.square_mm])
+        yield from _joined(np.pad(~white, 1, constant_values=board.inverted), *lines)
 
 
 def _joined(black: NDArray[np.bool_], x: FloatArray, y: FloatArray) -> tuple[shapely.Polygon, ...]:

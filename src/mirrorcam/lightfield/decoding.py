@@ -19,7 +19,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import is_picture, read_image, write_image
-from mirrorcam.core.video.camera_addresses import camera, without_password
+from mirrorcam.core.video.camera_addresses import open_camera, without_password
 from mirrorcam.core.video.frames import MAX_KEPT, Frame
 from mirrorcam.core.video.stream_losses import Stream
 from mirrorcam.core.video.video import Video
@@ -318,5 +318,5 @@ def _streams(
             yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
     if live is not None:
         size = layout.camera.width_px, layout.camera.height_px
-        device = camera(live, *size, on_note=lambda line: reporter.note("decode", line))
+        device = open_camera(live, *size, on_note=lambda line: reporter.note("decode", line))
         yield device, _live_name(live), {"device": without_password(live), "started": datetime.now(UTC).isoformat()}

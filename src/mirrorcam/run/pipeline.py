@@ -19,10 +19,10 @@ from mirrorcam.core.progress import Progress
 from mirrorcam.core.values import Metric
 from mirrorcam.designs.design_files import write_design
 from mirrorcam.lightfield.decoding import decode_picture
+from mirrorcam.optics.geometry.boards import CalibrationBoard, Charuco, default_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Target, default_board
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.run.run_page import read_metrics, write_page, write_pictures
@@ -38,7 +38,7 @@ class Recipe:
     """All inputs that determine the results of a run."""
 
     spec: DesignSpec
-    target: Target
+    board: CalibrationBoard
     frames: int
     base_frames: int
     settings: RenderSettings
@@ -61,8 +61,8 @@ def quick_recipe(seed: int) -> Recipe:
     It meets the limits of the full run by a factor of about two, whatever the seed.
     """
     spec = DesignSpec(camera=Camera.c920().binned(0.5), rows=2, cols=2)
-    target = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
-    return Recipe(spec, target, frames=8, base_frames=6, settings=SETTINGS, seed=seed, small=True)
+    board = Charuco(cols=12, rows=8, square_mm=24.0, marker_mm=18.0)
+    return Recipe(spec, board, frames=8, base_frames=6, settings=SETTINGS, seed=seed, small=True)
 
 
 def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
@@ -72,7 +72,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
     calibrated = root / "validation" / "layout.json"
 
     def design(folder: Path, progress: Progress) -> None:
-        write_design(recipe.spec, folder)
+        write_design(recipe.spec, folder, progress=progress)
 
     def part(folder: Path, progress: Progress) -> None:
         from mirrorcam.cad.build import build_parts
@@ -92,7 +92,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
 
         request = SetRequest(
             layout=Layout.load(nominal),
-            target=recipe.target,
+            board=recipe.board,
             frames=recipe.frames,
             base_frames=recipe.base_frames,
             seed=recipe.seed,
@@ -134,7 +134,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
             doing=f"{recipe.frames} frames via the mirrors and {recipe.base_frames} without",
             unit="frames",
             parameters={
-                "target": recipe.target.model_dump(mode="json"),
+                "board": recipe.board.model_dump(mode="json"),
                 "frames": recipe.frames,
                 "base_frames": recipe.base_frames,
                 "seed": recipe.seed,

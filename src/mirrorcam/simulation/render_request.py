@@ -111,7 +111,9 @@ class RenderRequest(Value):
         default=None,
         description="TOML file of other settings: spp, finish of the mirrors, maps, video and more (docs/rendering.md)",
     )
-    board: Path | None = Field(default=None, description="board.toml of the target. [default: the default board]")
+    board: Path | None = Field(
+        default=None, description="board.toml of the board to render. [default: the default board]"
+    )
     poses: Path | None = Field(
         default=None, description="JSON file of poses, rig_from_board in mm. [default: planned poses]"
     )
@@ -125,7 +127,7 @@ class RenderRequest(Value):
 
     def read(self, layout: Layout) -> SetRequest:
         """Read the files of the request; raises InputError if one is invalid or contradicts others."""
-        from mirrorcam.optics.geometry.targets import default_board, load_board
+        from mirrorcam.optics.geometry.boards import default_board, load_board
         from mirrorcam.render_scenes.sets.set_request import SetRequest
 
         settings = RenderSettings() if self.settings is None else read_model(RenderSettings, self.settings)
@@ -139,7 +141,7 @@ class RenderRequest(Value):
         poses_file = None if self.poses is None else read_model(PosesFile, self.poses, LARGEST_FILE_BYTES)
         return SetRequest(
             layout=layout,
-            target=default_board() if self.board is None else load_board(self.board),
+            board=default_board() if self.board is None else load_board(self.board),
             frames=self.frames,
             base_frames=self.base_frames,
             seed=self.seed,

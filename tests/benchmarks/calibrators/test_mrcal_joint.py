@@ -19,9 +19,9 @@ from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.camera_files.read.registry import read_rig
 from mirrorcam.optics.camera_files.write.virtual_cameras import virtual_cameras
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 from tests.optics.layouts import faceted_parabola
 

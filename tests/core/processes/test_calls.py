@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.processes.calls import Call, Calls, in_parallel, in_turn
+from mirrorcam.core.processes.calls import Call, Calls, counted, in_parallel, in_turn
 from mirrorcam.core.processes.worker_process import WorkerProcess
 from tests.core.processes.processes import ended, first_line
 
@@ -92,3 +92,24 @@ def test_what_nobody_wants_any_more_is_not_waited_for(worker: WorkerProcess, tmp
     answers.close()
     assert ended(number)
     assert list(in_parallel(worker)([(pow, (2, 5)), (pow, (2, 6))])) == [32, 64]
+
+
+def test_results_are_counted_and_cancelled_calls_leave_the_total(calls: Calls) -> None:
+    reported: list[tuple[int, int]] = []
+    count = counted(calls, lambda *both: reported.append(both))
+    assert list(count([(abs, (-1,)), (abs, (-2,))])) == [1, 2]
+    assert reported == [(0, 2), (1, 2), (2, 2)]
+    more = count([(abs, (-3,))] * 3)
+    assert next(more) == 3
+    more.close()
+    assert list(count([(abs, (-4,))])) == [4]
+    assert reported[3:] == [(2, 5), (3, 5), (3, 4), (4, 4)]
+
+
+def test_an_exception_of_the_report_ends_the_calls(calls: Calls, tmp_path: Path) -> None:
+    def stop(done: int, total: int) -> None:
+        if done == 1:
+            raise InterruptedError(f"{done} of {total}")
+
+    with pytest.raises(InterruptedError, match="1 of 3"):
+        list(counted(calls, stop)([(abs, (-1,))] * 3))

@@ -24,7 +24,7 @@ from benchmarks.robustness.native_opens import watched_opens
 from benchmarks.robustness.playlists import LISTS, sdp
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.video import camera_addresses
-from mirrorcam.core.video.camera_addresses import MAX_MISSED, camera, without_password
+from mirrorcam.core.video.camera_addresses import MAX_MISSED, open_camera, without_password
 from mirrorcam.core.video.frames import Frame, Lost
 from mirrorcam.core.video.live_camera import LiveCamera
 from tests.core.video.rtsp_server import PAYLOAD, rtp_packets, rtsp_served
@@ -72,7 +72,7 @@ def test_a_recording_is_read_from_a_file_and_a_web_server(tmp_path: Path) -> Non
     path = write_h264(tmp_path / "a.mp4", pictures(COUNT), b_frames=2)
     with served(tmp_path) as host:
         for address in (f"file://{path}", f"{host}/a.mp4"):
-            source = camera(address, 160, 96)
+            source = open_camera(address, 160, 96)
             found = list(source.frames())
             assert source.ends
             assert [frame.number for frame in found] == list(range(COUNT))
@@ -85,7 +85,7 @@ def test_a_recording_is_read_from_a_file_and_a_web_server(tmp_path: Path) -> Non
 def test_damaged_pictures_and_those_that_depend_on_them_are_lost(tmp_path: Path) -> None:
     path = write_h264(tmp_path / "a.mp4", pictures(30), key_every=10)
     damage(path, 13)
-    found = list(camera(f"file://{path}", 160, 96).frames())
+    found = list(open_camera(f"file://{path}", 160, 96).frames())
     kept = [number_in(frame.pixels) for frame in found if isinstance(frame, Frame)]
     assert kept == [*range(13), *range(20, 30)]
     assert {lost.reason for lost in found if isinstance(lost, Lost)} == {"is damaged"}
@@ -93,14 +93,14 @@ def test_damaged_pictures_and_those_that_depend_on_them_are_lost(tmp_path: Path)
 
 def test_remarks_on_a_recording_are_made_once(tmp_path: Path) -> None:
     path, lines = write_h264(tmp_path / "a.mp4", pictures(3), interlaced=True, matrix=(0, 1, -1, 0)), list[str]()
-    assert len(list(camera(str(path), 160, 96, lines.append).frames())) == 3
+    assert len(list(open_camera(str(path), 160, 96, lines.append).frames())) == 3
     assert [line.split(" is ")[1].split()[0] for line in lines] == ["interlaced:", "displayed"]
 
 
 def test_pictures_of_many_bits_are_scaled_by_those_in_use(tmp_path: Path) -> None:
     lines = list[str]()
     path = write_ramps(tmp_path / "a.mkv", "gray16le", 12, (200, 100, 255))
-    found = list(camera(str(path), 64, 48, lines.append).frames())
+    found = list(open_camera(str(path), 64, 48, lines.append).frames())
     largest = [int(frame.pixels.max()) for frame in found if isinstance(frame, Frame)]
     assert largest == pytest.approx([200, 100, 255], abs=1)
     assert len(lines) == 1 and "the lowest 12 of these bits" in lines[0]
@@ -118,7 +118,7 @@ def assert_in_time(found: list[Frame | Lost]) -> None:
 
 def test_a_camera_is_read_by_rtsp() -> None:
     with rtsp_served(pictures(40), RATE) as address:
-        source = camera(address, 160, 96)
+        source = open_camera(address, 160, 96)
         assert not source.ends
         assert "secret" in address
         assert "secret" not in source.name
@@ -135,7 +135,7 @@ def test_a_stream_is_read_live() -> None:
     sender = threading.Thread(target=send, args=(f"{address}?pkt_size=1316", 500, over), daemon=True)
     sender.start()
     time.sleep(0.3)
-    source = camera(address, 160, 96)
+    source = open_camera(address, 160, 96)
     assert not source.ends
     frames = source.frames()
     found = [next(frames) for _ in range(30)]
@@ -161,7 +161,7 @@ def test_a_server_that_goes_and_comes_back_is_connected_again(tmp_path: Path, mo
         thread = threading.Thread(target=serve, daemon=True)
         thread.start()
         monkeypatch.setattr(camera_addresses, "LiveCamera", partial(LiveCamera, retry_s=0.05))
-        source = camera(f"tcp://127.0.0.1:{server.getsockname()[1]}", 160, 96, lines.append)
+        source = open_camera(f"tcp://127.0.0.1:{server.getsockname()[1]}", 160, 96, lines.append)
         frames = source.frames()
         found = [next(frames) for _ in range(8 - source.dropped)]
         frames.close()
@@ -185,7 +185,7 @@ def test_a_server_leads_to_nothing_else(tmp_path: Path) -> None:
         for listed, target, name in product(LISTS, targets, ("list.m3u8", "list.mp4", "list.sdp")):
             (tmp_path / name).write_text(listed(target), encoding="utf-8")
             with pytest.raises(InputError, match=rf"/{name} cannot be opened: ") as refused:
-                camera(f"{host}/{name}", 160, 96)
+                open_camera(f"{host}/{name}", 160, 96)
             assert len(str(refused.value)) <= 300
     assert {each for each in asked if "other" in each} == set()
     assert opened == []
@@ -206,19 +206,19 @@ def test_a_server_may_send_to_another_page_but_not_to_a_file(tmp_path: Path) -> 
 
     with served(tmp_path, Sending) as host:
         places["/page"] = f"{host}/other.mkv"
-        assert len(list(camera(f"{host}/page", 160, 96).frames())) == 2
+        assert len(list(open_camera(f"{host}/page", 160, 96).frames())) == 2
         with watched_opens([other]) as opened:
             for place in (f"file:{other}", f"file://{other}", str(other), f"concat:{other}", f"subfile:{other}"):
                 places["/file"] = place
                 with pytest.raises(InputError, match="/file cannot be opened: "):
-                    camera(f"{host}/file", 160, 96)
+                    open_camera(f"{host}/file", 160, 96)
         assert opened == []
 
 
 @pytest.mark.parametrize("scheme", ["rtsp", "rtmp", "http", "https", "tcp", "rtsps", "rtmps"])
 def test_each_kind_of_address_has_the_protocols_that_it_needs(scheme: str) -> None:
     with pytest.raises(InputError, match="cannot be opened: Connection refused; "):
-        camera(f"{scheme}://127.0.0.1:1/live", 160, 96)
+        open_camera(f"{scheme}://127.0.0.1:1/live", 160, 96)
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_other_kinds_of_address_are_refused(tmp_path: Path, address: str) -> Non
         watched_opens([other]) as opened,
         pytest.raises(InputError, match="opened: neither a file nor an address"),
     ):
-        camera(address.format(other), 160, 96)
+        open_camera(address.format(other), 160, 96)
     assert opened == []
 
 
@@ -252,7 +252,7 @@ def test_a_stream_is_read_by_its_description(tmp_path: Path) -> None:
 
     thread = threading.Thread(target=send_packets, daemon=True)
     thread.start()
-    source = camera(str(tmp_path / "a.sdp"), 160, 96)
+    source = open_camera(str(tmp_path / "a.sdp"), 160, 96)
     assert not source.ends
     frames = source.frames()
     assert_in_time([next(frames) for _ in range(15)])
@@ -272,7 +272,7 @@ def test_a_description_of_a_stream_is_not_a_playlist(tmp_path: Path, monkeypatch
             watched_opens([other]) as opened,
             pytest.raises(InputError, match=r"a\.sdp (cannot be opened|has no pict)"),
         ):
-            camera(str(tmp_path / "a.sdp"), 160, 96)
+            open_camera(str(tmp_path / "a.sdp"), 160, 96)
         assert opened == []
 
 
@@ -295,7 +295,7 @@ def test_a_description_of_a_stream_is_not_a_playlist(tmp_path: Path, monkeypatch
 )
 def test_what_cannot_be_opened_is_refused_in_one_line(address: str, message: str) -> None:
     with pytest.raises(InputError, match=message) as refused:
-        camera(address, 160, 96)
+        open_camera(address, 160, 96)
     assert "\n" not in str(refused.value)
     assert len(str(refused.value)) <= 300
     assert "secret" not in str(refused.value)
@@ -313,7 +313,7 @@ def test_a_device_of_v4l2_is_asked_for_jpeg_and_the_size_and_taken_without_jpeg(
         return whole(str(path))
 
     monkeypatch.setattr(av, "open", opened)
-    assert len(list(camera("v4l2:///dev/video3", 160, 96).frames())) == 2
+    assert len(list(open_camera("v4l2:///dev/video3", 160, 96).frames())) == 2
     size = {"video_size": "160x96"}
     assert asked == [
         ("/dev/video3", "v4l2", size | {"input_format": "mjpeg"}),
@@ -324,7 +324,7 @@ def test_a_device_of_v4l2_is_asked_for_jpeg_and_the_size_and_taken_without_jpeg(
 def test_a_silent_server_is_not_waited_for_without_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(camera_addresses, "OPENING_S", 0.3)
     with pytest.raises(InputError, match=r"cannot be opened: no answer within 0\.3 s; "):
-        camera(f"udp://127.0.0.1:{free_port()}", 160, 96)
+        open_camera(f"udp://127.0.0.1:{free_port()}", 160, 96)
 
 
 def test_sound_alone_is_not_a_camera(tmp_path: Path) -> None:
@@ -335,7 +335,7 @@ def test_sound_alone_is_not_a_camera(tmp_path: Path) -> None:
         container.mux(stream.encode(sound))
         container.mux(stream.encode(None))
     with pytest.raises(InputError, match="has no pictures, expected a camera or a video"):
-        camera(f"file://{tmp_path / 'a.wav'}", 160, 96)
+        open_camera(f"file://{tmp_path / 'a.wav'}", 160, 96)
 
 
 def test_passwords_are_not_shown() -> None:
@@ -376,7 +376,7 @@ def test_a_camera_by_its_number_is_gone_after_many_pictures_that_it_did_not_give
     device = Camera([one[..., ::-1], *misses, two[..., ::-1]])
     monkeypatch.setattr(cv2, "VideoCapture", device)
     monkeypatch.setattr(camera_addresses, "LiveCamera", partial(LiveCamera, retry_s=30))
-    frames = camera("0", 160, 96).frames()
+    frames = open_camera("0", 160, 96).frames()
     found = [next(frames), next(frames)]
     deadline = time.monotonic() + 10
     while not device.released and time.monotonic() < deadline:

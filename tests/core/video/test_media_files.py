@@ -20,7 +20,7 @@ from benchmarks.robustness.playlists import LISTS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.animation import write_loop
 from mirrorcam.core.video.background_recorder import FrameRecorder
-from mirrorcam.core.video.camera_addresses import camera
+from mirrorcam.core.video.camera_addresses import open_camera
 from mirrorcam.core.video.frames import Frame
 from mirrorcam.core.video.media_files import FORMATS, MediaFile, opened
 from mirrorcam.core.video.video import Video
@@ -81,11 +81,11 @@ def test_a_name_that_looks_like_an_address_is_the_name_of_a_file(
     write_video(tmp_path / name)
     monkeypatch.chdir(tmp_path)
     assert frame_numbers(Video(Path(name))) == [0, 1, 2]
-    device = camera(name, 160, 96)
+    device = open_camera(name, 160, 96)
     assert device.ends
     assert [number_in(item.pixels) for item in device.frames() if isinstance(item, Frame)] == [0, 1, 2]
     Path(name).write_bytes(bytes(100))
-    for use in (lambda: Video(Path(name)), lambda: camera(name, 160, 96)):
+    for use in (lambda: Video(Path(name)), lambda: open_camera(name, 160, 96)):
         with pytest.raises(InputError, match="not a video that can be opened"):
             use()
 
@@ -169,10 +169,10 @@ READ = """
 import sys
 from pathlib import Path
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.video.camera_addresses import camera
+from mirrorcam.core.video.camera_addresses import open_camera
 from mirrorcam.core.video.video import Video
 for name in sys.argv[1:]:
-    for use in (lambda: list(Video(Path(name), print).frames()), lambda: list(camera(name, 160, 96).frames())):
+    for use in (lambda: list(Video(Path(name), print).frames()), lambda: list(open_camera(name, 160, 96).frames())):
         try:
             use()
         except InputError as error:

@@ -86,3 +86,10 @@ def test_stopping_lets_go_of_a_source_that_waits() -> None:
     newest.stop()
     assert (source.stopped and newest.ended) or newest.take(1.0) is not None
     assert not [thread for thread in threading.enumerate() if thread.name == "newest frame"]
+
+
+def test_a_block_lets_go_of_the_source() -> None:
+    source = Frames(5, hold_at=4)
+    with NewestFrame(source) as newest:
+        assert newest.take() is not None
+    assert source.stopped

@@ -1,4 +1,4 @@
-"""Corners of a target in many frames, as an exact projection with Gaussian noise: calibration without pictures."""
+"""Corners of a board in many frames, as an exact projection with Gaussian noise: calibration without pictures."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from shapely.geometry import Polygon
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.solver.observations import DIRECT, MIN_CORNERS, Observations
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.synthetic import posed
 
@@ -29,10 +29,10 @@ class Views:
 
 
 def mirrored_corners(
-    truth: Layout, target: Checkerboard | Charuco, pose: FloatArray, noise_px: float, random: np.random.Generator
+    truth: Layout, board: Checkerboard | Charuco, pose: FloatArray, noise_px: float, random: np.random.Generator
 ) -> Observations:
     """Return the corners of a frame in every mirror that shows enough, with noise of `noise_px` per axis."""
-    points = transform(pose, target.corners_in_board_mm)
+    points = transform(pose, board.corners_in_board_mm)
     parts = []
     for index, mirror in enumerate(truth.mirrors):
         pixels = truth.camera.project(mirror.image_of(points))
@@ -46,10 +46,10 @@ def mirrored_corners(
 
 
 def direct_corners(
-    truth: Layout, target: Checkerboard | Charuco, pose: FloatArray, noise_px: float, random: np.random.Generator
+    truth: Layout, board: Checkerboard | Charuco, pose: FloatArray, noise_px: float, random: np.random.Generator
 ) -> Observations:
     """Return the corners of a frame of the bare camera, with noise of `noise_px` per axis."""
-    pixels = truth.camera.project(transform(pose, target.corners_in_board_mm))
+    pixels = truth.camera.project(transform(pose, board.corners_in_board_mm))
     size = np.array([truth.camera.width_px, truth.camera.height_px])
     ids = np.flatnonzero((np.abs(pixels - (size - 1) / 2.0) < MARGIN * size / 2.0).all(axis=1))
     if len(ids) < MIN_CORNERS:
@@ -62,25 +62,25 @@ def noisy(observations: Observations, noise_px: float, random: np.random.Generat
     return Observations(observations.frame, observations.view, observations.corner, observations.pixels + noise)
 
 
-def mirrored_poses(target: Checkerboard | Charuco, count: int, *, tilt_deg: float, seed: int) -> list[FloatArray]:
+def mirrored_poses(board: Checkerboard | Charuco, count: int, *, tilt_deg: float, seed: int) -> list[FloatArray]:
     """Boards 300 to 450 mm before the mirrors of the default scale, tilted by up to `tilt_deg` about each axis."""
     random = np.random.default_rng(seed)
     centres = np.array([0.0, 370.0, 80.0]) + np.array([30.0, 70.0, 20.0]) * random.uniform(-1, 1, (count, 3))
     turns = tilt_deg * random.uniform(-1, 1, (count, 3))
-    return [posed(target, centre, turn, direct=False) for centre, turn in zip(centres, turns, strict=True)]
+    return [posed(board, centre, turn, direct=False) for centre, turn in zip(centres, turns, strict=True)]
 
 
-def direct_poses(target: Checkerboard | Charuco, count: int, *, tilt_deg: float, seed: int) -> list[FloatArray]:
+def direct_poses(board: Checkerboard | Charuco, count: int, *, tilt_deg: float, seed: int) -> list[FloatArray]:
     """Boards 250 to 400 mm before the bare camera, tilted by up to `tilt_deg` about each axis."""
     random = np.random.default_rng(seed)
     centres = np.array([0.0, 0.0, 320.0]) + np.array([30.0, 15.0, 70.0]) * random.uniform(-1, 1, (count, 3))
     turns = tilt_deg * random.uniform(-1, 1, (count, 3))
-    return [posed(target, centre, turn, direct=True) for centre, turn in zip(centres, turns, strict=True)]
+    return [posed(board, centre, turn, direct=True) for centre, turn in zip(centres, turns, strict=True)]
 
 
 def views_of(
     truth: Layout,
-    target: Checkerboard | Charuco,
+    board: Checkerboard | Charuco,
     mirrored: Sequence[FloatArray],
     direct: Sequence[FloatArray],
     *,
@@ -90,8 +90,8 @@ def views_of(
     """The corners of frames with the board at `mirrored` poses, and of base frames at `direct` ones."""
     random = np.random.default_rng(seed)
     return Views(
-        [mirrored_corners(truth, target, pose, noise_px, random) for pose in mirrored],
-        [direct_corners(truth, target, pose, noise_px, random) for pose in direct],
+        [mirrored_corners(truth, board, pose, noise_px, random) for pose in mirrored],
+        [direct_corners(truth, board, pose, noise_px, random) for pose in direct],
     )
 
 

@@ -21,10 +21,10 @@ from mirrorcam.optics.calibration.detection.detect_boards import detect_frames, 
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import posed, render
@@ -97,7 +97,7 @@ def detections(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def corners(small_set: Set, detections: Path) -> tuple[list[Observations], list[Observations]]:
     """The corners of the frames with and without mirrors, for tests of the solver alone."""
-    find = partial(detect_frames, layout=small_set.nominal, target=BOARD, folder=detections)
+    find = partial(detect_frames, layout=small_set.nominal, board=BOARD, folder=detections)
     seen, base = find(small_set.frames, mirrored=True), find(small_set.base, mirrored=False)
     return [frame.corners for frame in seen], [frame.corners for frame in base]
 
@@ -353,7 +353,7 @@ def test_the_first_pictures_of_each_kind_are_searched_for_other_boards(monkeypat
     assert int(changes[0].max()) == 30  # those without mirrors do not count
     requests: list[tuple[list[int], bool, bool, bool]] = []
 
-    def other(pictures: list[Grey], target: object, *, mirrored: bool, found: bool, fits: bool) -> str | None:
+    def other(pictures: list[Grey], board: object, *, mirrored: bool, found: bool, fits: bool) -> str | None:
         requests.append(([int(picture.mean()) for picture in pictures], mirrored, found, fits))
         return "another board" if mirrored and not fits else None
 

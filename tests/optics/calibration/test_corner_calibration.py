@@ -15,8 +15,8 @@ from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.pupil_estimate import BoardPictures
 from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.boards import CalibrationBoard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Target
 from tests.optics.calibration.sound_calibration import BOARD, board_poses, nominal_layout, true_layout
 from tests.optics.calibration.synthetic_corners import Views, views_of
 
@@ -66,11 +66,11 @@ def test_corners_in_second_surface_mirrors_are_refined_with_the_estimated_mirror
         pictures: Sequence[object],
         poses: Mapping[int, FloatArray],
         layout: Layout,
-        target: Target,
+        board: CalibrationBoard,
         *,
         workers: int,
     ) -> list[Observations]:
-        assert (len(seen), target, workers) == (len(pictures), BOARD, 3)
+        assert (len(seen), board, workers) == (len(pictures), BOARD, 3)
         requests.append((layout, poses))
         return [replace(rows, pixels=rows.pixels + np.array([0.0, 0.25])) for rows in seen]
 

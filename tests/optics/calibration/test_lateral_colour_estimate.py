@@ -9,8 +9,8 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.lateral_colour_estimate import estimated_lateral_colour
 from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.sets.sensor_model import magnify
 
 BOARD = Charuco(cols=10, rows=7, square_mm=20.0, marker_mm=15.0)

@@ -18,11 +18,11 @@ from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figure
 from mirrorcam.optics.calibration.plain_camera import calibrate_camera, first_camera
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Board
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Checkerboard
 from tests.optics.calibration.synthetic_corners import direct_corners
 from tests.optics.synthetic import posed
 
@@ -50,13 +50,13 @@ def pictures(
     random = np.random.default_rng(seed)
     frames: list[Observations] = []
     half = np.array([truth.width_px, truth.height_px]) / truth.fx_px / 2.0
-    target = _Printed(board_mm)
+    board = _Printed(board_mm)
     while len(frames) < count:
         depth_mm = truth.fx_px * 250.0 / (truth.width_px * random.uniform(0.35, 0.75))
         x, y = 0.6 * half * random.uniform(-1.0, 1.0, 2) * depth_mm
         turn = tilt_deg * random.uniform(-1.0, 1.0, 3)
         pose = posed(BOARD, np.array([x, y, depth_mm]), turn, direct=True)
-        rows = direct_corners(Layout.bare(truth), target, pose, NOISE_PX, random)
+        rows = direct_corners(Layout.bare(truth), board, pose, NOISE_PX, random)
         if len(rows) >= 30:
             frames.append(rows)
     return frames

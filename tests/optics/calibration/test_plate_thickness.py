@@ -8,8 +8,8 @@ import pytest
 from mirrorcam.optics.calibration.diagnostics.model_selection import select_model
 from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco
 from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
 
 BOARD = Charuco(cols=12, rows=8, square_mm=20.0, marker_mm=14.0)

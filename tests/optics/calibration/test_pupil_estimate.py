@@ -18,10 +18,10 @@ from mirrorcam.optics.calibration.pupil_estimate import (
     unvignetted,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
+from mirrorcam.optics.geometry.boards import default_board
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
-from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.render_scenes.sets.sensor_model import srgb
 from tests.nightly import a_few
 
@@ -119,7 +119,7 @@ def test_undetermined_values_of_the_pupil_are_kept(
     expected: tuple[float, float],
     words: str,
 ) -> None:
-    monkeypatch.setattr(pupil_estimate, "border_light", lambda layout, frames, target: [])
+    monkeypatch.setattr(pupil_estimate, "border_light", lambda layout, frames, board: [])
     monkeypatch.setattr(pupil_estimate, "fit_pupil", lambda layout, lights: seen)
     found = estimated_pupil(with_pupil(default_layout, PUPIL), [], default_board())
     assert (found.camera.aperture_mm, found.camera.focus_mm) == pytest.approx(expected)

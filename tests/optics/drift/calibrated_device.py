@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco
 from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
 from tests.optics.layouts import faceted_parabola
 

@@ -7,7 +7,14 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard, Target, is_own_board, load_board
+from mirrorcam.optics.geometry.boards import (
+    AprilGrid,
+    CalibrationBoard,
+    Charuco,
+    Checkerboard,
+    is_own_board,
+    load_board,
+)
 
 ANIPOSE = """
 project = "flypose"
@@ -80,7 +87,7 @@ GRID = "tagCols: 6\ntagRows: 4\ntagSize: 0.088\ntagSpacing: 0.3\n"
         ),
     ],
 )
-def test_boards_of_others_are_read(name: str, content: str, board: Target, tmp_path: Path) -> None:
+def test_boards_of_others_are_read(name: str, content: str, board: CalibrationBoard, tmp_path: Path) -> None:
     path = tmp_path / name
     path.write_text(content)
     assert load_board(path) == board

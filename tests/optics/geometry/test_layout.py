@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shapely import Polygon
+from shapely import Point, Polygon
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric
@@ -310,3 +310,29 @@ def test_a_layout_without_mirrors_is_no_layout_file(tmp_path: Path) -> None:
     bare.save(tmp_path / "layout.json")
     with pytest.raises(InputError, match="no mirrors, expected a layout with 1 x 1 or more"):
         Layout.load(tmp_path / "layout.json")
+
+
+def test_a_mirror_is_named_or_numbered(default_layout: Layout) -> None:
+    point = np.array([0.0, 0.0, 450.0]) @ default_layout.view_from_rig
+    last = len(default_layout.mirrors) - 1
+    name = default_layout.mirror_names[last]
+    assert (default_layout.project(point, name) == default_layout.project(point.tolist(), last)).all()
+    for wrong in ("9-9", last + 1, -1):
+        with pytest.raises(InputError, match=rf"^mirror {wrong!r}, expected one of "):
+            default_layout.project(point, wrong)
+
+
+def test_pixels_outside_the_sub_image_or_the_frame_show_nothing(default_layout: Layout) -> None:
+    for index in range(len(default_layout.mirrors)):
+        outline = default_layout.outline_px(index)
+        middle = outline.mean(axis=0)
+        pixels = np.stack([middle, 2.0 * outline[0] - middle, [np.nan, np.nan]])
+        assert default_layout.shows(pixels, index).tolist() == [True, False, False]
+    # A mirror of twice the size reaches beyond the frame.
+    mirror = default_layout.mirrors[0]
+    point, normal = mirror.outline_in_rig_mm.mean(axis=0), mirror.normal_in_rig
+    larger = Mirror.from_plane(point, normal, outline_in_plane_mm=4.0 * mirror.outline_in_plane_mm)
+    alone = default_layout.replaced(rows=1, cols=1, mirrors=(larger,), spec=None)
+    outside = np.array([-10.0, default_layout.camera.height_px / 2.0])
+    assert Polygon(alone.outline_px(0)).contains(Point(outside))
+    assert not alone.shows(outside, 0)

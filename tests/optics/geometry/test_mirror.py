@@ -10,6 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, InvalidValue
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror, reflect
@@ -285,3 +286,30 @@ def test_half_spaces_of_a_designed_mirror_hold_its_corners(default_layout: Layou
         assert heights.max() < 1e-6
         # Each corner of a prism lies on three faces.
         np.testing.assert_array_equal(np.sum(np.abs(heights) < 1e-6, axis=1), 3)
+
+
+def test_an_outline_in_the_plane_has_the_axes_of_the_mirror() -> None:
+    corners = np.array([(-10.0, -8.0), (12.0, -8.0), (12.0, 8.0), (-14.0, 8.0)])
+    for sign in (1, -1):
+        point, normal = (3.0, -5.0, 90.0), sign * np.array([0.3, 1.0, -1.0])
+        made = Mirror.from_plane(point, normal, outline_in_plane_mm=corners.tolist(), surface="second", thickness_mm=2)
+        # The frame has its origin at the mean of the corners; corners are given about the point.
+        np.testing.assert_allclose(made.outline_in_plane_mm, corners - corners.mean(axis=0), atol=1e-9)
+        np.testing.assert_allclose((made.outline_in_rig_mm - point) @ normal, 0.0, atol=1e-9)
+        assert made.is_second_surface
+
+
+@pytest.mark.parametrize(
+    ("point", "normal", "outline", "reason"),
+    [
+        ((0, 0, 90), (0, 0, 0), [(0, 0), (1, 0), (0, 1)], "a normal that is not zero"),
+        ((0, 90), (0, 0, 1), [(0, 0), (1, 0), (0, 1)], "expected three numbers each"),
+        ((0, 0, 90), (0, 0, 1), [(0, 0, 90), (1, 0, 90), (0, 1, 90)], r"outline_in_plane_mm has shape \(3, 3\)"),
+        ((0, 5, 90), (1, 0, 0), [(0, 0), (1, 0), (0, 1)], "coincides with the pupil"),
+        ((0, 0, -90), (0, 0, 1), [(0, 0), (1, 0), (0, 1)], "behind the camera"),
+    ],
+)
+def test_planes_that_are_no_mirror_are_refused(point: Any, normal: Any, outline: Any, reason: str) -> None:
+    with pytest.raises(InputError, match=reason) as caught:
+        Mirror.from_plane(point, normal, outline_in_plane_mm=outline)
+    assert "\n" not in str(caught.value)

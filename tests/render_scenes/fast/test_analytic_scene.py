@@ -13,8 +13,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.boards import board_from_texels, printed_radiance
 from mirrorcam.render_scenes.fast.analytic_scene import Arithmetic, DrJitArithmetic, FastScene, NumpyArithmetic

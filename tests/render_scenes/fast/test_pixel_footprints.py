@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.boards import board_from_texels
 from mirrorcam.render_scenes.fast.pixel_footprints import pixel_footprints
 from mirrorcam.render_scenes.fast.print_map import map_to_print, virtual_views

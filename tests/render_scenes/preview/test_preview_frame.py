@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
+from mirrorcam.optics.geometry.boards import default_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.optics.geometry.targets import default_board
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.render_scenes.fields_of_view import common_bounds
 from mirrorcam.render_scenes.preview.mirror_views import mirror_views

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.render_scenes.preview.mirror_views import mirror_views
 from mirrorcam.render_scenes.preview.preview_frame import preview_frame, sensor_light, view_from_board
 from mirrorcam.render_scenes.preview.products import PreviewProducts, preview_products
@@ -114,7 +114,7 @@ def test_views_of_an_even_board_are_even_up_to_their_borders(curve: ToneCurve, f
 
 def test_there_is_no_depth_around_a_small_board(fold_90_layout: Layout) -> None:
     board = Checkerboard(cols=7, rows=6, square_mm=8.0)
-    seen = preview_products(preview_frame(fold_90_layout, "board", target=board))
+    seen = preview_products(preview_frame(fold_90_layout, "board", board=board))
     assert np.isinf(seen.true_depth_mm).mean() > 0.3
     # 72 x 64 mm at the middle depth, slightly turned.
     shown = (

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.preview.preview_frame import arranged_tabletop
 from mirrorcam.render_scenes.preview.traced_scene import (
@@ -149,6 +149,6 @@ def test_a_board_lies_where_its_pose_says() -> None:
 
 def test_scenes_that_cannot_be_traced_are_refused() -> None:
     with pytest.raises(InputError, match=r"^mesh: a mesh, expected one of rectangle, sphere, cylinder, box, leaves$"):
-        scene_of(item("mesh"))
+        scene_of(item("mesh", file="part.stl"))
     with pytest.raises(InputError, match=r"^2 objects are leaves"):
         scene_of(item("leaves"), item("leaves"))

@@ -9,8 +9,8 @@ import shapely
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import CalibrationBoard, Charuco, Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.reference.board_scene import BoardScene
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
@@ -18,23 +18,23 @@ from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 SETTINGS = RenderSettings(sensor=SENSORS["ideal"])
 
 
-def facing(layout: Layout, target: Target, depth_mm: float = 350.0) -> FloatArray:
+def facing(layout: Layout, board: CalibrationBoard, depth_mm: float = 350.0) -> FloatArray:
     """rig_from_board of a board square to the view axis, its middle in front of the central mirror."""
     turn = layout.view_from_rig.T
     middle = turn @ np.array([0.0, -70.0, depth_mm])
-    return rigid(turn, middle - turn @ np.array([*target.size_mm, 0.0]) / 2.0)
+    return rigid(turn, middle - turn @ np.array([*board.size_mm, 0.0]) / 2.0)
 
 
-def before_camera(target: Target, distance_mm: float = 400.0) -> FloatArray:
-    return rigid(np.eye(3), [-target.size_mm[0] / 2, -target.size_mm[1] / 2, distance_mm])
+def before_camera(board: CalibrationBoard, distance_mm: float = 400.0) -> FloatArray:
+    return rigid(np.eye(3), [-board.size_mm[0] / 2, -board.size_mm[1] / 2, distance_mm])
 
 
 def grey(radiance: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.clip(radiance * 255.0, 0, 255).astype(np.uint8)
 
 
-def ids_of(picture: NDArray[np.uint8], target: Charuco) -> set[int]:
-    detector = cv2.aruco.CharucoDetector(target.opencv_board)
+def ids_of(picture: NDArray[np.uint8], board: Charuco) -> set[int]:
+    detector = cv2.aruco.CharucoDetector(board.opencv_board)
     _, ids, _, _ = detector.detectBoard(picture)
     return set() if ids is None else {int(number) for number in ids.ravel()}
 
@@ -42,9 +42,9 @@ def ids_of(picture: NDArray[np.uint8], target: Charuco) -> set[int]:
 @pytest.fixture(scope="module")
 def via_mirrors(default_layout: Layout) -> NDArray[np.float32]:
     """A board of 24 mm squares via the nine mirrors, radiance (1080, 1920)."""
-    target = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=18.0)
-    scene = BoardScene(default_layout.camera, default_layout.mirrors, target, SETTINGS)
-    scene.place_board(facing(default_layout, target))
+    board = Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=18.0)
+    scene = BoardScene(default_layout.camera, default_layout.mirrors, board, SETTINGS)
+    scene.place_board(facing(default_layout, board))
     return scene.render(spp=4, seed=0)
 
 
@@ -98,9 +98,9 @@ def test_the_back_of_a_board_is_dark(default_layout: Layout, small_board: Charuc
 
 
 def test_the_sheet_has_one_square_of_paper_around_the_print(default_layout: Layout) -> None:
-    target = Checkerboard(cols=6, rows=5, square_mm=24.0)
-    scene = BoardScene(default_layout.camera, (), target, SETTINGS)
-    scene.place_board(before_camera(target))
+    board = Checkerboard(cols=6, rows=5, square_mm=24.0)
+    scene = BoardScene(default_layout.camera, (), board, SETTINGS)
+    scene.place_board(before_camera(board))
     radiance = scene.render(spp=1, seed=0)
     left, top = default_layout.camera.project(np.array([[-72.0 - 12.0, -60.0 - 12.0, 400.0]]))[0].round().astype(int)
     assert radiance[top, left] == pytest.approx(SETTINGS.paper)  # half a square outside the print

@@ -14,9 +14,9 @@ import pytest
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built, draw_perturbations
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.boards import print_on_paper
@@ -204,7 +204,7 @@ def test_a_set_of_a_device_is_rendered_with_its_parts(
     write_stl(tmp_path / "parts" / "wall.stl", box(middle - half, middle + half))
     request = SetRequest(
         layout=small_layout,
-        target=small_board,
+        board=small_board,
         frames=1,
         base_frames=1,
         tolerances=Tolerances.none(),
@@ -235,7 +235,7 @@ def test_workers_render_a_device_to_the_same_bytes(tmp_path: Path, small_layout:
     write_stl(tmp_path / "parts" / "wall.stl", box((-70.0, -80.0, -20.0), (70.0, -75.0, 150.0)))
     request = SetRequest(
         layout=small_layout,
-        target=small_board,
+        board=small_board,
         frames=2,
         base_frames=0,
         settings=RenderSettings(

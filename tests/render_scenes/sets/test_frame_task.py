@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.sets.frame_task import (
@@ -42,7 +42,7 @@ def task_of(layout: Layout, board: Charuco, sensor: SensorModel, **settings: obj
     changed = RenderSettings(renderer="fast", sensor=sensor).replaced(**settings)
     poses = plan_frames(layout, board, 2, np.random.default_rng(1)).poses[:1]
     return FrameTask(
-        setup=CaptureSetup(built=layout, mirrors=True, target=board, settings=changed),
+        setup=CaptureSetup(built=layout, mirrors=True, board=board, settings=changed),
         name=f"frames/0000{changed.suffix}",
         map_name="truth/maps/frames/0000.exr" if changed.maps else None,
         poses=poses,
@@ -143,7 +143,7 @@ def bare_camera(board: Checkerboard, renderer: RendererName, poses: FloatArray, 
         cy_px=(HEIGHT_PX - 1) / 2.0,
     )
     settings = RenderSettings(renderer=renderer, spp=64, sensor=PLAIN, maps=False)
-    setup = CaptureSetup(built=default_layout.replaced(camera=camera), mirrors=False, target=board, settings=settings)
+    setup = CaptureSetup(built=default_layout.replaced(camera=camera), mirrors=False, board=board, settings=settings)
     return FrameTask(setup=setup, name="frames/0000.png", map_name=None, poses=poses, key=(0,))
 
 

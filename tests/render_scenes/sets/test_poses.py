@@ -8,10 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import CalibrationBoard, Charuco, Checkerboard, default_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, default_board
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.fields_of_view import fields
 from mirrorcam.render_scenes.sets.dataset import DepthRange
@@ -118,7 +118,7 @@ def test_a_layout_without_a_spec_is_planned_for_too(default_layout: Layout) -> N
 
 
 @pytest.mark.parametrize(
-    ("target", "reason"),
+    ("board", "reason"),
     [
         (Checkerboard(cols=20, rows=14, square_mm=1.0), "too small to be resolved, a square spans"),
         (Checkerboard(cols=4, rows=3, square_mm=90.0), "too large to be seen, mirror"),
@@ -127,10 +127,10 @@ def test_a_layout_without_a_spec_is_planned_for_too(default_layout: Layout) -> N
     ],
 )
 def test_a_board_that_cannot_be_seen_is_refused_in_one_line(
-    default_layout: Layout, target: Target, reason: str
+    default_layout: Layout, board: CalibrationBoard, reason: str
 ) -> None:
     with pytest.raises(InputError, match=reason) as error:
-        plan_frames(default_layout, target, 4, random())
+        plan_frames(default_layout, board, 4, random())
     assert "\n" not in str(error.value)
 
 

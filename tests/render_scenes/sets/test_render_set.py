@@ -18,8 +18,8 @@ from mirrorcam.core.disk.resumable import UNFINISHED
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.progress import Progress, no_progress
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.mirror_finish import uniform_finishes
 from mirrorcam.render_scenes.sets.dataset import MANIFEST, TRUTH, Dataset
@@ -63,7 +63,7 @@ def render(small_layout: Layout, small_board: Charuco) -> Render:
     def call(out: Path, *, progress: Progress = no_progress, **changes: object) -> Dataset:
         request = SetRequest(
             layout=small_layout,
-            target=small_board,
+            board=small_board,
             frames=FRAMES,
             base_frames=BASE,
             seed=7,
@@ -195,12 +195,12 @@ def test_whenever_it_is_killed_what_is_there_is_whole_and_the_rest_follows(
     def end_at(write: int) -> Callable[[Path, Path], Path]:
         writes = iter(range(write + 1))
 
-        def replace(temporary: Path, target: Path) -> Path:
+        def replace(temporary: Path, board: Path) -> Path:
             if next(writes) == write:
                 # The temporary file that a killed process leaves.
-                (temporary.parent / f"{TEMPORARY}left{target.suffix}").write_bytes(temporary.read_bytes()[:99])
+                (temporary.parent / f"{TEMPORARY}left{board.suffix}").write_bytes(temporary.read_bytes()[:99])
                 raise KeyboardInterrupt
-            return put_in_place(temporary, target)
+            return put_in_place(temporary, board)
 
         return replace
 
@@ -272,7 +272,7 @@ def test_a_folder_of_someone_else_is_left_alone(render: Render, tmp_path: Path) 
 @pytest.mark.parametrize(
     "changes",
     [
-        {"target": Checkerboard(cols=20, rows=14, square_mm=2.0)},
+        {"board": Checkerboard(cols=20, rows=14, square_mm=2.0)},
         {"tolerances": Tolerances(tilt_deg=30.0)},
         {"poses": (tuple(map(tuple, np.eye(4).tolist())),)},
     ],
@@ -288,7 +288,7 @@ def test_a_refusal_leaves_nothing_behind(render: Render, changes: dict[str, obje
 def test_a_checkerboard_and_frames_alone_are_rendered_too(render: Render, small_layout: Layout, tmp_path: Path) -> None:
     dataset = render(
         tmp_path / "set",
-        target=Checkerboard(cols=10, rows=7, square_mm=24.0),
+        board=Checkerboard(cols=10, rows=7, square_mm=24.0),
         frames=1,
         base_frames=0,
         tolerances=Tolerances.none(),

@@ -7,8 +7,8 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.sets.set_request import SetRequest, Stream, planned_frames
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 
@@ -16,7 +16,7 @@ from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 @pytest.fixture
 def still(small_layout: Layout, small_board: Charuco) -> SetRequest:
     settings = RenderSettings(sensor=SENSORS["ideal"])
-    return SetRequest(layout=small_layout, target=small_board, frames=3, base_frames=2, seed=7, settings=settings)
+    return SetRequest(layout=small_layout, board=small_board, frames=3, base_frames=2, seed=7, settings=settings)
 
 
 @pytest.fixture

@@ -56,7 +56,7 @@ def test_the_camera_of_the_library_counts_by_its_numbers() -> None:
 
 def test_boards_stand_at_the_depths_that_are_stated(default_layout: Layout) -> None:
     at_one = recipe(depths_mm=[400.0], frames=6, base_frames=0).request(default_layout)
-    middle = np.array([*at_one.target.size_mm, 0.0, 2.0]) / 2.0
+    middle = np.array([*at_one.board.size_mm, 0.0, 2.0]) / 2.0
     depths_mm = (np.array(at_one.poses) @ middle)[:, :3] @ default_layout.view_from_rig[2]
     assert len(depths_mm) == 6
     assert np.all((depths_mm > 0.9 * 400.0) & (depths_mm < 1.17 * 400.0))

@@ -8,10 +8,10 @@ import shapely
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.boards import poses_at
 from mirrorcam.render_scenes.truth.corners import VISIBLE_MARGIN_PX, CornerProjector
@@ -19,10 +19,10 @@ from mirrorcam.render_scenes.truth.corners import VISIBLE_MARGIN_PX, CornerProje
 BOARD = Checkerboard(cols=20, rows=14, square_mm=12.0)
 
 
-def facing(layout: Layout, target: Checkerboard, depth_mm: float) -> FloatArray:
+def facing(layout: Layout, board: Checkerboard, depth_mm: float) -> FloatArray:
     turn = layout.view_from_rig.T
     middle = turn @ np.array([0.0, -70.0, depth_mm])
-    return rigid(turn, middle - turn @ np.array([*target.size_mm, 0.0]) / 2.0)
+    return rigid(turn, middle - turn @ np.array([*board.size_mm, 0.0]) / 2.0)
 
 
 def test_pixels_are_those_of_the_layout(distorted_layout: Layout) -> None:
@@ -60,7 +60,7 @@ def test_the_blank_side_of_a_board_shows_nothing(default_layout: Layout) -> None
 
 
 def test_what_lies_behind_a_mirror_shows_nothing(default_layout: Layout) -> None:
-    mirror, target = default_layout.mirrors[4], Checkerboard(cols=4, rows=3, square_mm=1.0)
+    mirror, board = default_layout.mirrors[4], Checkerboard(cols=4, rows=3, square_mm=1.0)
     middle = mirror.outline_in_rig_mm.mean(axis=0)
     for at, seen in ((4.0, True), (0.6, False)):
         # On the ray to the centre of the mirror; a point behind the mirror has its image in front of it.
@@ -70,7 +70,7 @@ def test_what_lies_behind_a_mirror_shows_nothing(default_layout: Layout) -> None
         axes = np.stack([x_axis, np.cross(away, x_axis), away], axis=1)
         axes /= np.linalg.norm(axes, axis=0)
         rig_from_board = rigid(axes, place - axes @ [2.0, 1.5, 0.0])
-        px, visible = CornerProjector(default_layout, target).via_mirrors(rig_from_board)
+        px, visible = CornerProjector(default_layout, board).via_mirrors(rig_from_board)
         expected = default_layout.camera.project(middle)
         np.testing.assert_allclose(px[4].mean(axis=0), expected, atol=2.0)
         assert visible[4].all() == seen
@@ -96,12 +96,12 @@ def test_a_mirror_in_the_way_hides_the_board(left_mm: float, hidden: str) -> Non
         outline_in_rig_mm=[[x, 150.0, z] for x, z in ((left_mm, 40), (110, 40), (110, 140), (left_mm, 140))],
     )
     layout = Layout(rows=1, cols=2, camera=Camera.c920(), mirrors=(folding_mirror(), across))
-    target = Checkerboard(cols=6, rows=5, square_mm=8.0)
-    pose = facing(layout, target, 300.0)
+    board = Checkerboard(cols=6, rows=5, square_mm=8.0)
+    pose = facing(layout, board, 300.0)
     pose[2, 3] += 10.0
     alone = Layout(rows=1, cols=1, camera=Camera.c920(), mirrors=(folding_mirror(),))
-    assert CornerProjector(alone, target).via_mirrors(pose)[1].all()
-    visible = CornerProjector(layout, target).via_mirrors(pose)[1][0]
+    assert CornerProjector(alone, board).via_mirrors(pose)[1].all()
+    visible = CornerProjector(layout, board).via_mirrors(pose)[1][0]
     assert {"all": not visible.any(), "some": visible.any() and not visible.all(), "none": visible.all()}[hidden]
 
 

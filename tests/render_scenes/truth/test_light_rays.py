@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.pupil import Pupil
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from mirrorcam.render_scenes.mirror_finish import MirrorFinish
 from mirrorcam.render_scenes.truth.corners import BoolArray, CornerProjector

@@ -7,8 +7,8 @@ import json
 import numpy as np
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.truth.pixel_maps import NO_MIRROR, board_maps, exr_bytes, pixel_rays
 

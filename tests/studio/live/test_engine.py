@@ -15,8 +15,8 @@ import simplejpeg
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.video.video import Video
+from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.studio.live.engine import MIN_PICTURES, LiveEngine
 from mirrorcam.studio.live.status import LiveStatus
 from mirrorcam.studio.live.values import LiveRequest

@@ -12,8 +12,8 @@ from urllib.request import urlopen
 
 import pytest
 
+from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.studio.live.engine import MIN_PICTURES
 from tests.small_set import BOARD
 from tests.studio.browser import NARROW, WIDE, browser_page, served

@@ -12,8 +12,8 @@ import pytest
 import simplejpeg
 from starlette.testclient import TestClient
 
+from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.studio.live.engine import LiveEngine
 from mirrorcam.studio.live.server import live_app, plain
 from mirrorcam.studio.live.values import LiveRequest

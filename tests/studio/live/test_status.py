@@ -121,7 +121,7 @@ def whole_set(default_layout: Layout, tmp_path_factory: pytest.TempPathFactory) 
     focal = {"fx_px": full.fx_px / 3.0, "fy_px": full.fy_px / 3.0}
     layout = default_layout.replaced(camera=Camera(width_px=640, height_px=360, cx_px=319.5, cy_px=179.5, **focal))
     settings = RenderSettings(renderer="fast", maps=False)
-    request = SetRequest(layout=layout, target=BOARD, frames=10, base_frames=0, seed=5, settings=settings)
+    request = SetRequest(layout=layout, board=BOARD, frames=10, base_frames=0, seed=5, settings=settings)
     return built_once(tmp_path_factory, "live_calibration_set", lambda out: render_set(request, out))
 
 

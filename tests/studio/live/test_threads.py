@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import save_board
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.studio.live import threads as live_threads
 from mirrorcam.studio.live.status import LiveMeters, LiveStatus

@@ -282,7 +282,7 @@ def _focal_errors(gauge: Gauge) -> dict[int, float]:
         true_centre = view.mirror.apparent.virtual_centre_in_rig_mm
         own_pose = np.eye(4) if view.camera_from_rig is None else view.camera_from_rig
         own_centre = transform(gauge.true_from_rig, centre(own_pose))
-        _, d_point = project_with_gradient(partial(view.truth.project, mirror_index=view.view), point)
+        _, d_point = project_with_gradient(partial(view.truth.project, mirror=view.view), point)
         scales = [
             _picture_scale(gradient, point[0] - origin)
             for gradient, origin in ((d_point[0], true_centre), (gauge.d_point[central], own_centre))

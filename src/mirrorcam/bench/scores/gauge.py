@@ -64,7 +64,7 @@ def score_points(truth: Layout, views: Sequence[int], distance_mm: float) -> Sco
         pixels = pixels[_is_visible(truth, view, pixels)]
         for factor in VOLUME_FACTORS:
             points = points_at_pixels(truth, view, pixels, factor * distance_mm)
-            projected_px, d_point = project_with_gradient(partial(truth.project, mirror_index=view), points)
+            projected_px, d_point = project_with_gradient(partial(truth.project, mirror=view), points)
             count = len(points)
             parts.append((np.full(count, view), points, projected_px, d_point, np.full(count, factor == 1.0)))
     candidates = ScorePoints(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))

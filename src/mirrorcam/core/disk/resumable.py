@@ -8,6 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Self
 
+from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, TEMPORARY, read_model, write_text
 from mirrorcam.core.disk.fingerprint import differing_keys, file_digests, intact, is_intact
 from mirrorcam.core.disk.written_files import discard, move_files, refuse_blocked
@@ -50,9 +51,9 @@ class FolderManifest(Value):
             unfinished.rmdir()
 
     @classmethod
-    def load(cls, folder: Path) -> Self:
+    def load(cls, folder: AnyPath) -> Self:
         """Read the manifest of a folder, or raise a one-line InputError."""
-        return read_model(cls, folder / cls.FILE, LARGEST_FILE_BYTES)
+        return read_model(cls, path_of("folder", folder) / cls.FILE, LARGEST_FILE_BYTES)
 
     def intact(self, folder: Path, name: str) -> bool:
         """Return whether a file of the folder exists with its checksum."""

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
+from contextlib import closing
 from typing import Any
 
 from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
+from mirrorcam.core.progress import Progress
 
 Call = tuple[Callable[..., Any], tuple[Any, ...]]
 """A function of a module, and its arguments."""
@@ -19,6 +21,29 @@ def in_turn(calls: Sequence[Call]) -> Generator[Any, None, None]:
     """Make calls in this process, each when its result is requested."""
     for function, arguments in calls:
         yield function(*arguments)
+
+
+def counted(calls: Calls, progress: Progress) -> Calls:
+    """Make calls as `calls` does, and report the number of results and of all calls requested so far.
+
+    Calls that are cancelled no longer count.
+    """
+    done = total = 0
+
+    def make(requested: Sequence[Call]) -> Generator[Any, None, None]:
+        nonlocal done, total
+        before, total = done, total + len(requested)
+        progress(done, total)
+        with closing(calls(requested)) as results:
+            try:
+                for result in results:
+                    done += 1
+                    progress(done, total)
+                    yield result
+            finally:
+                total -= len(requested) - (done - before)
+
+    return make
 
 
 def in_parallel(worker: WorkerProcess) -> Calls:

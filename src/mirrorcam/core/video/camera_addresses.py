@@ -51,16 +51,36 @@ _INTRA = 1
 """FFmpeg's type of a picture that depends on no other (AV_PICTURE_TYPE_I)."""
 
 
-def camera(
+def open_camera(
     address: str,
     width_px: int,
     height_px: int,
     on_note: Callable[[str], None] = lambda line: None,
     buffered: int = READ_AHEAD,
 ) -> LiveCamera:
-    """Open a camera by number or address, and request a picture size; `on_note` and `buffered` as for `LiveCamera`.
+    """Open a camera by number or address, and request a picture size.
 
-    Raises a one-line InputError if it cannot be opened. Messages omit passwords in an address.
+    Parameters
+    ----------
+    address
+        Number of a camera of this machine, "0"; a device, "/dev/video0"; a file; or an address, "rtsp://HOST/PATH".
+        Messages omit passwords.
+    width_px, height_px
+        Size of the pictures: that of the layout's camera.
+    on_note
+        Called with a line when the camera disconnects and when it is back.
+    buffered
+        Number of buffered frames; with 1, the next frame is always the newest.
+
+    Returns
+    -------
+    LiveCamera
+        The camera; `frames()` yields its frames, RGB.
+
+    Raises
+    ------
+    InputError
+        If it cannot be opened.
     """
     is_number = address.isascii() and address.isdigit()
     if not is_number and _local_file(address) is None and re.search(r"\s!\s", address):

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Self
 
 from mirrorcam.core.video.frames import Frame, Lost, Source
 
@@ -21,7 +22,7 @@ class ArrivedFrame:
 
 
 class NewestFrame:
-    """Reads a source in its own thread, and keeps its newest frame.
+    """Reads a source in its own thread, and keeps its newest frame; stops when a `with` block ends.
 
     Parameters
     ----------
@@ -73,6 +74,12 @@ class NewestFrame:
             if newest is None and self._error is not None:
                 raise self._error
             return newest
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *raised: object) -> None:
+        self.stop()
 
     @property
     def ended(self) -> bool:

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import chain, islice, pairwise
 from math import atan2, degrees
-from pathlib import Path
 from typing import Any
 
+from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.bounds import LARGEST_PICTURE_PX
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
@@ -43,7 +43,7 @@ _MATRIX = struct.Struct("=9i")
 
 
 class Video:
-    """A video file.
+    """A video file, whose frames are RGB.
 
     Parameters
     ----------
@@ -65,8 +65,8 @@ class Video:
         For a file that is not a video, or is cut off before an index that it needs.
     """
 
-    def __init__(self, path: Path, on_note: Callable[[str], None] | None = None) -> None:
-        self.path = path
+    def __init__(self, path: AnyPath, on_note: Callable[[str], None] | None = None) -> None:
+        self.path = path = path_of("path", path)
         with opened(path) as container:
             stream = self._stream(container)
             self.width_px, self.height_px = int(stream.codec_context.width), int(stream.codec_context.height)

@@ -16,8 +16,8 @@ from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner, SceneAl
 from mirrorcam.optics.calibration.detection.detect_boards import detect_sub_images
 from mirrorcam.optics.calibration.detection.next_pose import NextPosePlanner, board_pose
 from mirrorcam.optics.drift.drift import MIN_MIRRORS
+from mirrorcam.optics.geometry.boards import load_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import load_board
 
 Aligning = Literal["off", "waiting", "measuring"]
 """State of the comparison with the layout: off, waiting for frames, or measuring in them."""
@@ -97,7 +97,7 @@ class LiveSetup:
         self._edges: EdgeAligner | None = None
         self._scene: SceneAligner | None = None
         self._previous: Alignment | None = None
-        self._target = None if board is None else load_board(board)
+        self._board = None if board is None else load_board(board)
         self._planner: NextPosePlanner | None = None
 
     def align(self, frames: tuple[NDArray[np.uint8], ...], restart: bool) -> AlignmentReport:
@@ -125,12 +125,12 @@ class LiveSetup:
 
         Raises InputError without a board.
         """
-        if self._target is None:
+        if self._board is None:
             raise InputError("no board is stated, expected --board board.toml to take calibration pictures")
         if self._planner is None:
-            self._planner = NextPosePlanner.for_layout(self.layout, self._target)
-        corners = detect_sub_images(read_image(path, grey=True), self.layout, self._target).corners
-        pose = board_pose(self.layout, self._target, corners) if len(corners) else None
+            self._planner = NextPosePlanner.for_layout(self.layout, self._board)
+        corners = detect_sub_images(read_image(path, grey=True), self.layout, self._board).corners
+        pose = board_pose(self.layout, self._board, corners) if len(corners) else None
         if pose is not None:
             self._planner.add(pose, corners)
         next_pose = self._planner.next()

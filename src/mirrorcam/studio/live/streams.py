@@ -12,7 +12,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import check_size, picture_size, pictures_in, read_image
 from mirrorcam.core.video.background_recorder import FINISHING_S, BackgroundRecorder, RecordingCounts
-from mirrorcam.core.video.camera_addresses import camera, existing, is_sdp, without_password
+from mirrorcam.core.video.camera_addresses import existing, is_sdp, open_camera, without_password
 from mirrorcam.core.video.frames import Frame, Lost, Source
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera
@@ -102,7 +102,7 @@ def open_source(text: str, expected: Camera, on_note: Callable[[str], None] = la
         raise InputError(
             f"{text}: no such file, expected a video, a folder of pictures, or a camera's number or address"
         )
-    return LiveSource(camera(text, *size, on_note=on_note), without_password(text), "camera")
+    return LiveSource(open_camera(text, *size, on_note=on_note), without_password(text), "camera")
 
 
 WRITING_S = 1.0

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.targets import AprilGrid
+from mirrorcam.optics.geometry.boards import AprilGrid
 
 GRID = AprilGrid(cols=6, rows=4, tag_mm=25.0, spacing=0.2)
 

@@ -11,11 +11,11 @@ import numpy as np
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.sets.render_set import render_set
 from mirrorcam.render_scenes.sets.set_request import SetRequest
@@ -49,7 +49,7 @@ class PlateFrames:
 def rendered_frames(folder: Path) -> PlateFrames:
     request = SetRequest(
         layout=NOMINAL,
-        target=BOARD,
+        board=BOARD,
         frames=3,
         base_frames=0,
         seed=3,

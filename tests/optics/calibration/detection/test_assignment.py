@@ -8,8 +8,8 @@ import pytest
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.assignment import assign, unassigned_px
 from mirrorcam.optics.calibration.solver.observations import Corners
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from tests.optics.calibration.synthetic_corners import mirrored_corners, mirrored_poses
 
 BOARD = Charuco(cols=10, rows=7, square_mm=20.0, marker_mm=14.0)
@@ -17,9 +17,9 @@ WIDE = Charuco(cols=24, rows=10, square_mm=20.0, marker_mm=14.0)
 PLAIN = Checkerboard(cols=9, rows=7, square_mm=6.0)
 
 
-def boards_of(layout: Layout, target: Checkerboard | Charuco, pose: FloatArray) -> dict[int, Corners]:
+def boards_of(layout: Layout, board: Checkerboard | Charuco, pose: FloatArray) -> dict[int, Corners]:
     """Return the corners that each mirror shows of a board at a pose."""
-    seen = mirrored_corners(layout, target, pose, 0.0, np.random.default_rng(0))
+    seen = mirrored_corners(layout, board, pose, 0.0, np.random.default_rng(0))
     views = np.unique(seen.view).tolist()
     return {view: Corners(seen.corner[seen.view == view], seen.pixels[seen.view == view]) for view in views}
 

@@ -14,7 +14,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import (
     sample,
     sample_blurred,
 )
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco, Checkerboard
+from mirrorcam.optics.geometry.boards import AprilGrid, Charuco, Checkerboard
 
 PLAIN = Checkerboard(cols=6, rows=5, square_mm=10.0)
 CHARUCO = Charuco(cols=6, rows=5, square_mm=10.0, marker_mm=7.3)
@@ -25,10 +25,10 @@ def at(places: np.ndarray) -> np.ndarray:
     return ((places + 1.0) * PX_PER_SQUARE - 0.5)[None]
 
 
-@pytest.mark.parametrize("target", [PLAIN, CHARUCO])
-def test_inner_corners_are_half_black(target: Checkerboard | Charuco) -> None:
-    places = target.corners_in_board_mm[:, :2] / target.square_mm
-    value = blurred_print(target, 0.03).value
+@pytest.mark.parametrize("board", [PLAIN, CHARUCO])
+def test_inner_corners_are_half_black(board: Checkerboard | Charuco) -> None:
+    places = board.corners_in_board_mm[:, :2] / board.square_mm
+    value = blurred_print(board, 0.03).value
     np.testing.assert_allclose(sample(value, at(places)), 0.0, atol=1e-3)
 
 
@@ -80,10 +80,10 @@ def test_a_directional_blur_equals_the_sharp_print_blurred_that_way() -> None:
 
 @pytest.mark.parametrize("spacing", [0.2, 0.25, 0.3, 0.33])
 def test_a_print_of_tags_is_half_black_at_its_corners(spacing: float) -> None:
-    target = AprilGrid(cols=3, rows=2, tag_mm=20.0, spacing=spacing)
-    assert 32 <= px_per_pitch(target) <= 60
-    at = image_px_of_print(target, target.corners_in_board_mm[:, :2] / target.pitch_mm)
-    values = sample(blurred_print(target, 0.02).value, at[None])
+    board = AprilGrid(cols=3, rows=2, tag_mm=20.0, spacing=spacing)
+    assert 32 <= px_per_pitch(board) <= 60
+    at = image_px_of_print(board, board.corners_in_board_mm[:, :2] / board.pitch_mm)
+    values = sample(blurred_print(board, 0.02).value, at[None])
     assert np.abs(values).max() < 0.02
     # The paper around it is white.
-    assert blurred_print(target, 0.02).value[0].min() == 1.0
+    assert blurred_print(board, 0.02).value[0].min() == 1.0

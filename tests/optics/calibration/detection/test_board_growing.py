@@ -9,7 +9,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.board_growing import grow_board, on_smooth_surface, same_board
 from mirrorcam.optics.calibration.detection.board_warp import corner_print_xy
 from mirrorcam.optics.calibration.solver.observations import Corners
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.boards import Charuco
 from tests.optics.calibration.detection.one_mirror import CAMERA, seen
 from tests.optics.synthetic import posed, render
 

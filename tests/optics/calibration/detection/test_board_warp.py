@@ -15,7 +15,7 @@ from mirrorcam.optics.calibration.detection.board_warp import (
     corner_print_xy,
     typical_cell_px,
 )
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.boards import Charuco
 
 PLACES = corner_print_xy(Charuco(cols=10, rows=7, square_mm=24.0, marker_mm=16.0))
 HOMOGRAPHY = np.array([[30.0, 3.0, 200.0], [-2.0, 28.0, 150.0], [0.002, -0.004, 1.0]])

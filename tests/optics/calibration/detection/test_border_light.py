@@ -7,9 +7,9 @@ import pytest
 
 from mirrorcam.optics.calibration.detection.border_light import BoardFrame, BorderLight, border_light, borders
 from mirrorcam.optics.calibration.pupil_estimate import fit_pupil
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.pupil import PINHOLE, Pupil
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.fast.analytic_scene import FastScene
 from mirrorcam.render_scenes.settings import RenderSettings, SensorModel
 from tests.optics.calibration.test_pupil_estimate import traced

@@ -14,7 +14,7 @@ from mirrorcam.optics.calibration.detection.charuco import (
     marker_corners,
 )
 from mirrorcam.optics.calibration.detection.checkerboard import linked_grids
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, rms, seen
 from tests.optics.synthetic import posed, render

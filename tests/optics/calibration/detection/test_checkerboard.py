@@ -23,7 +23,7 @@ from mirrorcam.optics.calibration.detection.checkerboard import (
     non_collinear,
 )
 from mirrorcam.optics.calibration.solver.observations import Corners
-from mirrorcam.optics.geometry.targets import Checkerboard, load_board
+from mirrorcam.optics.geometry.boards import Checkerboard, load_board
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, rms, seen
 from tests.optics.synthetic import posed, render
 
@@ -81,14 +81,14 @@ def test_large_squares_are_found_exactly_however_sharp_their_edges_are(
     amount: float, limit_px: float, square_mm: float
 ) -> None:
     """Cells of 40 to 60 px: the samples of the first refinement are farther apart than the edges are wide."""
-    target = Checkerboard(cols=7, rows=6, square_mm=square_mm)
-    pose = posed(target, np.array([5.0, -8.0, 420.0]), np.array([25.0, -30.0, 8.0]), direct=True)
-    soft = render(CAMERA, None, target, pose, blur_px=0.3, noise_grey=1.0).astype(np.float64)
+    board = Checkerboard(cols=7, rows=6, square_mm=square_mm)
+    pose = posed(board, np.array([5.0, -8.0, 420.0]), np.array([25.0, -30.0, 8.0]), direct=True)
+    soft = render(CAMERA, None, board, pose, blur_px=0.3, noise_grey=1.0).astype(np.float64)
     overshot = soft + amount * (soft - cv2.GaussianBlur(soft, (0, 0), 2.0))
-    (grid,) = find_checkerboards(np.clip(np.rint(overshot), 0, 255).astype(np.uint8), target)
-    (corners,) = grid.numberings(target, mirrored=False)
+    (grid,) = find_checkerboards(np.clip(np.rint(overshot), 0, 255).astype(np.uint8), board)
+    (corners,) = grid.numberings(board, mirrored=False)
     assert len(corners) == 30
-    assert rms(corners.pixels - seen(target.corners_in_board_mm, pose, None)[corners.ids]) < limit_px
+    assert rms(corners.pixels - seen(board.corners_in_board_mm, pose, None)[corners.ids]) < limit_px
 
 
 @pytest.mark.parametrize("name", ["sharp_checkerboard_missed", "fisheye_checkerboard"])
@@ -96,12 +96,12 @@ def test_photographed_boards_are_found_where_opencv_finds_them(name: str) -> Non
     folder = Path(__file__).parents[5] / "shared" / "data" / "tried" / name
     if not folder.is_dir():
         pytest.skip(f"the photographs of {folder} are not here")
-    target = load_board(folder / "board.toml")
-    assert isinstance(target, Checkerboard)
+    board = load_board(folder / "board.toml")
+    assert isinstance(board, Checkerboard)
     for picture, corners in json.loads((folder / "corners_of_opencv.json").read_text()).items():
-        (grid,) = find_checkerboards(read_image(folder / picture, grey=True), target)
+        (grid,) = find_checkerboards(read_image(folder / picture, grey=True), board)
         apart = np.linalg.norm(grid.corners.pixels[:, None] - np.array(corners).reshape(-1, 2), axis=2)
-        assert len(grid) == len(target.corners_in_board_mm)
+        assert len(grid) == len(board.corners_in_board_mm)
         assert max(apart.min(axis=0).max(), apart.min(axis=1).max()) < 1.0
 
 
@@ -278,18 +278,18 @@ def test_two_boards_are_found_under_strong_distortion() -> None:
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_an_inverted_board_is_numbered_as_its_corners_are(*, mirrored: bool) -> None:
     """With an odd number of columns and rows, no turn of the other print looks the same."""
-    target = Checkerboard(cols=9, rows=7, square_mm=18.0, inverted=True)
+    board = Checkerboard(cols=9, rows=7, square_mm=18.0, inverted=True)
     layout = one_mirror() if mirrored else None
     place = np.array([0.0, 330.0, 80.0]) if mirrored else np.array([5.0, -8.0, 330.0])
-    pose = posed(target, place, np.array([12.0, -10.0, 8.0]), direct=not mirrored)
-    picture = render(CAMERA, layout, target, pose, noise_grey=1.0)
-    (grid,) = find_checkerboards(picture, target)
-    truth = seen(target.corners_in_board_mm, pose, layout)
-    numberings = grid.numberings(target, mirrored=mirrored)
+    pose = posed(board, place, np.array([12.0, -10.0, 8.0]), direct=not mirrored)
+    picture = render(CAMERA, layout, board, pose, noise_grey=1.0)
+    (grid,) = find_checkerboards(picture, board)
+    truth = seen(board.corners_in_board_mm, pose, layout)
+    numberings = grid.numberings(board, mirrored=mirrored)
     assert min(rms(corners.pixels - truth[corners.ids]) for corners in numberings) < 0.05
-    assert not grid.numberings(target.replaced(inverted=False), mirrored=mirrored)
-    assert len(confirm(picture, truth, target)) == 48
-    assert not len(confirm(picture, truth, target.replaced(inverted=False)))
+    assert not grid.numberings(board.replaced(inverted=False), mirrored=mirrored)
+    assert len(confirm(picture, truth, board)) == 48
+    assert not len(confirm(picture, truth, board.replaced(inverted=False)))
 
 
 def test_a_board_that_is_partly_hidden_or_of_another_size_is_not_complete() -> None:

@@ -22,7 +22,7 @@ from mirrorcam.optics.calibration.detection.corner_patches import (
     LinearModel,
     Patches,
 )
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.boards import Charuco
 
 BOARD = Charuco(cols=8, rows=6, square_mm=20.0, marker_mm=14.0)
 PLACES = corner_print_xy(BOARD)

@@ -13,7 +13,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, 
 from mirrorcam.optics.calibration.detection.board_warp import SEPTIC, BoardWarp, corner_print_xy
 from mirrorcam.optics.calibration.detection.corner_patches import Appearance, ExpectedCorners, GhostImages
 from mirrorcam.optics.calibration.detection.corner_refinement import RefinedCorners, refine
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 
 BOARD = Charuco(cols=8, rows=6, square_mm=20.0, marker_mm=14.0)
 PLACES = corner_print_xy(BOARD)

@@ -16,10 +16,10 @@ from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_direct_view, detect_frames, detect_sub_images
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import posed, render
@@ -48,13 +48,13 @@ TILTED = tilted(2.0)
 
 
 def frame(
-    target: Checkerboard | Charuco, turn_deg: tuple[float, float, float], middle: tuple[float, float, float]
+    board: Checkerboard | Charuco, turn_deg: tuple[float, float, float], middle: tuple[float, float, float]
 ) -> tuple[Grey, FloatArray]:
     """A picture via mirrors tilted by 2 degrees, and the pixels (mirrors, corners, 2) of the corners."""
-    pose = posed(target, np.array(middle), np.array(turn_deg), direct=False)
-    points = transform(pose, target.corners_in_board_mm)
+    pose = posed(board, np.array(middle), np.array(turn_deg), direct=False)
+    points = transform(pose, board.corners_in_board_mm)
     truth = np.array([TILTED.project(points, index) for index in range(len(TILTED.mirrors))])
-    return render(CAMERA, TILTED, target, pose, noise_grey=2.0), truth
+    return render(CAMERA, TILTED, board, pose, noise_grey=2.0), truth
 
 
 def errors(seen: Observations, truth: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from mirrorcam.core.disk.results import Results
 from mirrorcam.optics.calibration.detection import detection_cache
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.boards import Charuco
 
 BOARD = Charuco(cols=5, rows=4, square_mm=20.0, marker_mm=15.0)
 GREY = np.arange(24, dtype=np.uint8).reshape(4, 6)

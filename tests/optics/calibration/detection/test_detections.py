@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
-from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.geometry.boards import Checkerboard
 
 ODD = Checkerboard(cols=7, rows=6, square_mm=10.0)
 EVEN = Checkerboard(cols=8, rows=6, square_mm=10.0)
@@ -18,11 +18,11 @@ BOARDS = [ODD, EVEN, SQUARE]
 
 
 def part(
-    target: Checkerboard, rows: slice, cols: slice, turn: int, *, mirrored: bool, ends: bool = False
+    board: Checkerboard, rows: slice, cols: slice, turn: int, *, mirrored: bool, ends: bool = False
 ) -> tuple[DetectedGrid, NDArray[np.int64]]:
     """Return a part of a board as a picture shows it, rotated by quarter turns, with its true ids."""
-    ids = np.arange((target.rows - 1) * (target.cols - 1)).reshape(target.rows - 1, -1)[rows, cols].ravel()
-    row, col = np.divmod(ids, target.cols - 1)
+    ids = np.arange((board.rows - 1) * (board.cols - 1)).reshape(board.rows - 1, -1)[rows, cols].ravel()
+    row, col = np.divmod(ids, board.cols - 1)
     seen = np.stack([-col if mirrored else col, row], axis=1)
     pixels = 20.0 * (seen @ np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turn))
     places = (pixels / 20.0).astype(np.int64)
@@ -31,7 +31,7 @@ def part(
     places[:, 0] += (places[0].sum() % 2 == 0) != white[0]
     limits = np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
     if ends:
-        complete = np.stack(np.meshgrid([0, target.cols - 2], [0, target.rows - 2]), axis=-1).reshape(-1, 2)
+        complete = np.stack(np.meshgrid([0, board.cols - 2], [0, board.rows - 2]), axis=-1).reshape(-1, 2)
         box = (complete * [-1 if mirrored else 1, 1]) @ np.linalg.matrix_power(np.array([[0, 1], [-1, 0]]), turn)
         at = (pixels / 20.0).astype(np.int64)
         limits[0][at.min(axis=0) == box.min(axis=0)] = places.min(axis=0)[at.min(axis=0) == box.min(axis=0)]
@@ -39,15 +39,15 @@ def part(
     return DetectedGrid(places, Corners(np.arange(len(ids)), pixels), limits), ids
 
 
-@pytest.mark.parametrize("target", BOARDS)
+@pytest.mark.parametrize("board", BOARDS)
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("turn", range(4))
-def test_a_complete_board_has_one_numbering_or_two(target: Checkerboard, *, mirrored: bool, turn: int) -> None:
-    grid, ids = part(target, np.s_[:], np.s_[:], turn, mirrored=mirrored)
-    found = [corners.ids.tolist() for corners in grid.numberings(target, mirrored=mirrored)]
+def test_a_complete_board_has_one_numbering_or_two(board: Checkerboard, *, mirrored: bool, turn: int) -> None:
+    grid, ids = part(board, np.s_[:], np.s_[:], turn, mirrored=mirrored)
+    found = [corners.ids.tolist() for corners in grid.numberings(board, mirrored=mirrored)]
     assert ids.tolist() in found
-    assert len(found) == 1 + target.looks_same_upside_down
-    if target.looks_same_upside_down:
+    assert len(found) == 1 + board.looks_same_upside_down
+    if board.looks_same_upside_down:
         assert ids[::-1].tolist() in found
 
 
@@ -59,16 +59,16 @@ def test_colours_identify_a_mirrored_board_of_even_sides(*, mirrored: bool) -> N
     assert len(grid.numberings(ODD, mirrored=not mirrored)) == 1
 
 
-@pytest.mark.parametrize("target", BOARDS)
+@pytest.mark.parametrize("board", BOARDS)
 @pytest.mark.parametrize("turn", range(4))
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_a_part_has_the_right_numbering_among_others(target: Checkerboard, turn: int, *, mirrored: bool) -> None:
-    grid, ids = part(target, np.s_[1:5], np.s_[2:6], turn, mirrored=mirrored)
-    found = grid.numberings(target, mirrored=mirrored)
+def test_a_part_has_the_right_numbering_among_others(board: Checkerboard, turn: int, *, mirrored: bool) -> None:
+    grid, ids = part(board, np.s_[1:5], np.s_[2:6], turn, mirrored=mirrored)
+    found = grid.numberings(board, mirrored=mirrored)
     assert ids.tolist() in [corners.ids.tolist() for corners in found]
     assert len({tuple(corners.ids.tolist()) for corners in found}) == len(found) > 1
     for corners in found:
-        row, col = np.divmod(corners.ids, target.cols - 1)
+        row, col = np.divmod(corners.ids, board.cols - 1)
         near = np.abs(np.diff(np.stack([row, col]), axis=1)).sum(axis=0)
         assert (near[:2] == 1).all()
 

@@ -9,7 +9,7 @@ from scipy.ndimage import gaussian_filter
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.frame_choice import SharpestFrames, SharpFrame, most_informative
 from mirrorcam.optics.calibration.solver.observations import Corners
-from mirrorcam.optics.geometry.targets import Checkerboard
+from mirrorcam.optics.geometry.boards import Checkerboard
 
 BOARD = Checkerboard(cols=8, rows=6, square_mm=20.0).corners_in_board_mm
 TEXTURE = np.random.default_rng(0).uniform(0, 255, (60, 80))

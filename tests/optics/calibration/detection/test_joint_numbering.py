@@ -12,9 +12,9 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.calibration.detection.detections import FLIP, QUARTER_ROTATIONS, DetectedFrame, DetectedGrid
 from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, IntArray, Observations
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import posed

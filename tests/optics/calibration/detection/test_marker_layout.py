@@ -15,7 +15,7 @@ from mirrorcam.optics.calibration.detection.marker_layout import (
     marker_pairs,
     marker_side,
 )
-from mirrorcam.optics.geometry.targets import AprilGrid, Charuco
+from mirrorcam.optics.geometry.boards import AprilGrid, Charuco
 from tests.nightly import a_few
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror
@@ -32,15 +32,15 @@ ODD = Charuco(cols=9, rows=7, square_mm=18.0, marker_mm=13.0)
 )
 def test_the_side_is_measured(cols: int, side: float, blur_px: float, *, mirrored: bool) -> None:
     square_mm = 288.0 / cols
-    board = BOARD.replaced(cols=cols, rows=round(cols / 1.5), square_mm=square_mm, marker_mm=side * square_mm)
+    printed = BOARD.replaced(cols=cols, rows=round(cols / 1.5), square_mm=square_mm, marker_mm=side * square_mm)
     place = np.array([0.0, 350.0, 80.0]) if mirrored else np.array([0.0, 0.0, 320.0])
-    pose = posed(board, place, np.array([10.0, 12.0, 20.0]), direct=not mirrored)
+    pose = posed(printed, place, np.array([10.0, 12.0, 20.0]), direct=not mirrored)
     layout = one_mirror() if mirrored else None
-    picture = render(CAMERA, layout, board, pose, noise_grey=2.0, blur_px=blur_px)
+    picture = render(CAMERA, layout, printed, pose, noise_grey=2.0, blur_px=blur_px)
     for stated in (side, 1.2 * side, 0.7 * side):
-        target = board.replaced(marker_mm=stated * square_mm)
-        shown = [GriddedPicture.of(picture, target)]
-        found = marker_side(shown, target, mirrored=None if stated == side else mirrored)
+        board = printed.replaced(marker_mm=stated * square_mm)
+        shown = [GriddedPicture.of(picture, board)]
+        found = marker_side(shown, board, mirrored=None if stated == side else mirrored)
         assert found is not None
         assert abs(found - side) < 0.015
 
@@ -58,29 +58,29 @@ def test_a_blank_picture_shows_no_markers() -> None:
     assert marker_side([GriddedPicture.of(np.full((200, 300), 90, np.uint8), BOARD)], BOARD, mirrored=None) is None
 
 
-def steps_in(picture: Grey, target: AprilGrid | Charuco, *, mirrored: bool) -> VerticalPairs:
-    return marker_pairs(GriddedPicture.of(picture, target), target, mirrored=mirrored).vertical(target)
+def steps_in(picture: Grey, board: AprilGrid | Charuco, *, mirrored: bool) -> VerticalPairs:
+    return marker_pairs(GriddedPicture.of(picture, board), board, mirrored=mirrored).vertical(board)
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
-@pytest.mark.parametrize(("board", "columns"), [(Sheet(), 6), (ODD, 9), (ODD.replaced(cols=10), 10)])
-def test_columns_are_read(board: Sheet | Charuco, columns: int, *, mirrored: bool) -> None:
+@pytest.mark.parametrize(("printed", "columns"), [(Sheet(), 6), (ODD, 9), (ODD.replaced(cols=10), 10)])
+def test_columns_are_read(printed: Sheet | Charuco, columns: int, *, mirrored: bool) -> None:
     place = np.array([0.0, 350.0, 80.0]) if mirrored else np.array([0.0, 0.0, 320.0])
-    pose = posed(board, place, np.array([12.0, -10.0, 30.0]), direct=not mirrored)
-    picture = render(CAMERA, one_mirror() if mirrored else None, board, pose, noise_grey=2.0)
-    # Only the kind of markers is taken from the target.
-    target = GRID.replaced(cols=3, rows=8) if isinstance(board, Sheet) else board.replaced(cols=12, rows=4)
-    likely, steps = steps_in(picture, target, mirrored=mirrored).majority
+    pose = posed(printed, place, np.array([12.0, -10.0, 30.0]), direct=not mirrored)
+    picture = render(CAMERA, one_mirror() if mirrored else None, printed, pose, noise_grey=2.0)
+    # Only the kind of markers is taken from the board.
+    board = GRID.replaced(cols=3, rows=8) if isinstance(printed, Sheet) else printed.replaced(cols=12, rows=4)
+    likely, steps = steps_in(picture, board, mirrored=mirrored).majority
     highest = steps.highest
     assert likely == columns
     # The last row of squares lies beyond the inner corners.
     rows = (2 * highest + 1) // columns + 1 + steps.has_next_row
-    assert rows.max() <= (8 if isinstance(board, Sheet) else board.rows)
+    assert rows.max() <= (8 if isinstance(printed, Sheet) else printed.rows)
     # Corners of markers hide some of a ChArUco board's corners.
-    assert len(highest) >= (12 if isinstance(board, Sheet) else 1)
-    last = 23 if isinstance(board, Sheet) else board.cols * board.rows // 2 - 1
+    assert len(highest) >= (12 if isinstance(printed, Sheet) else 1)
+    last = 23 if isinstance(printed, Sheet) else printed.cols * printed.rows // 2 - 1
     assert columns <= highest.min() <= highest.max() <= last
-    assert len(steps_in(picture, target, mirrored=not mirrored).majority[1].highest) < 3
+    assert len(steps_in(picture, board, mirrored=not mirrored).majority[1].highest) < 3
 
 
 def test_a_layout_without_half_of_the_pairs_is_unlikely() -> None:

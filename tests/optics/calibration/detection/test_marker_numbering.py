@@ -10,7 +10,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, QUARTER_ROTATIONS, DetectedGrid
 from mirrorcam.optics.calibration.detection.marker_numbering import Markers, numbered_by_markers
 from mirrorcam.optics.calibration.solver.observations import Corners
-from mirrorcam.optics.geometry.targets import Charuco
+from mirrorcam.optics.geometry.boards import Charuco
 
 BOARD = Charuco(cols=12, rows=9, square_mm=10.0, marker_mm=7.5)
 SIDE = 24

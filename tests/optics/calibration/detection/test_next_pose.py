@@ -24,10 +24,10 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import fit
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
+from mirrorcam.optics.geometry.boards import CalibrationBoard, Charuco
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Target
 from mirrorcam.optics.geometry.transforms import transform
 from tests.optics.layouts import faceted_parabola
 
@@ -36,10 +36,12 @@ LAYOUT = faceted_parabola(CAMERA, DesignSpec(camera=CAMERA, rows=2, cols=2), fil
 BOARD = Charuco(cols=16, rows=11, square_mm=10.0, marker_mm=6.25)
 
 
-def indices_inside(layout: Layout, target: Target, pose: FloatArray, *, but: int | None = None) -> Observations:
+def indices_inside(
+    layout: Layout, board: CalibrationBoard, pose: FloatArray, *, but: int | None = None
+) -> Observations:
     """Return the corners at a pose in every mirror (but one)."""
     parts = []
-    points = transform(pose, target.corners_in_board_mm)
+    points = transform(pose, board.corners_in_board_mm)
     for index in range(len(layout.mirrors)):
         pixels = layout.project(points, index)
         region = shapely.Polygon(layout.outline_px(index))

@@ -15,9 +15,9 @@ from mirrorcam.optics.calibration.detection.charuco import find_marked_boards
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.marker_layout import MarkerPairs
 from mirrorcam.optics.calibration.detection.other_boards import other_board, other_markers
+from mirrorcam.optics.geometry.boards import CalibrationBoard, Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard, Target, load_board
 from tests.nightly import a_few
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.detection.one_mirror import CAMERA, one_mirror, seen
@@ -38,27 +38,27 @@ DIRECT_OR_MIRRORED = pytest.mark.parametrize("mirrored", [False, True])
 
 
 @lru_cache
-def pictures(target: Checkerboard | Charuco, *, mirrored: bool) -> tuple[Grey, ...]:
+def pictures(board: Checkerboard | Charuco, *, mirrored: bool) -> tuple[Grey, ...]:
     """Two pictures of a board, through mirrors or by the bare camera."""
-    far = 330.0 if mirrored else 220.0 if isinstance(target, Checkerboard) else 300.0
+    far = 330.0 if mirrored else 220.0 if isinstance(board, Checkerboard) else 300.0
     place = np.array([0.0, far, 85.0]) if mirrored else np.array([0.0, 0.0, far])
     turns = ([10.0, 12.0, 20.0], [-15.0, 20.0, 0.0])
     layout = LAYOUT if mirrored else None
     return tuple(
-        render(SMALL_CAMERA, layout, target, posed(target, place, np.array(turn), direct=not mirrored), noise_grey=4.0)
+        render(SMALL_CAMERA, layout, board, posed(board, place, np.array(turn), direct=not mirrored), noise_grey=4.0)
         for turn in turns
     )
 
 
-def flipped(target: Checkerboard | Charuco, *, mirrored: bool) -> list[Grey]:
-    return [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(target, mirrored=mirrored)]
+def flipped(board: Checkerboard | Charuco, *, mirrored: bool) -> list[Grey]:
+    return [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(board, mirrored=mirrored)]
 
 
 @pytest.mark.parametrize(("stated", "mirrored"), [((6, 6), True), ((8, 6), False), ((7, 5), False), ((8, 7), False)])
 def test_a_checkerboard_of_another_size_is_named(stated: tuple[int, int], *, mirrored: bool) -> None:
-    target = PLAIN.replaced(cols=stated[0], rows=stated[1])
+    board = PLAIN.replaced(cols=stated[0], rows=stated[1])
     said = f"the pictures show a checkerboard of 7 x 6 squares, board.toml says {stated[0]} x {stated[1]}"
-    assert other_board(pictures(PLAIN, mirrored=mirrored), target, mirrored=mirrored, found=False) == said
+    assert other_board(pictures(PLAIN, mirrored=mirrored), board, mirrored=mirrored, found=False) == said
 
 
 def test_a_checkerboard_that_was_found_is_not_taken_for_a_smaller_one() -> None:
@@ -74,8 +74,8 @@ def test_a_checkerboard_that_was_found_is_not_taken_for_a_smaller_one() -> None:
 @pytest.mark.parametrize("stated", [(9, 7), (11, 7), (8, 7), (10, 6)])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_a_charuco_board_of_another_size_is_named(stated: tuple[int, int], *, mirrored: bool) -> None:
-    target = MARKED.replaced(cols=stated[0], rows=stated[1])
-    found = other_board(pictures(MARKED, mirrored=mirrored), target, mirrored=mirrored, found=True)
+    board = MARKED.replaced(cols=stated[0], rows=stated[1])
+    found = other_board(pictures(MARKED, mirrored=mirrored), board, mirrored=mirrored, found=True)
     assert found is not None
     said = "10 columns of squares" if stated[0] != 10 else "more rows of squares"
     assert f"show a ChArUco board of {said}, board.toml says {stated[0]} x {stated[1]}" in found
@@ -116,8 +116,8 @@ def tags(*, mirrored: bool) -> tuple[Grey, ...]:
 )
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_an_aprilgrid_of_another_size_is_named(stated: tuple[int, int], said: str, *, mirrored: bool) -> None:
-    target = GRID.replaced(cols=stated[0], rows=stated[1])
-    assert other_board(tags(mirrored=mirrored), target, mirrored=mirrored, found=False) == (
+    board = GRID.replaced(cols=stated[0], rows=stated[1])
+    assert other_board(tags(mirrored=mirrored), board, mirrored=mirrored, found=False) == (
         f"the pictures show an AprilGrid of {said}"
     )
 
@@ -125,8 +125,8 @@ def test_an_aprilgrid_of_another_size_is_named(stated: tuple[int, int], said: st
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_the_stated_aprilgrid_is_taken_and_flipped_ones_are_recognised(*, mirrored: bool) -> None:
     shown = tags(mirrored=mirrored)
-    for target in (GRID, GRID.replaced(rows=6)):
-        assert other_board(shown, target, mirrored=mirrored, found=False) is None
+    for board in (GRID, GRID.replaced(rows=6)):
+        assert other_board(shown, board, mirrored=mirrored, found=False) is None
     turned = [np.ascontiguousarray(picture[:, ::-1]) for picture in shown]
     said = other_board(turned, GRID, mirrored=mirrored, found=False)
     assert said is not None
@@ -141,16 +141,14 @@ def test_the_stated_board_is_taken(*, mirrored: bool, found: bool) -> None:
     # Other parts may be out of view.
     assert other_board(shown, MARKED.replaced(rows=9), mirrored=mirrored, found=found) is None
     blank = [np.full_like(shown[0], 60)]
-    for target in (MARKED, PLAIN):
-        assert other_board(blank, target, mirrored=mirrored, found=found) is None
+    for board in (MARKED, PLAIN):
+        assert other_board(blank, board, mirrored=mirrored, found=found) is None
     assert other_board([], MARKED, mirrored=mirrored, found=found) is None
 
 
-@pytest.mark.parametrize(("target", "mirrored"), [(PLAIN, False), (EVEN, True)])
-def test_the_stated_checkerboard_is_kept_if_no_other_fits(target: Checkerboard, *, mirrored: bool) -> None:
-    assert (
-        other_board(pictures(target, mirrored=mirrored)[:1], target, mirrored=mirrored, found=True, fits=False) is None
-    )
+@pytest.mark.parametrize(("board", "mirrored"), [(PLAIN, False), (EVEN, True)])
+def test_the_stated_checkerboard_is_kept_if_no_other_fits(board: Checkerboard, *, mirrored: bool) -> None:
+    assert other_board(pictures(board, mirrored=mirrored)[:1], board, mirrored=mirrored, found=True, fits=False) is None
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -190,12 +188,12 @@ def test_another_dictionary_is_named(*, mirrored: bool) -> None:
 
 def test_a_missing_row_of_another_renderers_board_is_named(foreign_sets: Path) -> None:
     """Its frames show so many markers that the last row, beyond the inner corners, is not searched."""
-    target = load_board(foreign_sets / "a_ch" / "board.toml")
+    board = load_board(foreign_sets / "a_ch" / "board.toml")
     shown = [read_image(path, grey=True) for path in sorted((foreign_sets / "a_ch" / "frames").iterdir())[:2]]
-    found = other_board(shown, target.replaced(rows=target.rows - 1), mirrored=True, found=True)
+    found = other_board(shown, board.replaced(rows=board.rows - 1), mirrored=True, found=True)
     assert found is not None
     assert "a ChArUco board of more rows of squares" in found
-    assert other_board(shown, target, mirrored=True, found=True) is None
+    assert other_board(shown, board, mirrored=True, found=True) is None
 
 
 @lru_cache
@@ -338,7 +336,7 @@ def test_a_stated_inversion_that_is_not_there_is_named(*, mirrored: bool) -> Non
     ],
     ids=lambda value: getattr(value, "name", ""),
 )
-def test_another_kind_of_board_is_named(shown: Target, stated: Target, said: str) -> None:
+def test_another_kind_of_board_is_named(shown: CalibrationBoard, stated: CalibrationBoard, said: str) -> None:
     if isinstance(shown, Checkerboard):
         seen_pictures = pictures(shown, mirrored=False)
     else:
@@ -371,8 +369,8 @@ def test_a_dictionary_with_the_same_markers_is_not_another_board(monkeypatch: py
         tried.update(names)
         return np.zeros(len(names), dtype=int)
 
-    def pairs(shown: object, target: Charuco, *, mirrored: bool) -> MarkerPairs:
-        tried.add(target.dictionary)
+    def pairs(shown: object, board: Charuco, *, mirrored: bool) -> MarkerPairs:
+        tried.add(board.dictionary)
         return MarkerPairs.of([], inner=False)
 
     monkeypatch.setattr(module, "_pairs", pairs)

@@ -11,7 +11,7 @@ import pytest
 
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.calibration.detection.charuco import find_marked_boards
-from mirrorcam.optics.geometry.targets import Charuco, load_board
+from mirrorcam.optics.geometry.boards import Charuco, load_board
 
 TRIED = Path(__file__).parents[5] / "shared" / "data" / "tried"
 

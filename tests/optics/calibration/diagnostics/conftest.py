@@ -14,11 +14,11 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fi
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Charuco
 from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of
 from tests.optics.layouts import faceted_parabola
 

@@ -14,10 +14,10 @@ from mirrorcam.optics.calibration.diagnostics.causes import Cause, CauseKind, ra
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco
 from mirrorcam.render_scenes.lens import WavyCamera
 from tests.optics.calibration.diagnostics.conftest import BOARD, JOINT, behind_glass, bent
 from tests.optics.calibration.synthetic_corners import as_built, direct_poses, mirrored_poses, views_of

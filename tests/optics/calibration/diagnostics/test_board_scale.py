@@ -19,12 +19,12 @@ from mirrorcam.optics.calibration.diagnostics.board_scale import (
     wrong_size_message,
 )
 from mirrorcam.optics.calibration.diagnostics.calibration_result import tilted_to
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.perturbations import draw_as_built
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from tests.optics.layouts import faceted_parabola
 from tests.optics.synthetic import posed, render
@@ -52,14 +52,14 @@ def test_the_fitting_size_does_not_depend_on_the_stated_one(pictures: list[Grey]
 
 def test_another_unit_is_named(pictures: list[Grey]) -> None:
     for factor, unit in ((0.1, "cm"), (1 / 25.4, "inches")):
-        target = BOARD.replaced(square_mm=11.0 * factor)
-        said = wrong_size_message(pictures, LAYOUT, target)
+        board = BOARD.replaced(square_mm=11.0 * factor)
+        said = wrong_size_message(pictures, LAYOUT, board)
         assert said == (
             f"board.toml says squares of {11.0 * factor:g} mm, the pictures fit about 11 mm: "
             f"were they measured in {unit}?"
         )
     with pytest.raises(InputError, match="were they measured in inches"):
-        calibrate(pictures, [], LAYOUT, target)
+        calibrate(pictures, [], LAYOUT, board)
     other = wrong_size_message(pictures, LAYOUT, BOARD.replaced(square_mm=30.0))
     assert other is not None
     assert "belong to a different device?" in other

@@ -75,9 +75,9 @@ def test_the_spatial_error_is_that_of_pixels_at_their_distance(scene: Scene) -> 
 
 def test_a_mirror_moves_to_a_measured_plane_as_a_rigid_body(default_layout: Layout) -> None:
     nominal = default_layout.mirrors[0]
-    target = nominal.virtual_centre_in_rig_mm + np.array([0.4, -0.3, 0.5])
-    moved = tilted_to(nominal, target)
-    np.testing.assert_allclose(moved.virtual_centre_in_rig_mm, target, atol=1e-9)
+    board = nominal.virtual_centre_in_rig_mm + np.array([0.4, -0.3, 0.5])
+    moved = tilted_to(nominal, board)
+    np.testing.assert_allclose(moved.virtual_centre_in_rig_mm, board, atol=1e-9)
 
     def sides(outline: FloatArray) -> FloatArray:
         return np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1)

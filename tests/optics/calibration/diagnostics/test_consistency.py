@@ -19,8 +19,8 @@ from mirrorcam.optics.calibration.diagnostics.consistency import (
 )
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.calibration.solver.observations import Observations
+from mirrorcam.optics.geometry.boards import AprilGrid
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import AprilGrid
 from tests.optics.calibration.diagnostics.conftest import BOARD, Scene
 
 CORNERS = BOARD.corners_in_board_mm

@@ -16,8 +16,8 @@ from mirrorcam.optics.calibration.diagnostics.screening import screen
 from mirrorcam.optics.calibration.diagnostics.verdict import check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import view_figures
 from mirrorcam.optics.calibration.solver.observations import Corners, Observations
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from tests.optics.calibration.synthetic_corners import Views, as_built, direct_poses, mirrored_poses, views_of
 
 MARKED = Charuco(cols=10, rows=7, square_mm=16.0, marker_mm=11.0)
@@ -25,25 +25,25 @@ PLAIN = Checkerboard(cols=9, rows=7, square_mm=6.0)
 BOARD = Charuco(cols=10, rows=7, square_mm=20.0, marker_mm=14.0)
 
 
-def shown(target: Checkerboard | Charuco, truth: Layout, nominal: Layout, *, upside_down: bool) -> list[Observations]:
+def shown(board: Checkerboard | Charuco, truth: Layout, nominal: Layout, *, upside_down: bool) -> list[Observations]:
     """Return the detections of frames, rotated by 180 degrees or not."""
     last = np.array([nominal.camera.width_px, nominal.camera.height_px]) - 1.0
     frames = []
-    for seen in views_of(truth, target, mirrored_poses(target, 6, tilt_deg=25.0, seed=1), [], seed=1).mirrored:
+    for seen in views_of(truth, board, mirrored_poses(board, 6, tilt_deg=25.0, seed=1), [], seed=1).mirrored:
         pixels = last - seen.pixels if upside_down else seen.pixels
         boards = [(Corners(seen.corner[seen.view == v], pixels[seen.view == v]),) for v in np.unique(seen.view)]
-        rows = [Observations.of_view(0, mirror, c.ids, c.pixels) for mirror, c in assign(boards, nominal, target)]
+        rows = [Observations.of_view(0, mirror, c.ids, c.pixels) for mirror, c in assign(boards, nominal, board)]
         frames.append(Observations.join(rows))
     return frames
 
 
-@pytest.mark.parametrize("target", [MARKED, PLAIN])
-def test_upside_down_pictures_fit_after_rotation(target: Checkerboard | Charuco, fold_90_layout: Layout) -> None:
+@pytest.mark.parametrize("board", [MARKED, PLAIN])
+def test_upside_down_pictures_fit_after_rotation(board: Checkerboard | Charuco, fold_90_layout: Layout) -> None:
     truth = as_built(fold_90_layout, seed=1)
-    seen = shown(target, truth, fold_90_layout, upside_down=True)
+    seen = shown(board, truth, fold_90_layout, upside_down=True)
     with pytest.raises(InputError):
-        screen(seen, [], fold_90_layout, target.corners_in_board_mm)
-    assert fits_upside_down(seen, fold_90_layout, target)
+        screen(seen, [], fold_90_layout, board.corners_in_board_mm)
+    assert fits_upside_down(seen, fold_90_layout, board)
 
 
 def test_other_pictures_do_not(fold_90_layout: Layout) -> None:

@@ -31,9 +31,9 @@ from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedMo
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Board, residuals
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.lenses.families import LensName
-from mirrorcam.optics.geometry.targets import Checkerboard
 from tests.nightly import a_few
 from tests.optics.calibration.diagnostics.conftest import BOARD, JOINT, Scene
 from tests.optics.calibration.solver.scenes import SIGMA_PX, nominal_layout, scene
@@ -138,7 +138,7 @@ def waving(camera: Camera) -> Camera:
 def fitted(camera: Camera, frames: int, base_frames: int) -> tuple[Fitted, Observations]:
     """Return a camera's corners with noise, and the joint fit of a Brown-Conrady lens to them."""
     nominal = nominal_layout()
-    taken = scene(nominal.replaced(camera=camera), frames=frames, base_frames=base_frames, target=TARGET, seed=1)
+    taken = scene(nominal.replaced(camera=camera), frames=frames, base_frames=base_frames, board=TARGET, seed=1)
     seen, _ = taken.noisy(0)
     seen = replace(seen, sigma_px=np.full(len(seen), SIGMA_PX))
     start = replace(taken.truth, camera=nominal.camera.replaced(distortion=LENSES["joint"][1]))
@@ -169,7 +169,7 @@ def test_evidence_finds_the_lens_that_took_the_pictures(level: str) -> None:
     nominal = nominal_layout()
     model, distortion = LENSES[level]
     layout = nominal.replaced(camera=nominal.camera.replaced(lens_model=model, distortion=distortion))
-    taken = scene(layout, frames=FRAMES, base_frames=BASE, target=TARGET, seed=1)
+    taken = scene(layout, frames=FRAMES, base_frames=BASE, board=TARGET, seed=1)
     seen, _ = taken.noisy(0)
     frames = [seen.where(seen.frame == k).with_frame_offset(-k) for k in range(FRAMES + BASE)]
     found = calibrate_corners(frames[:FRAMES], frames[FRAMES:], nominal, TARGET.corners_in_board_mm)
@@ -184,7 +184,7 @@ def test_a_stated_lens_is_kept() -> None:
     nominal = nominal_layout()
     model, distortion = LENSES["joint+fisheye"]
     layout = nominal.replaced(camera=nominal.camera.replaced(lens_model=model, distortion=distortion))
-    taken = scene(layout, frames=5, base_frames=3, target=TARGET, seed=1)
+    taken = scene(layout, frames=5, base_frames=3, board=TARGET, seed=1)
     seen, _ = taken.noisy(0)
     frames = [seen.where(seen.frame == k).with_frame_offset(-k) for k in range(8)]
     requested = RequestedModel(lens=model)
@@ -197,7 +197,7 @@ def test_a_stated_lens_is_kept() -> None:
 def test_a_model_adds_the_extensions_of_its_lens() -> None:
     nominal = nominal_layout()
     nominal = nominal.replaced(camera=with_addition(nominal.camera, "fisheye"))
-    taken = scene(nominal, frames=5, base_frames=3, target=TARGET, seed=2)
+    taken = scene(nominal, frames=5, base_frames=3, board=TARGET, seed=2)
     seen, _ = taken.noisy(0)
     frames = [seen.where(seen.frame == k).with_frame_offset(-k) for k in range(8)]
     model = RequestedModel(additions=("prism",))

@@ -21,8 +21,8 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, fi
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board
+from mirrorcam.optics.geometry.boards import Charuco
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco
 from tests.nightly import a_few
 from tests.optics.calibration.synthetic_corners import Views, as_built, direct_poses, mirrored_poses, views_of
 

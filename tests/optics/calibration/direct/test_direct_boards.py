@@ -18,7 +18,7 @@ from mirrorcam.optics.calibration.direct.direct_boards import (
     negative,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 from tests.optics.calibration.direct.two_mirrors import CAMERA, POSES, corner_of_two_mirrors, lying, picture_of
 
 EVEN = Checkerboard(cols=8, rows=6, square_mm=20.0)
@@ -80,11 +80,11 @@ def test_flipped_pictures_of_markers_are_recognised() -> None:
 @pytest.mark.slow
 def test_a_board_whose_size_seems_to_be_in_another_unit_is_noted(pictures: list[Grey]) -> None:
     for side_mm, noted in ((20.0, False), (2.0, True), (2000.0, True)):
-        target = EVEN.replaced(square_mm=side_mm)
+        board = EVEN.replaced(square_mm=side_mm)
         start, _ = first_estimate_of(
-            boards_in(pictures, target, max_boards=3, progress=no_progress), target, mirrors=2, **SIZE
+            boards_in(pictures, board, max_boards=3, progress=no_progress), board, mirrors=2, **SIZE
         )
-        note = distance_note(start.estimate, target)
+        note = distance_note(start.estimate, board)
         assert any("is its size in mm?" in each for each in note) == noted
         assert bool(note) == noted
 

@@ -16,9 +16,9 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import Solution, Un
 from mirrorcam.optics.calibration.solver.observations import Corners
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.mirror import reflect
-from mirrorcam.optics.geometry.targets import Checkerboard
 from tests.nightly import a_few
 
 ONE_WAY_UP = Checkerboard(cols=8, rows=7, square_mm=20.0)
@@ -33,17 +33,17 @@ class Scene:
 
     camera: Camera
     centres: FloatArray
-    target: Checkerboard
+    board: Checkerboard
     found: list[list[NumberedBoard]]
 
 
-def numberings(pixels: FloatArray, target: Checkerboard, *, turned_over: bool) -> list[Corners]:
+def numberings(pixels: FloatArray, board: Checkerboard, *, turned_over: bool) -> list[Corners]:
     """Return the numberings that the black squares allow, with the true or the opposite handedness."""
-    places = np.arange(len(pixels)).reshape(target.rows - 1, target.cols - 1)
+    places = np.arange(len(pixels)).reshape(board.rows - 1, board.cols - 1)
     grids = [places[::-1], places[:, ::-1]] if turned_over else [places, places[::-1, ::-1]]
     options = []
     for grid in grids:
-        row, col = np.divmod(grid[:2, :2].min(), target.cols - 1)
+        row, col = np.divmod(grid[:2, :2].min(), board.cols - 1)
         if (row + col) % 2 == 0:
             options.append(Corners(np.arange(len(pixels)), pixels[grid.ravel()]))
     return options
@@ -67,7 +67,7 @@ def scene(seed: int, *, noise_px: float | None = None) -> Scene:
         cy_px=height / 2 + random.normal(0.0, 0.01 * width),
         distortion=[random.uniform(-0.1, 0.1), random.uniform(-0.05, 0.05), 0, 0, 0],
     )
-    target = [ONE_WAY_UP, TWO_WAYS_UP][random.integers(2)]
+    board = [ONE_WAY_UP, TWO_WAYS_UP][random.integers(2)]
     noise = random.uniform(0.1, 0.3) if noise_px is None else noise_px
     half, away = np.radians(random.uniform(70.0, 110.0)) / 2, random.uniform(550.0, 800.0)
     looking_down = Rotation.from_euler("xyz", [random.uniform(22, 32), *random.uniform(-6, 6, 2)], degrees=True)
@@ -78,14 +78,14 @@ def scene(seed: int, *, noise_px: float | None = None) -> Scene:
     wanted = int(random.integers(5, 9))
     for _ in range(2000):
         if len(found) == wanted:
-            return Scene(camera, centres, target, found)
+            return Scene(camera, centres, board, found)
         tilt, spin = Rotation.from_euler("xy", random.uniform(-20, 20, 2), degrees=True), random.uniform(-180, 180)
         lying = tilt * Rotation.from_euler("XZ", [-90, spin], degrees=True)
         middle = away * (np.array([0.0, 0.5, 0.7]) + np.array([0.2, 0.12, 0.15]) * random.uniform(-1, 1, 3))
-        centred = target.corners_in_board_mm - target.corners_in_board_mm.mean(axis=0)
-        board = looking_down.apply(lying.apply(centred) + middle)
+        centred = board.corners_in_board_mm - board.corners_in_board_mm.mean(axis=0)
+        corners_mm = looking_down.apply(lying.apply(centred) + middle)
         ways = {"direct": (), "0": (0,), "1": (1,), "0 in 1": (1, 0), "1 in 0": (0, 1)}
-        seen = {name: view(camera, centres, target, board, way) for name, way in ways.items()}
+        seen = {name: view(camera, centres, board, corners_mm, way) for name, way in ways.items()}
         if any(seen[name] is None for name in ("direct", "0", "1")):
             continue
         boards = []
@@ -95,8 +95,8 @@ def scene(seed: int, *, noise_px: float | None = None) -> Scene:
                 continue
             pixels = pixels + noise * random.standard_normal(pixels.shape)
             flipped = len(ways[name]) == 1
-            same = numberings(pixels, target, turned_over=False)
-            other = numberings(pixels, target, turned_over=True)
+            same = numberings(pixels, board, turned_over=False)
+            other = numberings(pixels, board, turned_over=True)
             boards.append(
                 NumberedBoard(direct=other, image=same) if flipped else NumberedBoard(direct=same, image=other)
             )
@@ -105,15 +105,15 @@ def scene(seed: int, *, noise_px: float | None = None) -> Scene:
 
 
 def view(
-    camera: Camera, centres: FloatArray, target: Checkerboard, board: FloatArray, way: tuple[int, ...]
+    camera: Camera, centres: FloatArray, board: Checkerboard, corners_mm: FloatArray, way: tuple[int, ...]
 ) -> FloatArray | None:
     """Pixels (n, 2) of a board whose light meets mirrors way[-1] .. way[0]; None where they do not show its print."""
-    points = board
+    points = corners_mm
     for mirror in way[::-1]:
         if (points @ centres[mirror] > 0.98 * centres[mirror] @ centres[mirror] / 2.0).any():
             return None  # not before the mirror
         points = reflect(points, centres[mirror])
-    rows, cols = target.rows - 1, target.cols - 1
+    rows, cols = board.rows - 1, board.cols - 1
     grid = points.reshape(rows, cols, 3)
     print_side = np.cross(grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]) * (-1.0) ** len(way)
     middle = points.mean(axis=0)
@@ -128,7 +128,7 @@ def view(
 
 
 def solved(of: Scene) -> Solution:
-    corners = of.target.corners_in_board_mm
+    corners = of.board.corners_in_board_mm
     start = first_direct_estimate(
         of.found, corners, mirrors=2, width_px=of.camera.width_px, height_px=of.camera.height_px
     )

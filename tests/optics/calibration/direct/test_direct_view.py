@@ -26,8 +26,8 @@ from mirrorcam.optics.calibration.direct.direct_view import INTRINSICS, calibrat
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate
+from mirrorcam.optics.geometry.boards import Charuco, Checkerboard
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.targets import Charuco, Checkerboard
 from tests.optics.calibration.detection.aprilgrid_sheet import GRID, Sheet
 from tests.optics.calibration.direct.twice_reflected import on_first_mirror, twice_reflected
 from tests.optics.calibration.direct.two_mirrors import (

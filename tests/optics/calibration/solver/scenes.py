@@ -18,11 +18,11 @@ from mirrorcam.optics.calibration.solver import initial_estimates
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Board, Estimate, global_names, residuals
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Checkerboard
 from tests.optics.calibration.synthetic_corners import direct_corners, direct_poses, mirrored_corners, mirrored_poses
 from tests.optics.layouts import faceted_parabola
 
@@ -105,20 +105,18 @@ def nominal_layout() -> Layout:
     return faceted_parabola(Camera.c920(), DesignSpec(), fill=0.92)
 
 
-def scene(layout: Layout, *, frames: int, base_frames: int, target: Checkerboard, seed: int) -> Scene:
+def scene(layout: Layout, *, frames: int, base_frames: int, board: Checkerboard, seed: int) -> Scene:
     """Return boards that a layout shows in part or completely, at poses drawn from a seed."""
-    mirrored = mirrored_poses(target, frames, tilt_deg=30.0, seed=seed)
-    direct = direct_poses(target, base_frames, tilt_deg=30.0, seed=seed + 1)
+    mirrored = mirrored_poses(board, frames, tilt_deg=30.0, seed=seed)
+    direct = direct_poses(board, base_frames, tilt_deg=30.0, seed=seed + 1)
     random = np.random.default_rng(0)
-    parts = [
-        mirrored_corners(layout, target, pose, 0.0, random).with_frame_offset(f) for f, pose in enumerate(mirrored)
-    ]
+    parts = [mirrored_corners(layout, board, pose, 0.0, random).with_frame_offset(f) for f, pose in enumerate(mirrored)]
     parts += [
-        direct_corners(layout, target, pose, 0.0, random).with_frame_offset(frames + f) for f, pose in enumerate(direct)
+        direct_corners(layout, board, pose, 0.0, random).with_frame_offset(frames + f) for f, pose in enumerate(direct)
     ]
     truth = Estimate.of(layout.camera, layout.mirrors, np.array(mirrored + direct))
     model = Model(
-        layout.camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm)
+        layout.camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(board.corners_in_board_mm)
     )
     return Scene(layout, truth, Observations.join(parts), model)
 
@@ -127,7 +125,7 @@ def small_scene(seed: int = 1) -> Scene:
     """Eight frames through nine mirrors and four without, about 30 corners in each view."""
     nominal = nominal_layout()
     layout = nominal.replaced(camera=nominal.camera.replaced(distortion=LENS))
-    return scene(layout, frames=8, base_frames=4, target=Checkerboard(cols=9, rows=7, square_mm=16.0), seed=seed)
+    return scene(layout, frames=8, base_frames=4, board=Checkerboard(cols=9, rows=7, square_mm=16.0), seed=seed)
 
 
 def large_scene() -> Scene:
@@ -135,14 +133,14 @@ def large_scene() -> Scene:
     random = np.random.default_rng(3)
     nominal = nominal_layout()
     layout = nominal.replaced(camera=nominal.camera.replaced(distortion=LENS))
-    target = Checkerboard(cols=10, rows=7, square_mm=9.0)
-    poses = np.array(mirrored_poses(target, 30, tilt_deg=30.0, seed=int(random.integers(100))))
+    board = Checkerboard(cols=10, rows=7, square_mm=9.0)
+    poses = np.array(mirrored_poses(board, 30, tilt_deg=30.0, seed=int(random.integers(100))))
     every = np.arange(54)
     views = [(frame, view) for frame in range(30) for view in range(9)]
     seen = Observations.join([Observations.of_view(f, v, every, np.zeros((54, 2))) for f, v in views])
     truth = Estimate.of(layout.camera, layout.mirrors, poses)
     model = Model(
-        layout.camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(target.corners_in_board_mm)
+        layout.camera.intrinsic_names, thickness=False, curvature=False, board=Board.rigid(board.corners_in_board_mm)
     )
     return Scene(layout, truth, replace(seen, pixels=residuals(truth, seen, model.board)), model)
 

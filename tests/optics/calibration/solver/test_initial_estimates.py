@@ -19,10 +19,10 @@ from mirrorcam.optics.calibration.solver.initial_estimates import (
     virtual_centre_between,
 )
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Corners, Observations
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import reflect
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import rigid, transform
 from tests.optics.calibration.synthetic_corners import direct_poses, mirrored_poses, views_of
 

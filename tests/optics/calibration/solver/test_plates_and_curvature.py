@@ -13,8 +13,8 @@ from mirrorcam.optics.calibration.solver.levenberg_marquardt import Undetermined
 from mirrorcam.optics.calibration.solver.observations import DIRECT
 from mirrorcam.optics.calibration.solver.parameterisation import Model
 from mirrorcam.optics.calibration.solver.residuals import Estimate, residuals
+from mirrorcam.optics.geometry.boards import Checkerboard
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.targets import Checkerboard
 from mirrorcam.optics.geometry.transforms import transform
 from tests.nightly import a_few
 from tests.optics.calibration.solver.scenes import (
@@ -48,7 +48,7 @@ def built(kind: str) -> Scene:
             mirror = mirror.replaced(curvature_per_m=random.normal(0.0, 0.2, 3))
         mirrors.append(mirror)
     layout = nominal.replaced(mirrors=tuple(mirrors), camera=nominal.camera.replaced(distortion=LENS))
-    found = scene(layout, frames=8, base_frames=4, target=Checkerboard(cols=9, rows=7, square_mm=16.0), seed=1)
+    found = scene(layout, frames=8, base_frames=4, board=Checkerboard(cols=9, rows=7, square_mm=16.0), seed=1)
     return replace(found, model=replace(found.model, thickness="sheet" in kind, curvature="bend" in kind))
 
 

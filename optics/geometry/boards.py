@@ -1,4 +1,4 @@
-"""Calibration targets: the printed pattern and the positions of its corners.
+"""Calibration boards: the printed pattern and the positions of its corners.
 
 The board frame has its origin at the top-left outer corner of the printed squares, x right, y down, z into the paper;
 the printed side is seen from negative z. Corner ids run row by row from the top left. Detection measures lengths on a
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, RootModel, model_validator
 
+from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.bounds import PART_MM, Bounds
 from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, keys_of, model_from, read_bytes, tables_of, write_text
 from mirrorcam.core.disk.yaml_text import YAML_SUFFIXES, yaml_of
@@ -38,7 +39,7 @@ def _is_default(value: float) -> bool:
 
 
 class _Grid(Value):
-    """A target with squares in rows and columns."""
+    """A board with squares in rows and columns."""
 
     cols: int = SQUARES.field(description="squares along x")
     rows: int = SQUARES.field(description="squares along y")
@@ -293,10 +294,10 @@ class AprilGrid(Value):
 
 
 # Any board; in a file, `kind` selects the class.
-Target = Annotated[Checkerboard | Charuco | AprilGrid, Field(discriminator="kind")]
+CalibrationBoard = Annotated[Checkerboard | Charuco | AprilGrid, Field(discriminator="kind")]
 
 
-class _BoardFile(RootModel[Target]):
+class _BoardFile(RootModel[CalibrationBoard]):
     """The content of `board.toml`."""
 
 
@@ -305,8 +306,25 @@ def default_board() -> Charuco:
     return Charuco(cols=20, rows=14, square_mm=12.0, marker_mm=8.4)
 
 
-def load_board(path: Path) -> Target:
-    """Read `board.toml`, or a board as anipose, caliscope or Kalibr describe it; raises a one-line InputError."""
+def load_board(path: AnyPath) -> CalibrationBoard:
+    """Read `board.toml`, or a board as anipose, caliscope or Kalibr describe it.
+
+    Parameters
+    ----------
+    path
+        TOML file, or YAML file of Kalibr; lengths of other programs are converted to mm.
+
+    Returns
+    -------
+    Checkerboard, Charuco or AprilGrid
+        The board.
+
+    Raises
+    ------
+    InputError
+        If the file is missing or describes no board that can be detected.
+    """
+    path = path_of("path", path)
     raw = read_bytes(path, LARGEST_TEXT_BYTES)
     values = yaml_of(path, raw) if path.suffix.lower() in YAML_SUFFIXES else tables_of(path, raw)
     try:
@@ -321,7 +339,7 @@ def is_own_board(path: Path) -> bool:
     return path.suffix.lower() not in YAML_SUFFIXES and "kind" in keys_of(path, read_bytes(path, LARGEST_TEXT_BYTES))
 
 
-def save_board(path: Path, target: Target) -> None:
+def save_board(path: Path, board: CalibrationBoard) -> None:
     """Write `board.toml` atomically."""
-    lines = (f"{name} = {json.dumps(value)}" for name, value in target.model_dump().items())
+    lines = (f"{name} = {json.dumps(value)}" for name, value in board.model_dump().items())
     write_text(path, "\n".join(lines) + "\n")

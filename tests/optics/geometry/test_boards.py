@@ -11,12 +11,12 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import InvalidValue
-from mirrorcam.optics.geometry.targets import (
+from mirrorcam.optics.geometry.boards import (
     TAG_FAMILY,
     AprilGrid,
+    CalibrationBoard,
     Charuco,
     Checkerboard,
-    Target,
     default_board,
     load_board,
     save_board,
@@ -126,7 +126,7 @@ def test_keys_that_a_board_does_not_need_are_not_written(tmp_path: Path) -> None
         Checkerboard(cols=3, rows=3, square_mm=1 / 3),
     ],
 )
-def test_a_board_survives_its_file(board: Target, tmp_path: Path) -> None:
+def test_a_board_survives_its_file(board: CalibrationBoard, tmp_path: Path) -> None:
     save_board(tmp_path / "board.toml", board)
     back = load_board(tmp_path / "board.toml")
     assert type(back) is type(board)
