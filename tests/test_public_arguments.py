@@ -262,6 +262,8 @@ def test_names_that_no_file_can_have_are_refused(name: str, arguments: dict[str,
 def test_numbers_of_another_type_or_size_are_refused_by_their_name(arguments: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(TypeError, match=r"^near_mm: str, expected int or float"):
         mirrorcam.estimate_depth(arguments["light_field"], near_mm="x")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match=r"^address: int, expected str"):
+        mirrorcam.open_camera(0, 640, 480)  # type: ignore[arg-type]
     with pytest.raises(TypeError, match=r"^depth_mm: str, expected ndarray"):
         mirrorcam.write_light_field(tmp_path / "a", arguments["light_field"], "ply", "x")  # type: ignore[arg-type]
     for function, wanted in (

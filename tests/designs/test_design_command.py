@@ -11,6 +11,7 @@ from mirrorcam.cli import application, main
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import figure_text
 from mirrorcam.core.processes.calls import Calls, in_turn
+from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.designs.design_command import DesignChanges
 from mirrorcam.designs.design_files import request_toml
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
@@ -29,11 +30,11 @@ def solved(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> Layout:
     layout = default_layout.replaced(
         spec=spec, metrics=evaluate(default_layout, spec.depths_mm), verdict=verify(default_layout, spec)
     )
-    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: layout)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls, progress: layout)
     return layout
 
 
-def no_parabola(spec: DesignSpec, calls: Calls = in_turn) -> Layout:
+def no_parabola(spec: DesignSpec, calls: Calls = in_turn, *, progress: Progress = no_progress) -> Layout:
     raise InfeasibleDesign("spacing", "facets 30 mm apart do not fit the parabola")
 
 
@@ -145,7 +146,7 @@ def test_options_replace_fields_of_a_request_in_a_file(
 ) -> None:
     designed: list[DesignSpec] = []
 
-    def write(spec: DesignSpec, folder: Path, calls: Calls) -> None:
+    def write(spec: DesignSpec, folder: Path, calls: Calls, progress: Progress) -> None:
         designed.append(spec)
         raise InputError("enough")
 

@@ -26,7 +26,7 @@ def test_files_hold_what_is_returned(default_layout: Layout, tmp_path: Path, mon
     spec = DesignSpec()
     figures = {"metrics": evaluate(default_layout, spec.depths_mm), "verdict": verify(default_layout, spec)}
     layout = default_layout.replaced(spec=spec, **figures)
-    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: layout)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls, progress: layout)
     found = write_design(spec, tmp_path)
     assert found.no_parabola == ""
     assert Layout.load(tmp_path / "layout.json") == found.optimised == layout
@@ -49,7 +49,7 @@ def test_the_layout_is_there_before_any_picture_of_it(
     default_layout: Layout, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     layout = default_layout.replaced(spec=DesignSpec())
-    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: layout)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls, progress: layout)
 
     def broken(*_: object) -> None:
         raise FloatingPointError("no picture")
@@ -66,7 +66,7 @@ def test_a_pinhole_has_no_figure_of_its_focus(
 ) -> None:
     spec = DesignSpec(camera=default_layout.camera.replaced(aperture_mm=0.0))
     layout = default_layout.replaced(spec=spec, camera=spec.camera)
-    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: layout)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls, progress: layout)
     write_design(spec, tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["before_after.png", "layout.json", "parabola.json"]
 

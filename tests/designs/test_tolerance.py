@@ -80,7 +80,7 @@ def command(
     monkeypatch: pytest.MonkeyPatch, pair: Layout, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> Callable[[str], tuple[int, str, str]]:
     """`mirrorcam design`, with a layout at hand for what the optimiser would find; exit code, output, errors."""
-    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls: pair)
+    monkeypatch.setattr("mirrorcam.optics.design.optimise.design", lambda spec, calls, progress: pair)
     monkeypatch.chdir(tmp_path)
 
     def run(arguments: str) -> tuple[int, str, str]:

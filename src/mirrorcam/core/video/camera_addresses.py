@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mirrorcam.core.arguments import check_type
 from mirrorcam.core.disk.files import stored_bytes
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.sample_bits import SampleBits
@@ -82,6 +83,7 @@ def open_camera(
     InputError
         If it cannot be opened.
     """
+    check_type("address", address, str)
     is_number = address.isascii() and address.isdigit()
     if not is_number and _local_file(address) is None and re.search(r"\s!\s", address):
         raise InputError(
