@@ -10,8 +10,7 @@ from cyclopts import Parameter
 from mirrorcam.core.console.options import Force
 from mirrorcam.core.console.progress import long_work, say
 
-PAGE = "index.html"
-INPUTS = ("frame.jpg", "layout.json")
+PAGE, FRAME, LAYOUT = "index.html", "frame.jpg", "layout.json"
 
 
 def demo(
@@ -39,11 +38,11 @@ def demo(
 
     source = Path(__file__).parent
     with output_folder(out, "demo", force=force) as output:
-        output.refuse_others(PAGE, *INPUTS)
+        output.refuse_others(PAGE, FRAME, LAYOUT)
         with long_work("demo", "9 views, depth and features of one frame") as advance:
-            decoded = DecodedFrame.of(*(source / name for name in INPUTS), advance)
+            decoded = DecodedFrame.of(source / FRAME, source / LAYOUT, advance)
         with output.staged() as folder:
-            for name in INPUTS:
+            for name in (FRAME, LAYOUT):
                 write_bytes(folder / name, read_bytes(source / name, LARGEST_FRAME_BYTES))
             write_text(folder / PAGE, demo_page(decoded, out))
     say("demo", f"{out / PAGE} written" + ("" if no_browser else ", opening it"))

@@ -1,4 +1,4 @@
-"""The page of a decoded frame: one HTML file with its pictures, which the browser refocuses and views from elsewhere."""
+"""The page of a decoded frame: one HTML file, in which the browser refocuses and moves the viewpoint."""
 
 from __future__ import annotations
 
