@@ -1,7 +1,8 @@
-"""Make what shows the tour's scene elsewhere: `python -m docs.make_demo [--work FOLDER]`, after `docs/make_tour.py`.
+"""Make what shows the table-top scene outside the tour: `python -m docs.make_scene [--work FOLDER]`.
 
-From the scene in the folder, by default output/tour: the frame and layout of `mirrorcam demo`, the moving picture of
-README.md, and the overview in docs/rendering.md.
+After `python docs/make_tour.py`, from the scene in its folder, by default output/tour: the frame and layout of
+`mirrorcam demo`, the moving picture of README.md, and the overview in docs/rendering.md; also the previews of four
+designs there.
 """
 
 from __future__ import annotations
@@ -19,11 +20,15 @@ from PIL import Image, ImageDraw, ImageFont
 
 import mirrorcam.studio.demo as demo
 from mirrorcam.core.disk.files import write_bytes
-from mirrorcam.core.images.pictures import read_image
+from mirrorcam.core.images.pictures import read_image, write_image
+from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.io.view_images import tiled_views
 from mirrorcam.optics.light_field.render.perspective import orbit, render_view
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
+from mirrorcam.render_scenes.preview.preview_frame import preview_frame
+from mirrorcam.render_scenes.preview.products import preview_products
 from mirrorcam.simulation.rendering import OVERVIEW
 from mirrorcam.studio.demo.decoded_frame import DecodedFrame
 
@@ -35,6 +40,8 @@ CAPTION_PX, GAP_PX, FONT_PX = 32, 8, 18
 QUALITY = 72
 NEAR_MM, FAR_MM = 285.0, 600.0
 """Range of the focus: the glass ball, and the wall."""
+PREVIEW_PX, ROW_PX = 960, 200
+PREVIEWED = (DesignSpec(), DesignSpec(rows=5, cols=5), DesignSpec(scale_mm=40.0), DesignSpec(scale_mm=160.0))
 
 
 @dataclass(frozen=True)
@@ -88,6 +95,32 @@ def write_movie(path: Path, frame: NDArray[np.uint8], frames: list[MovieFrame]) 
     write_bytes(path, file.getvalue())
 
 
+def previews() -> NDArray[np.uint8]:
+    """Draw the same objects as designs see them, a row for each: frame, central view, nearest depth in focus, depth."""
+    lines = []
+    layouts = [design(spec) for spec in PREVIEWED]
+    for layout in layouts:
+        frame = preview_frame(layout, width_px=PREVIEW_PX, arranged_for=layouts[0])
+        products = preview_products(frame)
+        central = products.light_field.samples[reference_index(products.light_field)]
+        focused = products.refocused(min(PREVIEWED[0].depths_mm))
+        cells = []
+        for cell in (frame.picture, central, focused, products.depth_picture()):
+            size = round(cell.shape[1] * ROW_PX / cell.shape[0]), ROW_PX
+            cells.append(_on_white(np.asarray(cv2.resize(cell, size, interpolation=cv2.INTER_AREA)), size[0] + GAP_PX))
+        lines.append(np.concatenate(cells, axis=1)[:ROW_PX])
+    width = max(line.shape[1] for line in lines)
+    return np.concatenate([_on_white(line, width) for line in lines])
+
+
+def _on_white(picture: NDArray[np.uint8], width: int) -> NDArray[np.uint8]:
+    """Extend a picture (h, w, 3) to a width, and by a gap below."""
+    height = picture.shape[0]
+    page = np.full((height + GAP_PX, width, 3), 255, np.uint8)
+    page[:height, : picture.shape[1]] = picture
+    return page
+
+
 def main() -> None:
     """Copy the frame and the layout, and make the pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -99,6 +132,7 @@ def main() -> None:
     shutil.copyfile(scene / OVERVIEW, IMAGES / "tabletop.jpg")
     decoded = DecodedFrame.of(shipped / "frame.jpg", shipped / "layout.json")
     write_movie(IMAGES / MOVIE, read_image(shipped / "frame.jpg"), movie_frames(decoded))
+    write_image(IMAGES / "preview.jpg", previews())
 
 
 if __name__ == "__main__":
