@@ -40,7 +40,7 @@ COMMANDS = {
     "Start": {
         "demo": (
             "studio.demo.demo_command:demo",
-            "Decode a rendered frame; refocus it, and move the viewpoint, on a page in the browser.",
+            "Decode a rendered frame, and show its views, depth and features on a page in the browser.",
         ),
         "run": (
             "run.run_command:run",

@@ -19,7 +19,7 @@ def demo(
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/demo"),
     force: Force = False,
 ) -> int:
-    """Decode a rendered frame, and show its views, depth and features on a page.
+    """Decode a rendered frame, and show its views, depth and features on a page in the browser.
 
     On the page, the mouse refocuses the picture and moves the viewpoint. The folder also gets the frame and its layout,
     for trying other commands.
