@@ -46,7 +46,7 @@ def layout_data(tmp_path: Path, small_layout: Layout) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        ("", "expected a command, one of run, doctor, design"),
+        ("", "expected a command, one of demo, run, doctor, design"),
         ("desing", "unknown command 'desing', did you mean design? (see mirrorcam --help)"),
         ("design --tradeof 0.3", "Unknown option: --tradeof. Did you mean --tradeoff? (see mirrorcam design --help)"),
         ("design --tradeoff 2", "--tradeoff '2': expected 0 to 1 (see mirrorcam design"),

@@ -60,10 +60,25 @@ def _mix(fraction: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     return np.asarray(low + np.clip(fraction, 0.0, 1.0)[..., None] * (high - low))
 
 
-def _colour(random: np.random.Generator) -> FloatArray:
-    """Draw a colour (3,) that is neither black nor white."""
-    colour = random.uniform(0.05, 0.8, 3)
-    return np.asarray(0.25 * colour.mean() + 0.75 * colour + 0.05)
+PALETTE = np.array(
+    [
+        (0.74, 0.045, 0.04),
+        (0.85, 0.26, 0.03),
+        (0.86, 0.60, 0.05),
+        (0.13, 0.52, 0.10),
+        (0.03, 0.46, 0.46),
+        (0.05, 0.20, 0.74),
+        (0.34, 0.10, 0.60),
+        (0.84, 0.20, 0.42),
+    ]
+)
+"""Colours of the objects, linear RGB: bright and saturated, so that small pictures of the scene stay readable."""
+
+
+def colours(random: np.random.Generator, count: int) -> FloatArray:
+    """Draw colours (count, 3) of the palette, different ones first, with a small variation."""
+    order = np.concatenate([random.permutation(len(PALETTE)) for _ in range(-(-count // len(PALETTE)))])[:count]
+    return np.asarray(np.clip(PALETTE[order] * random.uniform(0.9, 1.1, (count, 3)), 0.03, 0.87))
 
 
 def _wood(height: int, width: int, random: np.random.Generator) -> FloatArray:
@@ -71,24 +86,23 @@ def _wood(height: int, width: int, random: np.random.Generator) -> FloatArray:
     lines = grain(height, width, random, cell=(6.0, 160.0), gain=0.7)
     specks = grain(height, width, random, cell=(4.0, 4.0), gain=1.0)
     fraction = 0.5 + 0.22 * np.sin(4.0 * rings) + 0.14 * lines + 0.1 * specks
-    return _mix(fraction, np.array([0.16, 0.075, 0.03]), np.array([0.62, 0.40, 0.22]))
+    return _mix(fraction, np.array([0.44, 0.25, 0.12]), np.array([0.80, 0.60, 0.38]))
 
 
 def _poster(height: int, width: int, random: np.random.Generator) -> FloatArray:
-    light, *hills = (grain(height, width, random, cell=(height / 4.0, width / 6.0), gain=0.75) for _ in range(4))
-    picture = np.stack([0.40 + 0.12 * light + 0.06 * hill for hill in hills], axis=-1)
-    canvas = np.ascontiguousarray(picture, dtype=np.float32)
-    for _ in range(220):
+    hills = grain(height, width, random, cell=(height / 3.0, width / 4.0), gain=0.6)
+    ground = _mix(0.5 + 0.35 * hills, np.array([0.36, 0.64, 0.84]), np.array([0.74, 0.84, 0.86]))
+    canvas = np.ascontiguousarray(ground, dtype=np.float32)
+    for colour in colours(random, 220).tolist():
         position = (int(random.integers(width)), int(random.integers(height)))
         radius = int(random.uniform(0.004, 0.03) * width)
-        colour = tuple(_colour(random).tolist())
         if random.random() < 0.5:
             cv2.circle(canvas, position, radius, colour, -1, cv2.LINE_AA)
         else:
             corners = cv2.boxPoints((position, (radius, 2.0 * radius), float(random.uniform(0.0, 180.0))))
             cv2.fillPoly(canvas, [corners.astype(np.int32)], colour, cv2.LINE_AA)
     weave = grain(height, width, random, cell=(6.0, 6.0), gain=0.9)
-    return np.asarray(canvas * (1.0 + 0.16 * weave[..., None]))
+    return np.asarray(canvas * (1.0 + 0.10 * weave[..., None]))
 
 
 def _page(height: int, width: int, random: np.random.Generator) -> FloatArray:
@@ -116,39 +130,39 @@ def _write(ink: NDArray[np.uint8], text: str, position: tuple[int, int], capital
 
 
 def _label(height: int, width: int, random: np.random.Generator) -> FloatArray:
-    background, band = _colour(random), _colour(random)
+    background, band, *dots = colours(random, 2 + 12)
     picture = np.broadcast_to(background, (height, width, 3)).copy()
     for top, bottom in ((0.06, 0.12), (0.36, 0.64), (0.88, 0.94)):
         picture[int(top * height) : int(bottom * height)] = band
     ink, step = np.zeros((height, width), dtype=np.uint8), width // 6
     for column in range(6):
         _write(ink, str(random.choice(_WORDS[:17])), (int((column + 0.1) * step), int(0.56 * height)), step / 6.0)
-        for row in (0.24, 0.76):
+        for number, row in enumerate((0.24, 0.76)):
             disc = np.zeros((height, width), dtype=np.uint8)
             centre = (int((column + 0.5) * step), int(row * height))
             cv2.circle(disc, centre, min(step // 3, height // 10), 255, -1, cv2.LINE_AA)
-            picture += (disc / 255.0)[..., None] * (_colour(random) - picture)
+            picture += (disc / 255.0)[..., None] * (dots[2 * column + number] - picture)
     picture += (ink / 255.0)[..., None] * (0.85 - picture)
     return np.asarray(picture * (1.0 + 0.10 * grain(height, width, random, cell=(10.0, 10.0), gain=0.9)[..., None]))
 
 
 def _cover(height: int, width: int, random: np.random.Generator) -> FloatArray:
     cells = 6
-    colours = np.stack([_colour(random) for _ in range(cells * cells)]).reshape(cells, cells, 3).astype(np.float32)
-    patches = np.asarray(cv2.resize(colours, (width, height), interpolation=cv2.INTER_NEAREST))
+    squares = colours(random, cells * cells).reshape(cells, cells, 3).astype(np.float32)
+    patches = np.asarray(cv2.resize(squares, (width, height), interpolation=cv2.INTER_NEAREST))
     threads = grain(height, width, random, cell=(12.0, 12.0), gain=0.85)
-    return np.asarray(patches * (1.0 + 0.18 * threads[..., None]))
+    return np.asarray(patches * (1.0 + 0.14 * threads[..., None]))
 
 
 def _globe(height: int, width: int, random: np.random.Generator) -> FloatArray:
     land = grain(height, width, random, cell=(height / 4.0, width / 6.0), gain=0.65)
     detail = grain(height, width, random, cell=(8.0, 16.0), gain=0.9)
-    sea = _mix(0.5 + 0.3 * detail, np.array([0.04, 0.12, 0.30]), np.array([0.12, 0.30, 0.55]))
-    shore = _mix(0.5 + 0.4 * detail, np.array([0.14, 0.28, 0.08]), np.array([0.60, 0.52, 0.28]))
+    sea = _mix(0.5 + 0.3 * detail, np.array([0.04, 0.22, 0.58]), np.array([0.14, 0.44, 0.82]))
+    shore = _mix(0.5 + 0.4 * detail, np.array([0.16, 0.48, 0.08]), np.array([0.80, 0.66, 0.24]))
     picture = np.where((land > 0.1)[..., None], shore, sea)
     for position in np.arange(1, 12) / 12.0:
-        picture[:, int(position * width)] = 0.75
-        picture[int(position * height)] = 0.75
+        picture[:, int(position * width)] = 0.85
+        picture[int(position * height)] = 0.85
     return np.asarray(picture)
 
 

@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fields_of_view import common_bounds
 from mirrorcam.render_scenes.sets.poses import CLEARANCE_MM
-from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, TextureName, mesh_on_base
+from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, TextureName, colours, mesh_on_base
 
 WALL_RELATIVE_DEPTH = 1.2  # depth of the wall, relative to the farthest objects
 WALL_RELATIVE_SIZE = 3.2  # its width and height, relative to the common field at their depth
@@ -134,7 +134,7 @@ def arrange_tabletop(
                 material="matte",
                 view_from_object=rigid(_STANDING, position),
                 size_mm=(0.0, 0.0, 0.0),
-                colour=random.uniform(0.15, 0.75, 3),
+                colour=colours(random, 1)[0],
                 file=mesh.file,
             )
         )
@@ -201,7 +201,7 @@ def _placed_object(
         texture=placement.texture,
         texels_per_mm=placement.detail * texels_per_mm,
         seed=int(random.integers(2**31)),
-        colour=random.uniform(0.15, 0.75, 3),
+        colour=colours(random, 1)[0],
     )
 
 

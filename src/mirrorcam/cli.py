@@ -38,6 +38,10 @@ CONFIGURED = f"Defaults of options are read from {CONFIG} and the environment: d
 # which begins with the summary, is the command's help.
 COMMANDS = {
     "Start": {
+        "demo": (
+            "studio.demo.demo_command:demo",
+            "Decode a rendered frame, and show its views, depth and features on a page in the browser.",
+        ),
         "run": (
             "run.run_command:run",
             "Run the complete pipeline, from a design to a light field, and write a page of results.",

@@ -101,8 +101,8 @@ def overview(folder: Path) -> NDArray[np.uint8]:
     Returns
     -------
     array (h, w, 3)
-        The frame at the left; at the right the true central view above its inverse depth, red where near. Frame and
-        view are gamma-encoded, since their files hold linear values.
+        The frame at the left; at the right the true central view above its inverse depth, red where near. The view,
+        and the frame of a sensor with a linear response, are gamma-encoded.
 
     Raises
     ------
@@ -111,9 +111,10 @@ def overview(folder: Path) -> NDArray[np.uint8]:
     """
     manifest = TabletopSet.load(folder)
     t, s = manifest.central_view
-    frame, view = (
-        _gamma_encoded(read_image(folder / name)) for name in (manifest.frame_name, f"truth/views/{t}_{s}.png")
-    )
+    frame = read_image(folder / manifest.frame_name)
+    if manifest.sensor.tone_curve == "linear":
+        frame = _gamma_encoded(frame)
+    view = _gamma_encoded(read_image(folder / f"truth/views/{t}_{s}.png"))
     inverse_depth = 1.0 / read_map(folder / f"truth/depth/{t}_{s}.exr", "depth")
     low, high = float(inverse_depth.min()), float(inverse_depth.max())
     grey = np.rint(255.0 * (inverse_depth - low) / max(high - low, 1e-12)).astype(np.uint8)
