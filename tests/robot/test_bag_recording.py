@@ -153,7 +153,7 @@ def interrupted_after(count: int) -> Generator[CameraPicture]:
 
 def test_a_camera_is_recorded_until_ctrl_c_in_a_complete_bag(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device = LiveCamera("camera 0", lambda: Connection(interrupted_after(4)), 320, 192)
-    monkeypatch.setattr(decoding, "camera", lambda *_, **__: device)
+    monkeypatch.setattr(decoding, "open_camera", lambda *_, **__: device)
     with pytest.raises(KeyboardInterrupt):
         decoded(live="0", no_depth=True)
     stored = StoredBag(here / "device0.mcap")
