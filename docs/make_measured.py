@@ -131,12 +131,14 @@ light_field_depth_scenes | bare office, StereoSGBM | {office/2}
 How well confidence and standard deviation hold on scenes that their training did not use: mean stated probability;
 fraction of right depths; mean difference of both over ten classes of stated probability, averaged over cases; and
 fraction of all errors beyond three standard deviations. `noise` adds white noise of 5 and 20 grey levels;
-`photographed` simulates lens, sensor and processing of three webcams; `wrong range` searches two fifths of the range
-only, so that most true depths are outside; `wrong order` exchanges views.
+`photographed` simulates lens, sensor and processing of three webcams; `wide range` searches five times the range in
+these pictures, `wrong range` two fifths of it only, so that most true depths are outside; `wrong order` exchanges
+views.
 
 light_field_depth_confidence | rendered | {rendered/0}; {rendered/1}; {rendered/2}; {rendered/3}
 light_field_depth_confidence | noise | {noise/0}; {noise/1}; {noise/2}; {noise/3}
 light_field_depth_confidence | photographed | {photographed/0}; {photographed/1}; {photographed/2}; {photographed/3}
+light_field_depth_confidence | wide range | {wide range/0}; {wide range/1}; {wide range/2}; {wide range/3}
 light_field_depth_confidence | wrong range | {wrong range/0}; {wrong range/1}; {wrong range/2}; {wrong range/3}
 light_field_depth_confidence | wrong order | {wrong order/0}; {wrong order/1}; {wrong order/2}; {wrong order/3}
 light_field_depth_confidence | few views | {few views/0}; {few views/1}; {few views/2}; {few views/3}

@@ -1,7 +1,8 @@
 """Scenes that are hard for depth estimation, with true disparity, in the format of the 4D Light Field Benchmark.
 
-`python -m benchmarks.depth_scenes FOLDER [--views 3|5|9] [--size 512] [NAME...]` renders them, each into a folder of
-its name, unless it exists. `edges.png` there is white where a pixel of the central view shows a step in depth.
+`python -m benchmarks.depth_scenes FOLDER [--views 3|5|9] [--size 512] [--spread 1] [--seed 1] [NAME...]` renders them,
+each into a folder of its name, unless it exists. `edges.png` there is white where a pixel of the central view shows a
+step in depth.
 
 Prints, for each, by how many grey levels the other views, warped by the truth, differ from the central one, where both
 show the same surface away from depth edges.
@@ -56,7 +57,9 @@ def _disparity(scene: RenderedScene, views: Views, t: int, s: int) -> NDArray[np
     return views.disparity_px_from_depth(scene.depth_mm(views, t, s).astype(np.float64), "s").astype(np.float32)
 
 
-def write_scene(folder: Path, name: str, *, count: int, size_px: int, spp: int = SPP) -> tuple[str, ...] | None:
+def write_scene(
+    folder: Path, name: str, *, count: int, size_px: int, spread: float = 1.0, seed: int = SEED, spp: int = SPP
+) -> tuple[str, ...] | None:
     """Render a scene into a folder, unless it exists there.
 
     Returns None if it exists; otherwise the grey differences of warped views (median and 90th percentile), and the
@@ -65,7 +68,7 @@ def write_scene(folder: Path, name: str, *, count: int, size_px: int, spp: int =
     if (folder / PARAMETERS).exists():
         print(f"{name}: exists")
         return None
-    scene, views = RenderedScene(SCENES[name](SEED)), depth_views(count, size_px)
+    scene, views = RenderedScene(SCENES[name](seed)), depth_views(count, size_px, spread)
     samples = np.empty((count, count, size_px, size_px, 3), np.uint8)
     for t, s in np.ndindex(count, count):
         samples[t, s] = scene.picture(views, t, s, spp=spp)
@@ -83,6 +86,8 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"some of {', '.join(SCENES)}; by default all")
     parser.add_argument("--views", type=int, choices=(3, 5, 9), default=3)
     parser.add_argument("--size", type=int, default=512, help="side of each view, px")
+    parser.add_argument("--spread", type=float, default=1.0, help="distance between views, times the usual one")
+    parser.add_argument("--seed", type=int, default=SEED, help="seed of the scene")
     add_json_option(parser)
     request = parser.parse_intermixed_args()
     unknown = sorted(set(request.names) - set(SCENES))
@@ -90,7 +95,8 @@ def main() -> None:
         parser.error(f"unknown scene {unknown[0]!r}, expected one of {', '.join(SCENES)}")
     rows = Rows("scene", "difference, grey levels: median", "90 % below", "pixels on edges of depth")
     for name in request.names or SCENES:
-        cells = write_scene(request.folder / name, name, count=request.views, size_px=request.size)
+        options = {"count": request.views, "size_px": request.size, "spread": request.spread, "seed": request.seed}
+        cells = write_scene(request.folder / name, name, **options)
         if cells is not None:
             rows.add(name, *cells)
     write_record(request.json, "depth_scenes", table=rows.table)

@@ -106,11 +106,11 @@ class Scene:
         return pose
 
 
-def depth_views(count: int, size_px: int) -> Views:
-    """`count` x `count` views of `size_px` x `size_px` pixels, with the extent of the complete grid of VIEWS."""
+def depth_views(count: int, size_px: int, spread: float = 1.0) -> Views:
+    """`count` x `count` views of `size_px` x `size_px` pixels, over `spread` times the complete grid of VIEWS."""
     if count < 2 or (VIEWS - 1) % (count - 1) or count % 2 == 0:
         raise InputError(f"{count} views, expected 3, 5 or {VIEWS}: an even subset with the central one")
-    offsets = (np.arange(count) - count // 2) * (STEP_MM * (VIEWS - 1) / (count - 1))
+    offsets = (np.arange(count) - count // 2) * (spread * STEP_MM * (VIEWS - 1) / (count - 1))
     return Views(
         positions_mm=np.stack([*np.meshgrid(offsets, offsets), np.zeros((count, count))], axis=-1),
         focal_px=FOCAL_IN_WIDTHS * size_px,
@@ -145,7 +145,7 @@ class RenderedScene:
         use_variant(self.variant)  # before `pinhole` makes values of the variant
         row, column = (round(offset) for offset in views.positions_mm[t, s, 1::-1] / STEP_MM)
         ray_through = _gaussian_pixels(pinhole(views, t, s, START_MM))
-        seed = 100 * (row + VIEWS) + column + VIEWS
+        seed = (100 * (row + VIEWS) + column + VIEWS) % 2**31
         return srgb(self.light(views, ray_through, is_pinhole=True, spp=spp, seed=seed))
 
     def light(

@@ -9,8 +9,8 @@ deviations exclude pixels within 4 px of a true depth edge.
 
 `python -m benchmarks.light_field_depth confidence [--train SCENE...] [--test SCENE...] [--fast]` fits the coefficients
 of confidence to some scenes, and prints how well confidence and sigma hold on others: as they are, with noise, as
-simulated webcams photograph them, with wrong ranges, with views in a wrong order, with fewer views, and on rooms with
-bare walls. A scene may also be a folder of a rectified pair as Middlebury publishes it.
+simulated webcams photograph them, searched over wide and wrong ranges, with views in a wrong order, with fewer views,
+and on rooms with bare walls. A scene may also be a folder of a rectified pair as Middlebury publishes it.
 
 `python -m benchmarks.light_field_depth speed [--rounds N]` times both qualities, a frame of a video, StereoSGBM of two
 neighbouring views and remaps of all views, for more pixels, for more views over the same baselines and for more planes:

@@ -32,6 +32,8 @@ PAIR_FOCAL_PX, PAIR_STEP_MM = 1000.0, 100.0
 MAX_PAIR_PX = 80.0
 NOISES = ((5.0, 0.0), (20.0, 0.0), (20.0, 1.0))
 """Standard deviations of white noise, grey levels, and of its blur, px: decoding and compression blur noise."""
+WIDE = -1.0, 4.0
+"""A wide search, as multiples of a scene's range: cameras do not know their scenes."""
 CAMERAS: tuple[SensorName, ...] = ("c920", "webcam", "poor")
 ROOM_NOISE_GREY = 0.5, 20.0
 """Least and most noise of a room, grey levels."""
@@ -88,8 +90,8 @@ class Case:
             changed[index] = decoded[..., ::-1]
         return self._with("photographed", f"by {sensor}", LightField.of(views, changed, views.weights))
 
-    def within(self, name: str, start: float, end: float) -> Case:
-        """Return the case searched over a part of its range of inverse depth only, from fraction `start` to `end`."""
+    def within(self, kind: str, name: str, start: float, end: float) -> Case:
+        """Return the case searched over another range of inverse depth, from fraction `start` to `end` of its own."""
         reference = self.light_field.reference_depth_mm
         near, far = self.near_mm or DEFAULT_NEAR * reference, self.far_mm or DEFAULT_FAR * reference
         low, width = 1.0 / far, 1.0 / near - 1.0 / far
@@ -97,7 +99,7 @@ class Case:
         return replace(
             self,
             name=f"{self.name}, {name}",
-            kind="wrong range",
+            kind=kind,
             near_mm=1.0 / high,
             far_mm=1.0 / low if low > 0 else float("inf"),
         )
@@ -152,13 +154,9 @@ def read_case(text: str, step: int) -> Case:
 def _read_pair(folder: Path, names: tuple[str, str, str], units: float) -> Case:
     left, right, stored = (cv2.imread(str(folder / name), cv2.IMREAD_UNCHANGED) for name in names)
     assert left is not None and right is not None and stored is not None
-    pictures: Any = np.stack([np.ascontiguousarray(picture[..., ::-1]) for picture in (left, right)])[None]
-    positions_mm = np.array([[[0.0, 0.0, 0.0], [PAIR_STEP_MM, 0.0, 0.0]]])
-    # The left picture is the reference: the truth is its disparity.
-    parallel = Views.parallel(positions_mm, left.shape[1::-1], PAIR_FOCAL_PX, np.inf)
-    views = replace(parallel, positions_mm=positions_mm)
+    pair: Any = [np.ascontiguousarray(picture[..., ::-1]) for picture in (left, right)]
+    light_field = LightField.from_views(pair, step_mm=PAIR_STEP_MM, focal_px=PAIR_FOCAL_PX)
     truth = np.where(stored > 0, stored / np.float32(units), np.nan).astype(np.float32)
-    light_field = LightField.of(views, pictures, np.ones(pictures.shape[:4], np.float32))
     return Case(
         folder.name, "real pair", light_field, truth, PAIR_FOCAL_PX * PAIR_STEP_MM / MAX_PAIR_PX, np.inf, 1.0 / units
     )
@@ -171,8 +169,9 @@ def variants(case: Case, seed: int) -> Iterator[Case]:
         yield case.noisy(grey, seed + number, blur_px)
     for number, sensor in enumerate(CAMERAS):
         yield case.photographed(sensor, seed + number)
-    yield case.within("range too near", 0.6, 1.0)
-    yield case.within("range too far", 0.0, 0.4)
+        yield case.photographed(sensor, seed + number).within("wide range", "wide range", *WIDE)
+    yield case.within("wrong range", "range too near", 0.6, 1.0)
+    yield case.within("wrong range", "range too far", 0.0, 0.4)
     if case.light_field.rows == case.light_field.cols == 3:
         yield case.exchanged(seed)
         for rows, cols in ((1, 2), (1, 3), (2, 2)):

@@ -93,6 +93,11 @@ def arrangement(positions: FloatArray) -> NDArray[np.int_]:
     return best
 
 
+def central_view(rows: int, cols: int) -> tuple[int, int]:
+    """Return the index (t, s) of the central view of a grid; of a stereo pair, the left one, as is usual."""
+    return (0, 0) if (rows, cols) == (1, 2) else (rows // 2, cols // 2)
+
+
 def pinhole_geometry(
     centres_mm: FloatArray, view_from_world: FloatArray, matrices: FloatArray, size: tuple[int, int], where: str
 ) -> dict[str, Any]:
@@ -103,7 +108,7 @@ def pinhole_geometry(
     inconsistent.
     """
     rows, cols = centres_mm.shape[:2]
-    central = (rows // 2, cols // 2)
+    central = central_view(rows, cols)
     positions = (centres_mm - centres_mm[central]) @ view_from_world.T
     positions[central] = 0.0
     focal_px, centre = float(matrices[central][0, 0]), matrices[central][:2, 2]

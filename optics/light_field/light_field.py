@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, InvalidValue, Shaped
-from mirrorcam.optics.light_field.camera_array import MAX_UNEVENNESS, even_grid
+from mirrorcam.optics.light_field.camera_array import MAX_UNEVENNESS, central_view, even_grid
 from mirrorcam.optics.light_field.image_arrays import (
     numbers_in,
     pictures_of,
@@ -108,12 +108,12 @@ class Views:
     ) -> Views:
         """Return views at positions (t, s, 2) or (t, s, 3), x, y and z, that coincide on the plane at `distance_mm`.
 
-        The central view is the reference, with the pupil in it; `size` is width and height in px. The default principal
-        point is the centre of the view.
+        The central view (see `central_view`) is the reference, with the pupil in it; `size` is width and height in px.
+        The default principal point is the centre of the view.
         """
         rows, cols, axes = positions_mm.shape
         positions = np.zeros((rows, cols, 3))
-        positions[..., :axes] = positions_mm - positions_mm[rows // 2, cols // 2]
+        positions[..., :axes] = positions_mm - positions_mm[central_view(rows, cols)]
         picture_centre = np.array([(size[0] - 1) / 2.0, (size[1] - 1) / 2.0])
         return Views(
             positions_mm=positions,
@@ -337,7 +337,8 @@ class LightField(Views):
         focal_px
             Focal length; with poses, also one per picture (n,).
         step_mm
-            Distance between adjacent views.
+            Distance between adjacent views. The reference view, which has the depth, is the central one, of a pair the
+            left one.
         positions_mm
             Positions (t, s, 2 or 3) or (n, 2 or 3) of the views: x right, y down, z forward.
         poses

@@ -14,9 +14,10 @@ from mirrorcam.lightfield import depth_maps
 from mirrorcam.lightfield.depth_maps import draw_depth, record_depth, stored_depth, write_depth, write_depths
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 from mirrorcam.lightfield.requests import DepthRequest
-from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
+from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
 from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.temporal import TemporalFilter
 from tests.command_line import results
 from tests.drawn import drawn, values_of
 from tests.lightfield.recordings import noisy_walls, write_recording
@@ -47,8 +48,8 @@ def test_frames_of_a_recording_are_filtered_in_time_unless_kept_apart(tmp_path: 
     recordings = LightFieldInputs((tmp_path / "first.zarr", tmp_path / "second.zarr"))
     estimator = DepthEstimator(frames[0], quality="fast")
     alone = [estimator.estimate(each).depth_mm for each in frames]
-    video = VideoDepth(estimator)
-    filtered = [video.estimate(each).depth_mm for each in frames]
+    video = TemporalFilter()
+    filtered = [estimator.estimate(video.filtered(each)).depth_mm for each in frames]
     assert not np.array_equal(filtered[1], alone[1], equal_nan=True)
     write_depths(recordings, tmp_path / "filtered", DepthRequest(fast=True))
     for found, expected in zip(depths_mm(tmp_path / "filtered"), 2 * filtered, strict=True):

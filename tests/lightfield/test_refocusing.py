@@ -13,8 +13,9 @@ from mirrorcam.lightfield.depth_maps import write_depths
 from mirrorcam.lightfield.light_field_inputs import LightFieldInputs
 from mirrorcam.lightfield.refocusing import stills, write_refocused
 from mirrorcam.lightfield.requests import RefocusRequest
-from mirrorcam.optics.light_field.depth import DepthEstimator, VideoDepth
+from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.io.formats.npz import save_npz
+from mirrorcam.optics.light_field.temporal import TemporalFilter
 from tests.command_line import results
 from tests.lightfield.recordings import noisy_walls, write_recording
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
@@ -92,7 +93,7 @@ def test_depth_of_a_recording_is_the_same_whichever_frames_have_it_already(tmp_p
     assert [depth.measured for depth in used] == [True, False, True, False]
     for path in (tmp_path / "whole").glob("film_*"):
         assert path.read_bytes() == (tmp_path / "resumed" / path.name).read_bytes()
-    video = VideoDepth(DepthEstimator(frames[0]))
-    expected = [video.estimate(each).depth_mm for each in frames]
+    video, estimator = TemporalFilter(), DepthEstimator(frames[0])
+    expected = [estimator.estimate(video.filtered(each)).depth_mm for each in frames]
     with np.load(tmp_path / "whole/film_000003_depth.npz") as arrays:
         assert np.array_equal(arrays["depth_mm"], expected[3], equal_nan=True)

@@ -430,7 +430,7 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
     pupil_depth = views.reference_view_depth_mm
     min_depth = pupil_depth + max(float(views.positions_mm[..., 2].max()), 0.0)
     if np.isinf(near_mm):
-        raise InputError("the reference plane is at infinity: give --near-mm, the nearest depth to search")
+        raise InputError("the reference plane is at infinity: give near_mm (--near-mm), the nearest depth to search")
     if not min_depth < near_mm < far_mm:
         limits = f"near_mm {near_mm:g}, far_mm {far_mm:g}"
         raise InputError(

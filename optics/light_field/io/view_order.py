@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.light_field.camera_array import central_view
 from mirrorcam.optics.light_field.io.view_motion import ViewMotion, central_texture_repeats, measure_motion
 from mirrorcam.optics.light_field.light_field import LightField
 
@@ -238,7 +239,8 @@ def _rearrange(light_field: LightField, order: _Order) -> LightField:
     steps = np.ptp(positions, axis=0) / np.maximum([light_field.cols - 1, light_field.rows - 1], 1)
     steps = np.where(steps > 0, steps, steps[::-1])
     t, s = np.indices((rows, cols))
-    positions_mm = np.stack([(s - cols // 2) * steps[0], (t - rows // 2) * steps[1], 0.0 * s], axis=-1)
+    central_row, central_col = central_view(rows, cols)
+    positions_mm = np.stack([(s - central_col) * steps[0], (t - central_row) * steps[1], 0.0 * s], axis=-1)
     samples: Any = light_field.samples.reshape(count, *light_field.samples.shape[2:])[source]
     weights = light_field.weights.reshape(count, *light_field.weights.shape[2:])[source]
     return replace(

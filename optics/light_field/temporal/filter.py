@@ -202,9 +202,9 @@ class TemporalFilter:
 
 
 def _by_view(light_field: LightField) -> Any:
-    """Return the samples (k, v, u, c)."""
+    """Return the samples (k, v, u, c), adjacent in memory."""
     samples: Any = light_field.samples
-    return samples.reshape(-1, *samples.shape[2:])
+    return np.ascontiguousarray(samples).reshape(-1, *samples.shape[2:])
 
 
 def _compatible(previous: LightField, current: LightField) -> bool:

@@ -84,20 +84,19 @@ def export(
     field = exported.light_field
     count = f"{field.rows}x{field.cols}" if field.is_grid else str(field.rows * field.cols)
     size = f"{count} views of {field.width_px}x{field.height_px} px"
-    say("export", f"{exported.path} written ({request.to}), from {exported.source_format}: {size}")
+    say("export", f"{exported.path} written ({request.to}): {size}")
     return 0
 
 
 @dataclass(frozen=True)
 class Exported:
-    """An exported light field: its path, the format that it was read from, and its samples.
+    """An exported light field: its path and its samples.
 
     `measured` is the fraction of pixels with a confident depth if depth was estimated for the export, else None.
     `notes` are remarks on views that were reordered.
     """
 
     path: Path
-    source_format: str
     light_field: LightField
     measured: float | None = None
     notes: tuple[str, ...] = ()
@@ -114,7 +113,6 @@ def export_light_field(
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.optics.light_field.io.formats.registry import (
-        format_of,
         formats,
         name_of,
         open_light_fields,
@@ -132,7 +130,7 @@ def export_light_field(
         light_field, depth_mm, measured = _read(contents, source, request)
         with output.staged(complete=False) as staged:
             write_light_field(staged / name, light_field, request.to, depth_mm, min_confidence=request.min_confidence)
-    return Exported(folder / name, format_of(source).name, light_field, measured, contents.notes)
+    return Exported(folder / name, light_field, measured, contents.notes)
 
 
 def _read(

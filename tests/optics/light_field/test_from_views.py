@@ -31,6 +31,14 @@ def test_one_line_makes_a_light_field_of_an_array() -> None:
     assert np.isinf(row.reference_depth_mm)
 
 
+def test_the_left_picture_of_a_pair_is_its_reference() -> None:
+    left, right = np.zeros((2, 8, 9), np.uint8)
+    pair = LightField.from_views([left, right], step_mm=60.0, focal_px=10.0)
+    np.testing.assert_array_equal(pair.positions_mm[0, :, 0], [0.0, 60.0])
+    row = LightField.from_views([left, right, right, right], step_mm=60.0, focal_px=10.0)
+    np.testing.assert_array_equal(row.positions_mm[0, :, 0], [-120.0, -60.0, 0.0, 60.0])
+
+
 @pytest.mark.parametrize(
     ("shape", "kind", "grid", "channels"),
     [

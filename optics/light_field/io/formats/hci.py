@@ -28,6 +28,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pfm import read_pfm, write_pfm
 from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.messages import shortened
+from mirrorcam.optics.light_field.camera_array import central_view
 from mirrorcam.optics.light_field.io.light_field_format import Contents, Format
 from mirrorcam.optics.light_field.io.view_images import check_size, common_size
 from mirrorcam.optics.light_field.io.views_file import views_of_fields
@@ -239,7 +240,8 @@ def _even_views(numbers: dict[str, float]) -> Views:
     """Build the views that the benchmark's parameters describe."""
     width, height, cols, rows = (int(numbers[key]) for key in _COUNTS)
     step_mm, distance_mm = numbers["baseline_mm"], 1000.0 * numbers["focus_distance_m"]
-    offsets = np.stack(np.meshgrid(np.arange(cols) - cols // 2, np.arange(rows) - rows // 2), axis=-1) * step_mm
+    central_row, central_col = central_view(rows, cols)
+    offsets = np.stack(np.meshgrid(np.arange(cols) - central_col, np.arange(rows) - central_row), axis=-1) * step_mm
     return Views(
         positions_mm=np.concatenate([offsets, np.zeros((rows, cols, 1))], axis=-1),
         focal_px=numbers["focal_length_mm"] / numbers["sensor_size_mm"] * max(width, height),

@@ -49,7 +49,7 @@ def test_confidence_is_high_where_depth_is_right_and_low_where_it_is_wrong(scene
     wrong = np.abs(found.depth_mm - depth) / depth > 0.03
     assert wrong.sum() > 50
     assert np.median(found.confidence[~wrong]) > 0.8
-    assert np.median(found.confidence[wrong]) < 0.5
+    assert np.median(found.confidence[wrong]) < np.median(found.confidence[~wrong]) - 0.3
     # Hardly any wrong depth is more probable than a right one.
     order = np.argsort(found.confidence, axis=None)
     ranks = np.empty(order.size)

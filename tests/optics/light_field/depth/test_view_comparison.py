@@ -62,7 +62,7 @@ def noise_ratio(reference: np.ndarray, other: np.ndarray) -> float:
     sweep = PyramidLevel.of(views, 300.0, 900.0, 0).sweep
     comparison = ViewComparison(sweep, [parallax(views, index) for index in other_views(views)], map)
     planes = sweep.planes(np.full(reference.shape, 1.0 / views.reference_distance_mm, np.float32))
-    pictures = [ViewPicture(p, 0.0 * p, np.ones(p.shape, bool)) for p in (reference, other)]
+    pictures = [ViewPicture(p, np.zeros_like(p), np.ones(p.shape, bool)) for p in (reference, other)]
     return comparison.noise_ratio(pictures[0], pictures[1:], planes, [0])
 
 
@@ -74,8 +74,8 @@ def test_noise_is_what_views_do_not_share_whatever_its_spectrum(noise: float, bl
 
     def white(deviation: float) -> np.ndarray:
         picture = random.normal(0.0, 1.0, (views.height_px, views.width_px)).astype(np.float32)
-        picture = cv2.GaussianBlur(picture, (0, 0), blur_px) if blur_px else picture
-        return np.asarray(deviation * picture / picture.std(), np.float32)
+        blurred = np.asarray(cv2.GaussianBlur(picture, (0, 0), blur_px)) if blur_px else picture
+        return np.asarray(deviation * blurred / blurred.std(), np.float32)
 
     shared = 128.0 + white(10.0)
     first, second = shared + white(noise), shared + white(noise)
