@@ -105,7 +105,7 @@ def _clear_of_edges(outline: Polygon, strip: Polygon, hardware: Hardware) -> boo
     for start, end in pairwise(corners):
         dx, dy = np.abs(end - start)
         is_parallel = np.degrees(np.arctan2(dx, dy)) < PARALLEL_DEG
-        if is_parallel and LineString([start, end]).distance(land) < 1.5 * hardware.printer.wall_mm:
+        if is_parallel and LineString([start, end]).distance(land) < 2.0 * hardware.printer.wall_mm:
             return False
     return True
 

@@ -349,7 +349,7 @@ def profiles(holder: HolderPlan, clip: ClipPlan, lean: float, hardware: Hardware
                 ):
                     continue
                 centre_line = (inner + outer) / 2.0
-                foot_mm3 = depth * foot_plate_mm(depth, hardware) * section.width_mm
+                foot_mm3 = depth * foot_plate_mm(depth, hardware) / np.cos(np.deg2rad(lean)) * section.width_mm
                 volume = LineString(centre_line).length * section.plastic_mm2 + foot_mm3
                 yield Profile(section, foot, inner, outer, up_to_head(centre_line, holder), volume)
 

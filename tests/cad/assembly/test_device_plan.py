@@ -17,6 +17,7 @@ from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.prisms import box
+from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.camera_library import read_body
@@ -85,9 +86,9 @@ def test_a_mirror_narrower_than_its_sheet_is_refused(make_flat_pair: Callable[..
 
 @pytest.mark.slow
 def test_a_support_in_the_light_is_refused(default_layout: Layout, monkeypatch: pytest.MonkeyPatch) -> None:
-    def on_a_wall(clip: ClipPlan, mount: MountPlan, hardware: Hardware) -> Back:
+    def on_a_wall(clip: ClipPlan, mount: MountPlan, hardware: Hardware, light: tuple[Frustum, ...]) -> Back:
         wall = Support("wall", (box((-50.0, 60.0, -200.0), (50.0, 70.0, 100.0)),))
-        return replace(plan_back(clip, mount, hardware), supports=(wall,))
+        return replace(plan_back(clip, mount, hardware, light), supports=(wall,))
 
     monkeypatch.setattr("mirrorcam.cad.assembly.device_plan.plan_back", on_a_wall)
     with pytest.raises(InputError, match=r"light of mirror \d-\d enters the wall by \d+\.\d mm"):
