@@ -237,7 +237,8 @@ def test_arguments_of_another_type_are_type_errors_by_name(
 
 
 def test_pictures_of_a_calibration_are_an_iterable(arguments: dict[str, Any]) -> None:
-    for wrong in ("folder", Path("folder"), 3, None, np.zeros((4, 4), dtype=np.uint8), [3]):
+    one = np.zeros((4, 4), dtype=np.uint8), np.zeros((4, 4, 3), dtype=np.uint8)
+    for wrong in ("folder", Path("folder"), 3, None, *one, [3]):
         with pytest.raises(TypeError, match=r"^frames: "):
             mirrorcam.calibrate(wrong, [], arguments["layout"], arguments["board"])  # type: ignore[arg-type]
 
@@ -246,6 +247,8 @@ def test_pictures_of_a_calibration_are_an_iterable(arguments: dict[str, Any]) ->
 def test_arrays_of_a_calibration_hold_grey_values(shape_dtype: tuple[Any, Any], arguments: dict[str, Any]) -> None:
     wrong = [np.zeros(*shape_dtype)]
     tried: list[tuple[Any, Any]] = [(wrong, []), ([], wrong), (iter(wrong), [])]
+    if wrong[0].ndim == 2:
+        tried.append((np.stack(wrong), []))
     for frames, base_frames in tried:
         with pytest.raises(mirrorcam.InputError, match=r"^(base_)?frames: an array .*, expected \(h, w\) of uint8"):
             mirrorcam.calibrate(frames, base_frames, arguments["layout"], arguments["board"])

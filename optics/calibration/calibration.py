@@ -44,6 +44,7 @@ UPSIDE_DOWN = (
     "the pictures fit the layout only when rotated by 180 deg: the camera is upside down in the device, or its "
     "pictures were rotated; rotate all of them"
 )
+MAX_CHANNELS = 4  # of a single picture (h, w, channels), to tell it from a stack (n, h, w)
 MAX_KEPT = 24  # arrays kept from an iterator, so that memory use stays bounded
 
 
@@ -69,8 +70,8 @@ def calibrate(
     Parameters
     ----------
     frames
-        Pictures of the board in the mirrors: grey values (h, w), or paths of picture files. A damaged file is
-        skipped, named in the notes and counted in the metrics.
+        Pictures of the board in the mirrors: grey values (h, w) or paths of picture files, or a stack (n, h, w) of
+        grey values, uint8. A damaged file is skipped, named in the notes and counted in the metrics.
     base_frames
         Pictures of the board taken by the camera without mirrors, in the same forms. If empty, the fit starts from the
         camera of `layout` and estimates the intrinsics from the mirrored views alone.
@@ -193,10 +194,12 @@ def chosen_frames(
 
 
 def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[Grey | Path]:
-    """Return pictures with paths as `Path`; a sequence stays a sequence.
+    """Return pictures with paths as `Path`; a sequence stays a sequence, and a stack (n, h, w) becomes one.
 
     Raises TypeError unless `pictures` is an iterable of arrays or paths, and InputError for an array that is not grey.
     """
+    if isinstance(pictures, np.ndarray) and pictures.ndim == 3 and pictures.shape[2] > MAX_CHANNELS:
+        pictures = list(pictures)
     if isinstance(pictures, str | os.PathLike | np.ndarray) or not isinstance(pictures, Iterable):
         raise TypeError(f"{name}: {type(pictures).__name__}, expected an iterable of arrays or paths")
 

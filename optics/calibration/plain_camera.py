@@ -60,8 +60,8 @@ def calibrate_camera(
     Parameters
     ----------
     pictures
-        Pictures of the board: grey values (h, w), or paths of picture files. A damaged file is skipped, named in the
-        notes and counted in the metrics.
+        Pictures of the board: grey values (h, w) or paths of picture files, or a stack (n, h, w) of grey values, uint8.
+        A damaged file is skipped, named in the notes and counted in the metrics.
     board
         The board.
     nominal

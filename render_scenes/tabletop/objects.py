@@ -239,6 +239,9 @@ class SceneObject(Value):
             raise ValueError(
                 f"a {self.kind} with the file {self.file}, expected a file for a mesh, and for nothing else"
             )
+        turn = self.view_from_object[:3, :3]
+        if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0.0:
+            raise ValueError("view_from_object is not rigid, expected a rotation and a shift")
         used = self.size_mm[_SIDES.get(self.kind, [0, 1, 2])]
         if self.kind != "mesh" and not (used > 0.0).all():
             raise ValueError(f"a {self.kind} of {self.size_mm.tolist()} mm, expected positive sides")

@@ -47,8 +47,10 @@ def test_a_mesh_in_the_mirrors_is_refused(default_layout: Layout, tmp_path: Path
         ({"kind": "box", "size_mm": (1, 1, 1), "file": "a.stl"}, "a box with the file a.stl"),
         ({"kind": "box", "size_mm": (1, 0, 1)}, "positive sides"),
         ({"kind": "sphere"}, "positive sides"),
+        ({"kind": "sphere", "size_mm": (9, 0, 0), "view_from_object": 2.0 * np.eye(4)}, "not rigid"),
+        ({"kind": "sphere", "size_mm": (9, 0, 0), "view_from_object": np.diag([1, 1, -1, 1])}, "not rigid"),
     ],
 )
 def test_objects_that_cannot_be_are_refused(fields: dict[str, Any], reason: str) -> None:
     with pytest.raises(InputError, match=reason):
-        SceneObject(view_from_object=np.eye(4), **fields)
+        SceneObject(**{"view_from_object": np.eye(4), **fields})
