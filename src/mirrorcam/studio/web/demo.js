@@ -2,7 +2,7 @@
 // The panels of the demo: pictures of one light field, and what the pointer does on them.
 (async () => {
   const TURN_S = 6; // one orbit and one sweep of the focus after loading, until the pointer enters
-  const EASE = 0.25; // share of the remaining change in each frame of the screen
+  const EASE_MS = 60; // time in which a change is done but for a third, also where a picture takes long
   const NEAR_PX = 18; // distance at which a feature is chosen
 
   const about = JSON.parse(document.getElementById("start").textContent);
@@ -63,20 +63,24 @@
 
   // Values that follow their targets, so that a jump of the pointer is a motion; drawn when they change.
   const eased = (value, draw) => {
-    let [shown, target, waiting] = [value, value, false];
-    const step = () => {
+    let [shown, target, waiting, last] = [value, value, false, performance.now()];
+    const step = (now) => {
       waiting = false;
+      const share = 1 - Math.exp(-Math.max(now - last, 0) / EASE_MS);
+      last = now;
       const rest = Math.max(...target.map((goal, i) => Math.abs(goal - shown[i])));
-      shown = rest < 1e-3 ? target : shown.map((number, i) => number + EASE * (target[i] - number));
+      shown = rest < 2e-3 ? target : shown.map((number, i) => number + share * (target[i] - number));
       draw(shown);
-      if (rest >= 1e-3) request();
+      if (rest >= 2e-3) request();
     };
     const request = () => {
-      if (!waiting) requestAnimationFrame(step);
+      if (waiting) return;
+      requestAnimationFrame(step);
       waiting = true;
     };
     request();
     return (goal, jump = false) => {
+      if (shown === target) last = performance.now();
       target = goal;
       if (jump) shown = goal;
       request();
