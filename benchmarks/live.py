@@ -62,9 +62,9 @@ class Arrivals:
         return f"{1.0 / np.mean(steps):.1f}/s, 95 % {1.0 / np.quantile(steps, 0.95):.1f}/s"
 
 
-def repeat(path: Path, board: Path, times: int) -> None:
+def repeat(path: Path, repeated: Path, times: int) -> None:
     """Repeat a video without B-frames a number of times in one file."""
-    with av.open(str(path)) as read, av.open(str(board), "w") as written:
+    with av.open(str(path)) as read, av.open(str(repeated), "w") as written:
         source = read.streams.video[0]
         stream = written.add_stream_from_template(source)
         packets = [bytes(packet) for packet in read.demux(source) if packet.size]

@@ -70,14 +70,13 @@ class Case:
         """Return the case as a camera sees it: soft, with noise by brightness, processed and compressed."""
         views, model = self.light_field, SENSORS[sensor].replaced(tone_curve="srgb")
         width_px, height_px, focal_px = views.width_px, views.height_px, views.focal_px
-        centre_px = (width_px - 1) / 2.0, (height_px - 1) / 2.0
         camera = Camera(
             width_px=width_px,
             height_px=height_px,
             fx_px=focal_px,
             fy_px=focal_px,
-            cx_px=centre_px[0],
-            cy_px=centre_px[1],
+            cx_px=(width_px - 1) / 2.0,
+            cy_px=(height_px - 1) / 2.0,
         )
         quality = [cv2.IMWRITE_JPEG_QUALITY, model.jpeg_quality or 100]
         random = np.random.default_rng(seed)
@@ -168,8 +167,9 @@ def variants(case: Case, seed: int) -> Iterator[Case]:
     for number, (grey, blur_px) in enumerate(NOISES):
         yield case.noisy(grey, seed + number, blur_px)
     for number, sensor in enumerate(CAMERAS):
-        yield case.photographed(sensor, seed + number)
-        yield case.photographed(sensor, seed + number).within("wide range", "wide range", *WIDE)
+        photographed = case.photographed(sensor, seed + number)
+        yield photographed
+        yield photographed.within("wide range", "wide range", *WIDE)
     yield case.within("wrong range", "range too near", 0.6, 1.0)
     yield case.within("wrong range", "range too far", 0.0, 0.4)
     if case.light_field.rows == case.light_field.cols == 3:

@@ -79,7 +79,7 @@ def non_collinear(corners: Corners) -> Corners:
 
 
 def find_checkerboards(grey: Grey, board: Checkerboard) -> list[DetectedGrid]:
-    """Find all checkerboards in a picture (h, w) that may be the board or a part of it, the largest first.
+    """Find all checkerboards in a picture (h, w) that may be the one of `board` or a part of it, the largest first.
 
     Grids of saddle points start the search; comparison with the print then decides which corners are visible. Where
     linked corners do not fit a smooth print, or none are linked, as with a fisheye lens, OpenCV searches for completely
@@ -265,7 +265,7 @@ def _is_board_edge(picture: Image, warp: BoardWarp, axis: int, last: int, sign: 
 
 
 def complete_boards(grey: Grey, board: Checkerboard) -> list[DetectedGrid]:
-    """Return the completely visible boards of the board's size in a picture (h, w), under any distortion."""
+    """Return the completely visible boards of the size of `board` in a picture (h, w), under any distortion."""
     remaining = grey.copy()
     boards: list[DetectedGrid] = []
     while len(boards) < MAX_COMPLETE and (complete := complete_board(remaining, board)):
@@ -282,7 +282,7 @@ def complete_boards(grey: Grey, board: Checkerboard) -> list[DetectedGrid]:
 def complete_board(grey: NDArray[np.uint8], board: Checkerboard) -> tuple[IntArray, FloatArray] | None:
     """Return grid coordinates (n, 2), as from `corner_grids`, and pixels (n, 2) of a complete board's corners.
 
-    None if the picture (h, w) shows no complete board of the board's size.
+    None if the picture (h, w) shows no complete board of the size of `board`.
     """
     cols, rows = board.corner_counts
     found, corners = cv2.findChessboardCorners(grey, (cols, rows), flags=FLAGS)

@@ -361,7 +361,7 @@ def _pairs_of_single_markers(grey: Grey, board: Charuco | AprilGrid, *, mirrored
 
 
 def _with_every_marker(board: Charuco | AprilGrid) -> Charuco | AprilGrid:
-    """Return a board like the board with as many rows as its marker family allows."""
+    """Return a board like `board`, with as many rows as its marker family allows."""
     if isinstance(board, AprilGrid):
         return board.replaced(rows=min(len(TAG_FAMILY.bytesList) // board.cols, int(TAGS.max)))
     markers = dictionaries.count(board.dictionary)

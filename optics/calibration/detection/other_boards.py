@@ -104,7 +104,7 @@ def _complete_sizes(grids: Sequence[DetectedGrid], board: CalibrationBoard) -> C
 
 
 def _size_like(board: CalibrationBoard, grid: DetectedGrid) -> tuple[int, int]:
-    """Columns and rows of squares of a board that ends where the grid does, in the order closer to the board's."""
+    """Columns and rows of squares of a board that ends where the grid does, in the order closer to that on `board`."""
     long, short = max(grid.extent) + 1, min(grid.extent) + 1
     sizes = [(long, short), (short, long)] if board.cols >= board.rows else [(short, long), (long, short)]
     return min(sizes, key=lambda size: abs(size[0] - board.cols) + abs(size[1] - board.rows))

@@ -279,7 +279,7 @@ class DepthEstimator:
         track: Track | None,
         changed: NDArray[np.bool_] | None,
     ) -> LowestCost:
-        """Return the result at the coarsest level. `pyramid` is that of the reference view's colours."""
+        """Return the result at the coarsest level. `pyramid` holds the reference view's colours."""
         level, ranges = self._levels[0], None
         views = LevelViews.of(level, reference, others, self._run)
         arguments = level, pyramid[level.halvings], views, self._run

@@ -195,12 +195,12 @@ def test_whenever_it_is_killed_what_is_there_is_whole_and_the_rest_follows(
     def end_at(write: int) -> Callable[[Path, Path], Path]:
         writes = iter(range(write + 1))
 
-        def replace(temporary: Path, board: Path) -> Path:
+        def replace(temporary: Path, target: Path) -> Path:
             if next(writes) == write:
                 # The temporary file that a killed process leaves.
-                (temporary.parent / f"{TEMPORARY}left{board.suffix}").write_bytes(temporary.read_bytes()[:99])
+                (temporary.parent / f"{TEMPORARY}left{target.suffix}").write_bytes(temporary.read_bytes()[:99])
                 raise KeyboardInterrupt
-            return put_in_place(temporary, board)
+            return put_in_place(temporary, target)
 
         return replace
 
