@@ -58,7 +58,7 @@ def main() -> None:
     with in_two_processes(["mirrorcam.optics.design.optimise"]) as calls:
         for count in arguments.counts:
             for fold_deg in (120.0, "auto"):
-                spec = DesignSpec(rows=count, cols=count, fold_deg=fold_deg)
+                spec = DesignSpec(rows=count, cols=count, fold_deg=fold_deg, shape="free")
                 free = design(spec, calls)
                 cells, of_free = [f"{usable_efficiency(free):.3f} ({fold_text(free)})"], usable_efficiency(free)
                 for name, fields in SHAPES.items():

@@ -33,7 +33,7 @@ from mirrorcam.core.values import FloatArray, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import named_camera
-from mirrorcam.optics.geometry.rectangle_sizes import FREE, RectangleSizes, canonical_shape
+from mirrorcam.optics.geometry.rectangle_sizes import FREE, RECTANGLES, RectangleSizes, canonical_shape
 
 if TYPE_CHECKING:
     from mirrorcam.optics.geometry.violation import LeastViolation
@@ -52,6 +52,11 @@ def box_corners(low: ArrayLike, high: ArrayLike) -> FloatArray:
 def _camera_or_name(camera: object) -> object:
     # A request may come from a web page or another user's file: accept a name, but no path.
     return named_camera(camera) if isinstance(camera, str) else with_tuples(camera)
+
+
+def _shape_of(fields: dict[str, Any]) -> str:
+    """The default shape: rectangles of four sides, else free outlines."""
+    return RECTANGLES if fields.get("sides") == 4 else FREE
 
 
 class DesignSpec(Value):
@@ -90,11 +95,11 @@ class DesignSpec(Value):
     seen_gap_mm: float = GAP_MM.field(0.5, "smallest gap between sub-images, in mm at the distance of scale_mm")
     sides: int = Bounds(4, 6).field(4, "corners of each mirror, and so of each sub-image")
     shape: Annotated[str, AfterValidator(canonical_shape)] = Field(
-        default=FREE,
-        exclude_if=lambda shape: shape == FREE,
-        description="outlines of the mirrors: free, for any convex outline; rectangles, with sides in steps of "
-        "size_step_mm, for a glass cutter or a guillotine; or stock: and the sizes that are sold, in mm, such as "
-        "stock:25x15,30x20, of which each mirror gets the best",
+        default_factory=_shape_of,
+        description="outlines of the mirrors: rectangles, the default for four sides, with sides in steps of "
+        "size_step_mm, for a glass cutter or a guillotine; stock: and the sizes that are sold, in mm, such as "
+        "stock:25x15,30x20, of which each mirror gets the best; or free, for any convex outline, which use the most "
+        "pixels and need a laser or a practised hand",
     )
     size_step_mm: float = Field(
         default=1.0,
@@ -129,8 +134,8 @@ class DesignSpec(Value):
         "these errors",
     )
     surface: Literal["first", "second"] = Field(default="first", description="which face of the mirrors reflects")
-    thickness_mm: float = LENGTH_MM.field(1.0, "thickness of the mirrors")
-    refractive_index: float = REFRACTIVE_INDEX.field(1.49, "refractive index of the mirrors (acrylic 1.49)")
+    thickness_mm: float = LENGTH_MM.field(3.0, "thickness of the mirrors")
+    refractive_index: float = REFRACTIVE_INDEX.field(1.52, "refractive index of the mirrors: glass 1.52, acrylic 1.49")
 
     @property
     def is_second_surface(self) -> bool:
@@ -193,7 +198,7 @@ class DesignSpec(Value):
                 raise ValueError("same_size is given with free outlines, expected shape rectangles or stock:")
             return
         if self.sides != 4:
-            raise ValueError(f"sides is {self.sides} with shape {self.shape}, expected 4")
+            raise ValueError(f"sides is {self.sides} with shape {self.shape}, expected 4, or shape free")
         if sizes.is_stock:
             too_small = sizes.stock_mm[
                 (sizes.stock_mm[:, 1] <= self.min_edge_mm) | (sizes.stock_mm.prod(axis=1) <= self.min_area_mm2)

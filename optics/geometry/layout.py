@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 from shapely import Polygon, STRtree
 
 from mirrorcam.core.arguments import AnyPath, path_of
@@ -21,6 +21,7 @@ from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import Mirror
+from mirrorcam.optics.geometry.rectangle_sizes import FREE
 
 FOLD_90_VIEW_FROM_RIG = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
 MAX_HIDDEN = 0.02
@@ -43,6 +44,12 @@ class Uncertainty(Value):
         if self.covariance.shape != expected:
             raise ValueError(f"covariance has shape {self.covariance.shape}, expected {expected}")
         return self
+
+
+def _free_if_unstated(spec: DesignSpec | None, info: ValidationInfo) -> DesignSpec | None:
+    """The specification of a file; layouts of version 0.2.0 state no shape, as all outlines were free."""
+    is_unstated = spec is not None and info.mode == "json" and "shape" not in spec.model_fields_set
+    return spec.replaced(shape=FREE) if spec is not None and is_unstated else spec
 
 
 class Layout(Value):
@@ -85,7 +92,7 @@ class Layout(Value):
     camera: Camera
     mirrors: tuple[Mirror, ...]
     view_from_rig: Matrix3 = Field(default=FOLD_90_VIEW_FROM_RIG, validate_default=True)
-    spec: DesignSpec | None = None
+    spec: Annotated[DesignSpec | None, AfterValidator(_free_if_unstated)] = None
     metrics: dict[str, Metric] = Field(default_factory=dict)
     verdict: dict[str, Metric] = Field(default_factory=dict)
     provenance: dict[str, str] = Field(default_factory=dict)

@@ -58,8 +58,8 @@ class Mirror(Value):
     virtual_centre_in_rig_mm: Annotated[FloatArray, Shaped((3,), largest=OFFSET_MM.max)]
     outline_in_rig_mm: Annotated[FloatArray, Shaped((None, 3), largest=OFFSET_MM.max)]
     surface: Literal["first", "second"] = "first"
-    thickness_mm: float = LENGTH_MM.field(1.0)
-    refractive_index: float = REFRACTIVE_INDEX.field(1.49)
+    thickness_mm: float = LENGTH_MM.field(3.0)
+    refractive_index: float = REFRACTIVE_INDEX.field(1.52)
     curvature_per_m: Vector3 = Field(
         default_factory=lambda: np.zeros(3), validate_default=True, exclude_if=lambda curvature: not np.any(curvature)
     )

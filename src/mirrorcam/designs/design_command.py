@@ -70,16 +70,16 @@ class DesignChanges:
         str | None,
         Parameter(
             metavar="SURFACE-MATERIAL-MM",
-            help="stock of the mirrors: first-acrylic-1, second-acrylic-3, first-glass-3, second-glass-2 or any other "
-            "thickness [default: first-acrylic-1]",
+            help="stock of the mirrors: first-glass-3, second-glass-2, second-acrylic-3, first-acrylic-1 or any other "
+            "thickness [default: first-glass-3]",
         ),
     ] = None
     shape: Annotated[
         str | None,
         Parameter(
-            metavar="free|rectangles|stock:AxB,...",
-            help="outlines of the mirrors: free, rectangles with sides in steps of size_step_mm, or sizes in mm that "
-            "are sold, such as stock:25x15,30x20 [default: free]",
+            metavar="rectangles|stock:AxB,...|free",
+            help="outlines of the mirrors: rectangles with sides in steps of size_step_mm, sizes in mm that are sold, "
+            "such as stock:25x15,30x20, or free [default: rectangles]",
         ),
     ] = None
     same_size: Annotated[bool | None, Parameter(help="whether all rectangles have one size")] = None
@@ -125,8 +125,8 @@ def design(
 
     Examples:
         mirrorcam design --rows 2 --cols 4 --scale-mm 60 --depths-mm 280 400
-        mirrorcam design --shape rectangles --out output/cut
-        mirrorcam design --mirror second-glass-3 --shape rectangles --out output/glass
+        mirrorcam design --mirror second-glass-3 --out output/glass
+        mirrorcam design --mirror first-acrylic-1 --shape free --out output/laser
         mirrorcam design --shape stock:30x20 --fold-deg auto --out output/stock
         mirrorcam design design.toml --fold-deg auto --tolerance --out output/mine
     """
