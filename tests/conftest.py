@@ -71,6 +71,12 @@ def default_layout() -> Layout:
 
 
 @pytest.fixture(scope="session")
+def free_layout() -> Layout:
+    """The default layout of version 0.2.0: free outlines of first-surface acrylic, 1 mm; its file states no shape."""
+    return Layout.load(ROOT / "tests" / "data" / "free_layout.json")
+
+
+@pytest.fixture(scope="session")
 def fold_90_layout() -> Layout:
     """The nominal layout of the same spec with a fold of 90 deg, so that views look along y of the rig."""
     return Layout.load(ROOT / "tests" / "data" / "fold_90_layout.json")

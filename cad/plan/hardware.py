@@ -320,7 +320,7 @@ class Cutting(Value):
     """The stock sheet of the mirrors and how it is cut: acrylic by laser, glass by a wheel or a water jet."""
 
     material: Material = Field(
-        default="acrylic",
+        default="glass",
         description="material of the mirrors, by default that of the refractive index that they are designed with; "
         "glass is cut along the lines, without a kerf",
     )

@@ -18,6 +18,7 @@ from mirrorcam.optics.design.program.seeds import Seed, seed_of, sensor_bounds
 from mirrorcam.optics.design.program.separation import PairConstraint
 from mirrorcam.optics.design.program.terms import ELASTIC
 from mirrorcam.optics.geometry.design_spec import GAVE_UP, DesignSpec, InfeasibleDesign
+from mirrorcam.optics.geometry.rectangle_sizes import FREE
 
 MAX_VIOLATION, CLEAR_VIOLATION = 1e-5, 1e-3
 """Violations, in units of the design scale, up to which a constraint is met, and beyond which it clearly is not."""
@@ -184,6 +185,13 @@ def best_via_feasible_points(spec: DesignSpec, pairs: tuple[PairConstraint, ...]
             if len(candidates) == len(CONVERGENCE_DEPTHS) and _violation(candidates) > CLEAR_VIOLATION:
                 break
     if not candidates or _violation(candidates) <= MAX_VIOLATION:
+        if spec.rectangle_sizes is not None:
+            # Free outlines contain the rectangles: a constraint that these cannot meet is named, too.
+            best_via_feasible_points(spec.replaced(shape=FREE, same_size=False), pairs, calls)
+            raise InfeasibleDesign(
+                GAVE_UP,
+                f"the search found no mirrors of the shape {spec.shape} that meet all constraints; free ones do",
+            )
         raise InfeasibleDesign(GAVE_UP, "the search found no layout that meets all constraints")
     best = min(candidates, key=lambda result: sum(result.violations[name] * SLACK_WEIGHTS[name] for name in ELASTIC))
     raise _infeasibility(spec, best.violations, best.mirrors, best.regions)

@@ -12,7 +12,7 @@ from benchmarks.design_peers import FEASIBLE, ScipyProblem, SolverRun, first_pro
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
-SMALL = DesignSpec(rows=1, cols=2)
+SMALL = DesignSpec(rows=1, cols=2, shape="free")
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ def layout(default_layout: Layout) -> Layout:
 def test_it_holds_everything_in_itself(layout: Layout) -> None:
     page = design_report(layout, None, [ReportPicture("Sensor", "a picture", "QUJD")])
     assert layout.identity in page
-    assert "All 12 checks pass" in page
+    assert "All 14 checks pass" in page
     assert 'src="data:image/png;base64,QUJD" alt="a picture"' in page
     assert not re.search(r'(?:src|href)="(?!data:|#)', page)
     assert "scale_mm" in page
@@ -37,7 +37,7 @@ def test_it_holds_everything_in_itself(layout: Layout) -> None:
 def test_a_failed_check_is_reported_at_the_top(layout: Layout) -> None:
     gap = layout.verdict["smallest_gap_mm"].replaced(value=0.1)
     failed = layout.replaced(verdict=layout.verdict | {"smallest_gap_mm": gap})
-    assert "1 of 12 checks failed" in design_report(failed, None, [])
+    assert "1 of 14 checks failed" in design_report(failed, None, [])
 
 
 def test_a_figure_that_is_none_says_why(layout: Layout) -> None:

@@ -80,7 +80,7 @@ def test_a_figure_that_is_none_is_drawn_with_its_reason(default_layout: Layout) 
 def test_a_preview_is_drawn_without_checks_and_coarser(default_layout: Layout) -> None:
     bare = default_layout.replaced(metrics={}, verdict={})
     exact, preview = (design_drawing(bare, SPEC, kind) for kind in ("exact", "preview"))
-    assert len(exact.verdict) == 12
+    assert len(exact.verdict) == 14
     assert preview.verdict == []
     assert len(preview.curves.depths_mm) < len(exact.curves.depths_mm)
     assert preview.figures == exact.figures

@@ -20,7 +20,7 @@ from mirrorcam.cad.plan.seats import mirror_prism
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 
-CUTTING = HARDWARE.cutting
+CUTTING = HARDWARE.cutting.replaced(material="acrylic")
 Spoil = Callable[[Drawing, list[LWPolyline]], None]
 
 
@@ -56,17 +56,17 @@ def points_of(line: LWPolyline) -> FloatArray:
     return np.array(line.get_points("xy"))
 
 
-def test_sheets_as_written_pass(default_layout: Layout, tmp_path: Path) -> None:
-    checks = check_cuts(written(default_layout, tmp_path), default_layout, CUTTING)
+def test_sheets_as_written_pass(free_layout: Layout, tmp_path: Path) -> None:
+    checks = check_cuts(written(free_layout, tmp_path), free_layout, CUTTING)
     assert failed(checks) == set()
     assert checks["outline_error_um"].value < 1e-3
 
 
-def test_mirrors_as_cut_fill_the_layouts_sheets(default_layout: Layout, tmp_path: Path) -> None:
-    laid = mirror_fits(read_cuts(written(default_layout, tmp_path))[0], default_layout, CUTTING)
-    solids = mirrors_as_cut(laid, default_layout)
+def test_mirrors_as_cut_fill_the_layouts_sheets(free_layout: Layout, tmp_path: Path) -> None:
+    laid = mirror_fits(read_cuts(written(free_layout, tmp_path))[0], free_layout, CUTTING)
+    solids = mirrors_as_cut(laid, free_layout)
     assert list(solids) == [f"{t}-{s}" for t in range(3) for s in range(3)]
-    for solid, mirror in zip(solids.values(), default_layout.mirrors, strict=True):
+    for solid, mirror in zip(solids.values(), free_layout.mirrors, strict=True):
         area = Polygon(mirror.outline_in_plane_mm).area
         assert solid.volume() == pytest.approx(area * mirror.thickness_mm, rel=1e-9)
         corners = np.vstack([mirror_prism(mirror).base, mirror_prism(mirror).top])
@@ -74,9 +74,9 @@ def test_mirrors_as_cut_fill_the_layouts_sheets(default_layout: Layout, tmp_path
         np.testing.assert_allclose(box, [corners.min(axis=0), corners.max(axis=0)], atol=1e-9)
 
 
-def test_several_kinds_of_mirrors_are_found_on_their_sheets(default_layout: Layout, tmp_path: Path) -> None:
-    first, *others = default_layout.mirrors
-    mixed = default_layout.replaced(mirrors=(first.replaced(thickness_mm=2.0), *others))
+def test_several_kinds_of_mirrors_are_found_on_their_sheets(free_layout: Layout, tmp_path: Path) -> None:
+    first, *others = free_layout.mirrors
+    mixed = free_layout.replaced(mirrors=(first.replaced(thickness_mm=2.0), *others))
     paths = written(mixed, tmp_path)
     assert len(paths) == 2
     assert failed(check_cuts(paths, mixed, CUTTING)) == set()
@@ -84,29 +84,29 @@ def test_several_kinds_of_mirrors_are_found_on_their_sheets(default_layout: Layo
     assert failed(check_cuts([*paths, paths[0]], mixed, CUTTING)) == {"names_twice"}
 
 
-def test_an_outline_cut_with_another_kerf_is_found(default_layout: Layout, tmp_path: Path) -> None:
+def test_an_outline_cut_with_another_kerf_is_found(free_layout: Layout, tmp_path: Path) -> None:
     """Edges that are off by half of 0.02 mm move corners by more."""
-    paths = written(default_layout, tmp_path)
-    checks = check_cuts(paths, default_layout, CUTTING.replaced(kerf_mm=CUTTING.kerf_mm + 0.02))
+    paths = written(free_layout, tmp_path)
+    checks = check_cuts(paths, free_layout, CUTTING.replaced(kerf_mm=CUTTING.kerf_mm + 0.02))
     assert failed(checks) == {"outline_error_um"}
     assert 10.0 < checks["outline_error_um"].value < 30.0
 
 
 @pytest.mark.parametrize("scale", [(1.0001, 1.0001), (-1.0, 1.0)])
 def test_outlines_that_are_grown_or_turned_over_are_found(
-    default_layout: Layout, tmp_path: Path, scale: tuple[float, float]
+    free_layout: Layout, tmp_path: Path, scale: tuple[float, float]
 ) -> None:
     def spoil(drawing: Drawing, cuts: list[LWPolyline]) -> None:
         middle = np.array(CUTTING.sheet_mm) / 2.0
         for line in (*cuts, *lines_on(drawing, "ENGRAVE")):
             redraw(line, (points_of(line) - middle) * scale + middle)
 
-    checks = spoilt(default_layout, tmp_path, spoil)
+    checks = spoilt(free_layout, tmp_path, spoil)
     assert "outline_error_um" in failed(checks)
     assert failed(checks) <= {"outline_error_um", "arrow_error_deg"}
 
 
-def test_open_stray_and_missing_lines_are_found(default_layout: Layout, tmp_path: Path) -> None:
+def test_open_stray_and_missing_lines_are_found(free_layout: Layout, tmp_path: Path) -> None:
     def open_one(drawing: Drawing, cuts: list[LWPolyline]) -> None:
         cuts[0].close(False)
 
@@ -116,21 +116,21 @@ def test_open_stray_and_missing_lines_are_found(default_layout: Layout, tmp_path
     def drop_one(drawing: Drawing, cuts: list[LWPolyline]) -> None:
         drawing.modelspace().delete_entity(cuts[0])
 
-    assert failed(spoilt(default_layout, tmp_path, open_one)) == {"outlines_missing", "stray_cuts"}
-    assert failed(spoilt(default_layout, tmp_path, add_one)) == {"stray_cuts"}
-    assert failed(spoilt(default_layout, tmp_path, drop_one)) == {"outlines_missing"}
+    assert failed(spoilt(free_layout, tmp_path, open_one)) == {"outlines_missing", "stray_cuts"}
+    assert failed(spoilt(free_layout, tmp_path, add_one)) == {"stray_cuts"}
+    assert failed(spoilt(free_layout, tmp_path, drop_one)) == {"outlines_missing"}
 
 
-def test_a_file_in_inches_is_found(default_layout: Layout, tmp_path: Path) -> None:
+def test_a_file_in_inches_is_found(free_layout: Layout, tmp_path: Path) -> None:
     def spoil(drawing: Drawing, cuts: list[LWPolyline]) -> None:
         drawing.header["$INSUNITS"] = 1
 
-    assert failed(spoilt(default_layout, tmp_path, spoil)) == {"files_not_in_mm"}
+    assert failed(spoilt(free_layout, tmp_path, spoil)) == {"files_not_in_mm"}
 
 
 @pytest.mark.parametrize(("gap_mm", "left"), [(0.4, 0.4), (-2.0, 0.0)])
 def test_outlines_too_near_to_each_other_are_found(
-    default_layout: Layout, tmp_path: Path, gap_mm: float, left: float
+    free_layout: Layout, tmp_path: Path, gap_mm: float, left: float
 ) -> None:
     def spoil(drawing: Drawing, cuts: list[LWPolyline]) -> None:
         mine, other = Polygon(points_of(cuts[0])), Polygon(points_of(cuts[1]))
@@ -138,22 +138,22 @@ def test_outlines_too_near_to_each_other_are_found(
         apart = np.linalg.norm(end - start)
         redraw(cuts[0], points_of(cuts[0]) + (end - start) * (1.0 - gap_mm / apart))
 
-    checks = spoilt(default_layout, tmp_path, spoil)
+    checks = spoilt(free_layout, tmp_path, spoil)
     assert "outline_gap_mm" in failed(checks)
     assert checks["outline_gap_mm"].value <= left + 1e-9
 
 
-def test_an_outline_off_its_sheet_is_found(default_layout: Layout, tmp_path: Path) -> None:
+def test_an_outline_off_its_sheet_is_found(free_layout: Layout, tmp_path: Path) -> None:
     def spoil(drawing: Drawing, cuts: list[LWPolyline]) -> None:
         _, group = next(iter(drawing.groups))
         for line in group:
             assert isinstance(line, LWPolyline)
             redraw(line, points_of(line) - [1000.0, 0.0])
 
-    assert failed(spoilt(default_layout, tmp_path, spoil)) == {"outlines_off_sheet"}
+    assert failed(spoilt(free_layout, tmp_path, spoil)) == {"outlines_off_sheet"}
 
 
-def test_marks_that_are_missing_outside_or_turned_are_found(default_layout: Layout, tmp_path: Path) -> None:
+def test_marks_that_are_missing_outside_or_turned_are_found(free_layout: Layout, tmp_path: Path) -> None:
     def wiped(drawing: Drawing, cuts: list[LWPolyline]) -> None:
         for line in lines_on(drawing, "ENGRAVE"):
             drawing.modelspace().delete_entity(line)
@@ -166,9 +166,9 @@ def test_marks_that_are_missing_outside_or_turned_are_found(default_layout: Layo
         shaft = lines_on(drawing, "ENGRAVE")[0]
         redraw(shaft, points_of(shaft)[::-1])
 
-    assert failed(spoilt(default_layout, tmp_path, wiped)) == {"marks_missing", "arrow_error_deg"}
-    assert failed(spoilt(default_layout, tmp_path, outside)) == {"marks_off_mirror"}
-    upside_down = spoilt(default_layout, tmp_path, turned)
+    assert failed(spoilt(free_layout, tmp_path, wiped)) == {"marks_missing", "arrow_error_deg"}
+    assert failed(spoilt(free_layout, tmp_path, outside)) == {"marks_off_mirror"}
+    upside_down = spoilt(free_layout, tmp_path, turned)
     assert failed(upside_down) == {"arrow_error_deg"}
     assert upside_down["arrow_error_deg"].value == pytest.approx(180.0)
 

@@ -68,7 +68,7 @@ def test_a_first_surface_rim_ends_below_the_reflecting_plane(default_layout: Lay
             key=lambda m: np.abs(rim.base @ m.normal_in_rig + seat_distance_mm(m, HARDWARE) + 2.0 * RELIEF_MM).max(),
         )
         heights = rim.top @ owner.normal_in_rig + owner.distance_mm
-        np.testing.assert_allclose(heights, -0.4, atol=1e-9)
+        np.testing.assert_allclose(heights, -0.4 * owner.thickness_mm, atol=1e-9)
 
 
 def test_no_rim_is_where_a_cut_would_leave_it_thinner_than_a_wall(default_layout: Layout) -> None:

@@ -25,10 +25,12 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 
+LASER = HARDWARE.cutting.replaced(material="acrylic")
+
 
 @pytest.fixture(scope="module")
-def sheet(default_layout: Layout) -> StockSheet:
-    (sheet,) = plan_sheets(default_layout, HARDWARE.cutting)
+def sheet(free_layout: Layout) -> StockSheet:
+    (sheet,) = plan_sheets(free_layout, LASER)
     return sheet
 
 
@@ -44,9 +46,9 @@ def test_the_dxf_gives_every_mirror_back(sheet: StockSheet, tmp_path: Path) -> N
 
 
 def test_files_for_a_service_hold_only_what_is_cut_and_engraved(
-    sheet: StockSheet, default_layout: Layout, tmp_path: Path
+    sheet: StockSheet, free_layout: Layout, tmp_path: Path
 ) -> None:
-    write_sheets(tmp_path, default_layout, HARDWARE.cutting)
+    write_sheets(tmp_path, free_layout, LASER)
     assert {file.name for file in tmp_path.iterdir()} == {
         *("cutting.md", "mirrors.dxf", "mirrors.svg", "scale_bar.dxf", "scale_bar.svg")
     }
@@ -55,16 +57,16 @@ def test_files_for_a_service_hold_only_what_is_cut_and_engraved(
     assert {entity.dxf.layer for entity in drawing.modelspace()} == {"CUT", "ENGRAVE"}
     cuts = list(drawing.modelspace().query('LWPOLYLINE[layer=="CUT"]'))
     assert all(isinstance(line, LWPolyline) and line.closed for line in cuts)
-    assert len(cuts) == len(sheet.cuts) == len(default_layout.mirrors) + 1
+    assert len(cuts) == len(sheet.cuts) == len(free_layout.mirrors) + 1
     assert not drawing.audit().errors
     words = (tmp_path / "cutting.md").read_text(encoding="utf-8")
-    stock = ("BACK", "kerf 0.2 included", "first-surface acrylic mirror, 1 mm", "300 x 200", default_layout.identity)
+    stock = ("BACK", "kerf 0.2 included", "first-surface acrylic mirror, 1 mm", "300 x 200", free_layout.identity)
     assert [word for word in stock if word not in words] == []
     assert "Strip plan" not in words
 
 
-def test_the_scale_bar_is_100_mm_in_both_files(default_layout: Layout, tmp_path: Path) -> None:
-    write_sheets(tmp_path, default_layout, HARDWARE.cutting)
+def test_the_scale_bar_is_100_mm_in_both_files(free_layout: Layout, tmp_path: Path) -> None:
+    write_sheets(tmp_path, free_layout, LASER)
     lines = list(ezdxf.filemanagement.readfile(tmp_path / "scale_bar.dxf").modelspace())
     ends = np.vstack([line.get_points("xy") for line in lines if isinstance(line, LWPolyline)])
     assert np.ptp(ends, axis=0).tolist() == [100.0, 5.0]
@@ -72,9 +74,9 @@ def test_the_scale_bar_is_100_mm_in_both_files(default_layout: Layout, tmp_path:
     assert root.get("width") == "100mm"
 
 
-def test_rectangles_have_a_list_and_straight_cuts(default_layout: Layout, tmp_path: Path) -> None:
-    layout = rectangles(default_layout, "rectangles")
-    write_sheets(tmp_path, layout, HARDWARE.cutting)
+def test_rectangles_have_a_list_and_straight_cuts(free_layout: Layout, tmp_path: Path) -> None:
+    layout = rectangles(free_layout, "rectangles")
+    write_sheets(tmp_path, layout, LASER)
     words = (tmp_path / "cutting.md").read_text(encoding="utf-8")
     assert "| 25 x 15 | 9 | 0-0, 0-1, 0-2, 1-0, 1-1, 1-2, 2-0, 2-1, 2-2 |" in words
     # Nine of 25 mm and the test mirror of 20 mm, all 15 mm wide, fit one strip of 300 mm.
@@ -82,8 +84,8 @@ def test_rectangles_have_a_list_and_straight_cuts(default_layout: Layout, tmp_pa
     assert ", test: 20 |" in words
 
 
-def test_sizes_that_are_sold_are_bought_with_a_spare_one(default_layout: Layout, tmp_path: Path) -> None:
-    write_sheets(tmp_path, rectangles(default_layout, "stock:25x15"), HARDWARE.cutting)
+def test_sizes_that_are_sold_are_bought_with_a_spare_one(free_layout: Layout, tmp_path: Path) -> None:
+    write_sheets(tmp_path, rectangles(free_layout, "stock:25x15"), LASER)
     words = (tmp_path / "cutting.md").read_text(encoding="utf-8")
     assert "Buy these sizes, and a spare one" in words
     assert "Strip plan" not in words
@@ -99,17 +101,15 @@ def rectangles(layout: Layout, shape: str) -> Layout:
     return layout.replaced(mirrors=mirrors, spec=DesignSpec(shape=shape))
 
 
-def test_the_same_mirrors_give_the_same_bytes_whatever_the_order_of_sets(
-    default_layout: Layout, tmp_path: Path
-) -> None:
-    default_layout.save(tmp_path / "layout.json")
+def test_the_same_mirrors_give_the_same_bytes_whatever_the_order_of_sets(free_layout: Layout, tmp_path: Path) -> None:
+    free_layout.save(tmp_path / "layout.json")
     program = (
         "import sys; from pathlib import Path; from mirrorcam.optics.geometry.layout import Layout;"
         "from mirrorcam.cad.plan.hardware import HARDWARE;"
         "from mirrorcam.cad.mirrors.sheet_files import write_dxf;"
         "from mirrorcam.cad.mirrors.stock_sheets import plan_sheets;"
         "from mirrorcam.cad.mirrors.sheet_files import write_svg;"
-        "(sheet,) = plan_sheets(Layout.load(Path(sys.argv[1])), HARDWARE.cutting); out = Path(sys.argv[2]);"
+        "(sheet,) = plan_sheets(Layout.load(Path(sys.argv[1])), LASER); out = Path(sys.argv[2]);"
         "write_dxf(out.with_suffix('.dxf'), sheet); write_svg(out.with_suffix('.svg'), sheet)"
     )
     for seed in (1, 7):

@@ -83,7 +83,7 @@ def test_with_carriers_a_strip_is_as_thick_as_their_gap(default_layout: Layout) 
     assert len(plan.pieces) == len(plain_one.pieces) + 1
 
 
-@pytest.mark.parametrize("thickness_mm", [1.0, 3.0])
+@pytest.mark.parametrize("thickness_mm", [4.0, 6.0])
 def test_rims_are_as_high_over_the_thickest_mirror_as_the_holders(default_layout: Layout, thickness_mm: float) -> None:
     first, *others = default_layout.mirrors
     layout = default_layout.replaced(mirrors=(first.replaced(thickness_mm=thickness_mm), *others))

@@ -166,7 +166,7 @@ def test_the_zip_file_holds_what_a_maker_needs(built: list[str], tmp_path: Path)
     assert "Nine views: a light field camera of 9 views" in readme
     assert "For a test of C920s." in readme
     assert "Open index.html" in readme
-    assert "first-surface acrylic, 1 mm" in readme
+    assert "first-surface glass, 3 mm" in readme
     assert "{" not in readme
 
 

@@ -95,7 +95,9 @@ def test_designs_of_any_size_carry_a_passing_verdict(spec: DesignSpec) -> None:
 @cache
 def sound(rows: int, cols: int) -> tuple[Layout, DesignSpec]:
     """A layout that meets its spec except for the overlap of its views, which is not damaged here."""
-    spec = DesignSpec(rows=rows, cols=cols, fold_deg=90.0, spacing_mm=0.5, min_edge_mm=0.0, min_area_mm2=0.0)
+    spec = DesignSpec(
+        rows=rows, cols=cols, fold_deg=90.0, spacing_mm=0.5, min_edge_mm=0.0, min_area_mm2=0.0, shape="free"
+    )
     return faceted_parabola(spec), spec
 
 

@@ -32,10 +32,17 @@ SPEC = DesignSpec(rows=2, cols=3, depths_mm=(500.0, 300.0))
 
 @pytest.fixture(scope="module")
 def nominal() -> Layout:
-    return designed(DesignSpec())
+    return designed(DesignSpec(shape="free"))
 
 
-def test_the_default_design_reaches_its_goals(nominal: Layout) -> None:
+def test_rectangles_by_default_use_most_of_the_pixels_of_free_outlines(nominal: Layout) -> None:
+    rectangles = designed(DesignSpec())
+    assert rectangles.metrics["grid_error"].value <= 0.08
+    for name in ("usable_efficiency_300mm", "usable_efficiency_500mm"):
+        assert rectangles.metrics[name].value >= 0.85 * nominal.metrics[name].value
+
+
+def test_free_outlines_reach_their_goals(nominal: Layout) -> None:
     assert nominal.kind == "nominal"
     assert nominal.metrics["grid_error"].value <= 0.074
     assert nominal.metrics["pixel_efficiency_300mm"].value >= 0.685
@@ -181,7 +188,7 @@ def merit(layout: Layout) -> float:
     ),
 )
 def test_other_sizes(rows: int, cols: int, worst_error: float, least_efficiency: float) -> None:
-    spec = DesignSpec(rows=rows, cols=cols)
+    spec = DesignSpec(rows=rows, cols=cols, shape="free")
     layout = designed(spec)
     assert stands(layout, spec)
     assert layout.metrics["grid_error"].value <= worst_error
@@ -269,7 +276,7 @@ def test_tradeoff_trades_efficiency_for_the_grid() -> None:
     ],
 )
 def test_other_requests(changes: dict[str, object]) -> None:
-    spec = DesignSpec.model_validate({"rows": 2, "cols": 2, **changes})
+    spec = DesignSpec.model_validate({"rows": 2, "cols": 2, "shape": "free", **changes})
     layout = designed(spec)
     assert stands(layout, spec)
     assert {len(mirror.outline_in_rig_mm) for mirror in layout.mirrors} == {spec.sides}

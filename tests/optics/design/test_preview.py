@@ -19,7 +19,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from tests.nightly import a_few
 
 designed = cache(design)
-SMALL = DesignSpec(rows=1, cols=2)
+SMALL = DesignSpec(rows=1, cols=2, shape="free")
 NARROW = Camera.c920().replaced(fx_px=1.1 * Camera.c920().fx_px, fy_px=1.1 * Camera.c920().fy_px)
 
 BRACKETS: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any]]] = [

@@ -62,7 +62,7 @@ def test_what_no_spec_takes_is_refused_by_its_axis(changes: dict[str, Any], mess
 
 
 def test_a_structure_ignores_numbers() -> None:
-    spec = DesignSpec()
+    spec = DesignSpec(shape="free")
     assert structure(spec) == structure(spec.replaced(scale_mm=50.0, tradeoff=0.9, depths_mm=(200.0, 900.0)))
     for other in ({"rows": 2}, {"cols": 2}, {"depths_mm": (300.0,)}, {"sides": 5}, {"surface": "second"}):
         assert structure(spec) != structure(spec.replaced(**other))

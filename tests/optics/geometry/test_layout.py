@@ -336,3 +336,12 @@ def test_pixels_outside_the_sub_image_or_the_frame_show_nothing(default_layout: 
     outside = np.array([-10.0, default_layout.camera.height_px / 2.0])
     assert Polygon(alone.outline_px(0)).contains(Point(outside))
     assert not alone.shows(outside, 0)
+
+
+def test_layouts_of_version_0_2_0_are_read_as_free_outlines(default_layout: Layout, tmp_path: Path) -> None:
+    stored = default_layout.model_dump(mode="json", by_alias=True)
+    del stored["spec"]["shape"]
+    (tmp_path / "layout.json").write_text(json.dumps(stored))
+    spec = Layout.load(tmp_path / "layout.json").spec
+    assert spec is not None
+    assert spec.shape == "free"

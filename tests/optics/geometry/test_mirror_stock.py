@@ -13,7 +13,7 @@ from mirrorcam.optics.geometry.mirror_stock import material_of, stock_fields
 def test_a_name_gives_the_fields_of_a_design() -> None:
     spec = DesignSpec().replaced(**stock_fields("second-glass-3"))
     assert (spec.surface, spec.thickness_mm, spec.refractive_index) == ("second", 3.0, 1.52)
-    assert DesignSpec().replaced(**stock_fields("first-acrylic-1")) == DesignSpec()
+    assert DesignSpec().replaced(**stock_fields("first-glass-3")) == DesignSpec()
 
 
 @pytest.mark.parametrize("name", ["glass", "second-steel-2", "third-glass-2", "second-glass-0", "second-glass-3 mm"])

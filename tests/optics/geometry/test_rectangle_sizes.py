@@ -36,7 +36,7 @@ def test_any_other_text_is_refused_with_an_example(text: str) -> None:
     ("fields", "message"),
     [
         ({"shape": "rectangles", "sides": 5}, "sides is 5 with shape rectangles, expected 4"),
-        ({"same_size": True}, "same_size is given with free outlines"),
+        ({"same_size": True, "shape": "free"}, "same_size is given with free outlines"),
         ({"shape": "stock:25x2"}, "shape has the size 25x2, expected sides above min_edge_mm = 3"),
     ],
 )
@@ -60,7 +60,11 @@ def test_a_side_of_a_cut_rectangle_is_a_multiple_of_the_step() -> None:
     assert sizes.error_mm(np.array([0.1, 7.0])) == pytest.approx(0.4)
 
 
-def test_files_of_free_outlines_stay_as_they_are() -> None:
-    assert not {"shape", "size_step_mm", "same_size"} & set(DesignSpec().model_dump())
+def test_a_shape_survives_its_file() -> None:
     spec = DesignSpec(shape="stock:30x20", size_step_mm=0.5, same_size=True)
     assert DesignSpec.model_validate_json(spec.model_dump_json()) == spec
+
+
+@pytest.mark.parametrize(("sides", "shape"), [(4, "rectangles"), (5, "free"), (6, "free")])
+def test_the_default_shape_suits_the_number_of_sides(sides: int, shape: str) -> None:
+    assert DesignSpec(sides=sides).shape == shape

@@ -134,6 +134,8 @@ DESIGNS: Mapping[str, str] = {
     "circle_at_best_focus_px": "worst circle at best focus",
     "unlike_spec": "differences from request",
     "outside_sensor_px": "sub-images beyond sensor",
+    "off_rectangle_mm": "off rectangle",
+    "off_size_mm": "off size",
     "shortest_edge_mm": "shortest edge of a mirror",
     "longest_edge_mm": "longest edge of a mirror",
     "smallest_area_mm2": "area of the smallest mirror",

@@ -174,7 +174,7 @@ def test_mirrors_that_hide_others_are_found(default_layout: Layout) -> None:
 @pytest.mark.parametrize(
     ("name", "value", "complaint"),
     [
-        ("thickness_mm", -1.2, r"a sampled mirror is -0\.2 mm thick"),
+        ("thickness_mm", -3.2, r"a sampled mirror is -0\.2 mm thick"),
         ("shifts_mm", 90.0, "a sampled mirror reaches past the pupil"),
         ("tilts_rad", 1.2, "a sampled mirror reaches past the pupil"),
         ("camera_rotations_rad", 2.0, "a sampled mirror reaches behind the camera"),

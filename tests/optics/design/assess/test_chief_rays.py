@@ -58,8 +58,8 @@ def walked(mirrors: tuple[Mirror, ...], lit: int, occluder: int, depth_mm: float
 
 
 @pytest.mark.parametrize("surface", ["first", "second"])
-def test_what_is_stopped_is_what_a_walk_along_the_rays_meets(default_layout: Layout, surface: str) -> None:
-    mirrors = crowded(default_layout, 5, surface=surface)
+def test_what_is_stopped_is_what_a_walk_along_the_rays_meets(free_layout: Layout, surface: str) -> None:
+    mirrors = crowded(free_layout, 5, surface=surface)
     found: dict[tuple[int, int, str], float] = {
         (b.mirror, b.occluder, b.leg): b.fraction for b in blocked_light(mirrors, 500.0, COARSE)
     }

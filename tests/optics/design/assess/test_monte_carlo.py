@@ -134,8 +134,8 @@ def test_the_same_seed_gives_the_same_study(default_layout: Layout) -> None:
     ("changes", "complaint"),
     [
         (
-            {"sheet_thickness_mm": 0.25},
-            r"sheet_thickness_mm 0\.25.*, 2 times that: a sampled mirror is -0\.\d+ mm thick",
+            {"sheet_thickness_mm": 0.75},
+            r"sheet_thickness_mm 0\.75.*, 2 times that: a sampled mirror is -0\.\d+ mm thick",
         ),
         ({"tilt_deg": 45.0}, r"tolerances tilt_deg 45\.0, .*: a sampled mirror reaches"),
         ({"distortion_mean": (-0.6, 0.0, 0.0, 0.0, 0.0)}, "distortion .* is not monotonic on the sensor"),
@@ -333,14 +333,14 @@ def test_few_points_represent_the_region(default_layout: Layout) -> None:
     assert len(ideal.probes[0].weights) < 40
 
 
-def test_points_past_the_lens_model_do_not_count(default_layout: Layout) -> None:
+def test_points_past_the_lens_model_do_not_count(free_layout: Layout) -> None:
     """The lens folds just beyond the sensor, where a turn of the camera moves points that the design sees."""
     perturbations = replace(
-        exact(default_layout),
+        exact(free_layout),
         lens=np.array([[0.0, 0.0, 0.0, 0.0, -0.19]]),
         camera_rotations_rad=np.array([[0.0, 0.25, 0.0]]),
     )
-    ideal, views = design_reference(default_layout, DEPTHS_MM), built_views(default_layout, perturbations)
+    ideal, views = design_reference(free_layout, DEPTHS_MM), built_views(free_layout, perturbations)
     known = np.isfinite(views.pixels(ideal.probes[0].points_mm, np.array(0), np.arange(9)[:, None]))
     assert 0.3 < known.mean() < 0.97
     for name, values in ideal.figures(views).items():

@@ -76,6 +76,8 @@ def test_the_default_layout_passes_in_every_figure(default_layout: Layout) -> No
         "blocked_light",
         "light_on_body",
         "smallest_body_gap_mm",
+        "off_rectangle_mm",
+        "off_size_mm",
     }
     assert verdict["smallest_gap_mm"].value == pytest.approx(1.0, abs=1e-3)
     assert verdict["smallest_gap_mm"].limit == pytest.approx(1.0 - 1e-4)
@@ -91,9 +93,9 @@ def test_a_mirror_nearer_to_the_camera_blocks_light(default_layout: Layout) -> N
     assert {(found.mirror, found.occluder, found.leg) for found in blocked} >= {(4, 1, "out")}
 
 
-def test_a_thick_second_surface_mirror_blocks_light(default_layout: Layout) -> None:
-    spec = spec_of(default_layout).replaced(spacing_mm=0.0, surface="second", thickness_mm=8.0)
-    assert "blocked_light" in failures(with_second_surfaces(default_layout, 8.0), spec)
+def test_a_thick_second_surface_mirror_blocks_light(free_layout: Layout) -> None:
+    spec = spec_of(free_layout).replaced(spacing_mm=0.0, surface="second", thickness_mm=8.0)
+    assert "blocked_light" in failures(with_second_surfaces(free_layout, 8.0), spec)
 
 
 def test_mirrors_too_close_fail(default_layout: Layout) -> None:
@@ -135,12 +137,12 @@ def test_mirrors_too_small_to_cut_fail(default_layout: Layout) -> None:
     assert failures(default_layout, requested.replaced(min_edge_mm=0.0, min_area_mm2=larger)) == {"smallest_area_mm2"}
 
 
-def test_a_sub_image_off_the_sensor_fails_by_how_far_it_leaves(default_layout: Layout) -> None:
-    corners = default_layout.mirrors[3].outline_normalized.copy()
-    corners[[0, 3], 0] -= 10.0 / default_layout.camera.fx_px
-    broken = with_mirror(default_layout, 3, recut(default_layout.mirrors[3], corners))
-    assert "outside_sensor_px" in failures(broken, spec_of(default_layout))
-    assert verify(broken, spec_of(default_layout))["outside_sensor_px"].value == pytest.approx(10.0, abs=0.1)
+def test_a_sub_image_off_the_sensor_fails_by_how_far_it_leaves(free_layout: Layout) -> None:
+    corners = free_layout.mirrors[3].outline_normalized.copy()
+    corners[[0, 3], 0] -= 10.0 / free_layout.camera.fx_px
+    broken = with_mirror(free_layout, 3, recut(free_layout.mirrors[3], corners))
+    assert "outside_sensor_px" in failures(broken, spec_of(free_layout))
+    assert verify(broken, spec_of(free_layout))["outside_sensor_px"].value == pytest.approx(10.0, abs=0.1)
 
 
 def test_a_sub_image_beyond_the_lens_model_fails(default_layout: Layout) -> None:
@@ -164,7 +166,7 @@ def test_views_without_a_common_region_fail(default_layout: Layout) -> None:
 
 
 def test_a_depth_among_the_mirrors_fails() -> None:
-    spec = DesignSpec(fold_deg=90.0, depths_mm=(40.0, 500.0))
+    spec = DesignSpec(fold_deg=90.0, depths_mm=(40.0, 500.0), shape="free")
     layout = faceted_parabola(spec)
     reach_mm = max(float(mirror.outline_in_rig_mm[:, 1].max()) for mirror in layout.mirrors)
     verdict = verify(layout, spec)
@@ -186,18 +188,18 @@ def test_a_depth_among_the_mirrors_fails() -> None:
         ({"fold_deg": 120.0 + 1e-8}, 0),
     ],
 )
-def test_deviations_from_the_spec_are_counted(default_layout: Layout, changes: dict[str, object], count: int) -> None:
-    spec = spec_of(default_layout).replaced(**changes)
-    assert verify(default_layout, spec)["unlike_spec"].value == count
+def test_deviations_from_the_spec_are_counted(free_layout: Layout, changes: dict[str, object], count: int) -> None:
+    spec = spec_of(free_layout).replaced(**changes)
+    assert verify(free_layout, spec)["unlike_spec"].value == count
 
 
-def test_more_corners_than_requested_are_counted(default_layout: Layout) -> None:
-    corners = default_layout.mirrors[4].outline_normalized
+def test_more_corners_than_requested_are_counted(free_layout: Layout) -> None:
+    corners = free_layout.mirrors[4].outline_normalized
     middle = (corners[:1] + corners[-1:]) / 2.0
-    pentagon = recut(default_layout.mirrors[4], np.concatenate([corners, middle]))
-    broken = with_mirror(default_layout, 4, pentagon)
-    assert failures(broken, spec_of(default_layout)) == {"unlike_spec"}
-    assert failures(broken, spec_of(default_layout).replaced(sides=5)) == set()
+    pentagon = recut(free_layout.mirrors[4], np.concatenate([corners, middle]))
+    broken = with_mirror(free_layout, 4, pentagon)
+    assert failures(broken, spec_of(free_layout)) == {"unlike_spec"}
+    assert failures(broken, spec_of(free_layout).replaced(sides=5)) == set()
 
 
 @pytest.mark.parametrize(
