@@ -78,7 +78,7 @@ def free_layout() -> Layout:
 
 @pytest.fixture(scope="session")
 def fold_90_layout() -> Layout:
-    """The nominal layout of the same spec with a fold of 90 deg, so that views look along y of the rig."""
+    """Free outlines with a fold of 90 deg, so that views look along y of the rig; the file is of version 0.2.0, too."""
     return Layout.load(ROOT / "tests" / "data" / "fold_90_layout.json")
 
 

@@ -113,15 +113,21 @@ class MountFace:
 
 
 def mount_axes(layout: Layout) -> FloatArray:
-    """Axes (3, 3; rows x, y, z) of the mount in the rig frame: z opposite the mirrors' mean normal, x along rig x."""
+    """Axes (3, 3; rows x, y, z) of the mount in the rig frame: z opposite the mirrors' mean normal, x along rig x.
+
+    The mount is a prism along rig x, which lies on the back: z is at right angles to it, in asymmetric layouts too.
+    """
     z_axis = -np.mean([mirror.normal_in_rig for mirror in layout.mirrors], axis=0)
     if np.linalg.norm(z_axis) < 0.5:
         raise InputError("the mirrors' normals must be within 60 deg of their mean, for one flat back of the holder")
     z_axis /= np.linalg.norm(z_axis)
-    x_axis = np.array([1.0, 0.0, 0.0]) - z_axis[0] * z_axis
-    if np.linalg.norm(x_axis) < 0.1:
+    if np.linalg.norm(z_axis[1:]) < 0.1:
         x_axis = np.array([0.0, 0.0, 1.0]) - z_axis[2] * z_axis
-    x_axis /= np.linalg.norm(x_axis)
+        x_axis /= np.linalg.norm(x_axis)
+    else:
+        x_axis = np.array([1.0, 0.0, 0.0])
+        z_axis[0] = 0.0
+        z_axis /= np.linalg.norm(z_axis)
     return np.array([x_axis, np.cross(z_axis, x_axis), z_axis])
 
 

@@ -25,7 +25,7 @@ def test_the_ends_of_a_slider_are_requests_and_its_text_is_a_sentence(control: C
         for value in (control.least, control.most):
             DesignSpec().replaced(**{control.name: value})
     for choice, _ in control.choices:
-        DesignSpec().replaced(**{control.name: choice if isinstance(control.preset, str) else int(choice)})
+        DesignSpec(shape="free").replaced(**{control.name: choice if isinstance(control.preset, str) else int(choice)})
 
 
 def test_a_camera_from_a_file_is_offered_with_the_presets() -> None:

@@ -98,8 +98,8 @@ def test_tools_follow_fasteners_and_material(device: Device) -> None:
     assert names(device, item("nut", "M3")) - names(device) == {"tweezers"}
     forming = item("screw", "M2 thread-forming")
     assert names(device, forming) - names(device) == {"small screwdriver"}
-    glass = replace(device, hardware=device.hardware.replaced(cutting=Cutting(material="glass")))
-    assert names(glass) - names(device) == {"goggles and cut-resistant gloves", "paint marker"}
+    acrylic = replace(device, hardware=device.hardware.replaced(cutting=Cutting(material="acrylic")))
+    assert names(device) - names(acrylic) == {"goggles and cut-resistant gloves", "paint marker"}
 
 
 def test_a_phone_needs_felt(device: Device) -> None:

@@ -90,7 +90,7 @@ def test_a_mirror_is_a_prism_between_seat_and_light(device: Device, parts: list[
     components = mirror_components(device, components_of(device, parts)[:1])
     for component, mirror in zip(components, device.layout.mirrors, strict=True):
         volume = Polygon(mirror.outline_in_plane_mm).area * mirror.thickness_mm
-        assert component.mass.mass_g == pytest.approx(volume * MIRROR_DENSITIES["acrylic"] / 1000.0, rel=1e-9)
+        assert component.mass.mass_g == pytest.approx(volume * MIRROR_DENSITIES["glass"] / 1000.0, rel=1e-9)
         heights = component.mesh.vertices @ mirror.normal_in_rig + mirror.distance_mm
         # First surface: the front is the reflecting plane, the back is one thickness behind it.
         np.testing.assert_allclose([heights.min(), heights.max()], [-mirror.thickness_mm, 0.0], atol=1e-9)

@@ -80,7 +80,9 @@ def test_parts_that_know_no_layout_are_the_same_for_all(device: Device, make_par
 
 
 def test_a_mirror_narrower_than_its_sheet_is_refused(make_flat_pair: Callable[..., Layout]) -> None:
-    with pytest.raises(InputError, match=r"mirror 0-0 is 2\.50 mm across, expected at least its thickness, 3 mm"):
+    with pytest.raises(
+        InputError, match=r"mirror 0-0 is 2\.50 mm across, expected at least 4 times its thickness, 12 mm"
+    ):
         plan_device(make_flat_pair(gap_mm=5.0, height_mm=2.5, thickness_mm=3.0), HARDWARE)
 
 

@@ -115,7 +115,7 @@ def test_a_wrist_in_the_light_and_in_the_mirrors_is_found_and_a_room_seen_where_
 
 
 def test_mass_and_centre_are_those_of_the_pieces() -> None:
-    """10 cm3 of plastic at x = 0, a camera of 160 g at x = 100, and 1 cm3 of acrylic at x = 50."""
+    """10 cm3 of plastic at x = 0, a camera of 160 g at x = 100, and 1 cm3 of glass at x = 50."""
 
     def box(volume_mm3: float, x: float) -> trimesh.Trimesh:
         side = volume_mm3 ** (1.0 / 3.0)
@@ -125,9 +125,9 @@ def test_mass_and_centre_are_those_of_the_pieces() -> None:
 
     pieces = {"mount": box(10_000.0, 0.0), "camera": box(500.0, 100.0), "mirror_0-0": box(1000.0, 50.0)}
     checks = check_mass(assembly_mass(HARDWARE, pieces))
-    plastic, camera, acrylic = 12.4, HARDWARE.camera.mass_g, 1.19
-    assert checks["device.mass_g"].value == pytest.approx(plastic + camera + acrylic, abs=0.01)
-    expected = (100.0 * camera + 50.0 * acrylic) / (plastic + camera + acrylic)
+    plastic, camera, glass = 12.4, HARDWARE.camera.mass_g, 2.5
+    assert checks["device.mass_g"].value == pytest.approx(plastic + camera + glass, abs=0.01)
+    expected = (100.0 * camera + 50.0 * glass) / (plastic + camera + glass)
     assert checks["device.centre_x_mm"].value == pytest.approx(expected, abs=0.01)
 
 

@@ -34,8 +34,10 @@ def test_a_level_pad_is_stiffer_than_an_inclined_one(default_layout: Layout) -> 
     assert same_shear == shear == pytest.approx(SHEAR_MPA / (0.05 / 0.5 + 0.1))
 
 
-def test_the_default_mirrors_are_borne(default_layout: Layout, holder: HolderPlan) -> None:
-    checks = check_tape(default_layout, holder, TAPED)
+def test_the_default_mirrors_are_borne(default_layout: Layout) -> None:
+    hardware = HARDWARE.for_mirrors_of(default_layout)
+    hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors="tape"))
+    checks = check_tape(default_layout, plan_holder(default_layout, hardware), hardware)
     assert {name for name, check in checks.items() if check.passed} == {"tape_kpa", "tape_creep_deg"}
 
 

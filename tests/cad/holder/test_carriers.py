@@ -37,7 +37,8 @@ def test_a_carrier_ends_within_its_mirror_and_bears_three_screws(default_layout:
     axes, hardware = mount_axes(default_layout), with_screws()
     _, areas = plan_areas(default_layout, axes, [Polygon()], hardware)
     for mirror, area in zip(default_layout.mirrors, areas, strict=True):
-        outline = Polygon(mirror.outline_in_rig_mm @ axes[:2].T)
+        # A first-surface mirror reaches back from its outline, along its normal.
+        outline = Polygon((mirror.outline_in_rig_mm - mirror.thickness_mm * mirror.normal_in_rig) @ axes[:2].T)
         carrier = Polygon(area.corners)
         assert outline.contains(carrier)
         assert Polygon(area.screws).contains(carrier.centroid)

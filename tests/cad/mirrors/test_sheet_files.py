@@ -109,7 +109,7 @@ def test_the_same_mirrors_give_the_same_bytes_whatever_the_order_of_sets(free_la
         "from mirrorcam.cad.mirrors.sheet_files import write_dxf;"
         "from mirrorcam.cad.mirrors.stock_sheets import plan_sheets;"
         "from mirrorcam.cad.mirrors.sheet_files import write_svg;"
-        "(sheet,) = plan_sheets(Layout.load(Path(sys.argv[1])), LASER); out = Path(sys.argv[2]);"
+        "(sheet,) = plan_sheets(Layout.load(Path(sys.argv[1])), HARDWARE.cutting); out = Path(sys.argv[2]);"
         "write_dxf(out.with_suffix('.dxf'), sheet); write_svg(out.with_suffix('.svg'), sheet)"
     )
     for seed in (1, 7):

@@ -87,5 +87,5 @@ def test_it_prints_on_its_front_and_comes_off_along_the_light(device: Device, co
 
 
 def test_a_cover_larger_than_the_bed_is_omitted(default_layout: Layout, device: Device) -> None:
-    small = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(126.0, 126.0, 250.0)))
+    small = HARDWARE.replaced(printer=HARDWARE.printer.replaced(bed_mm=(90.0, 90.0, 250.0)))
     assert plan_cover(default_layout, device.holder, device.mount, small) is None

@@ -98,7 +98,7 @@ def test_light_between_pupil_mirror_and_scene_lies_in_the_cones(default_layout: 
         outgoing = points @ mirror.reflection.T
         forward = layout.view_from_rig[2]
         scene = points + outgoing * ((depth - points @ forward) / (outgoing @ forward))[:, None]
-        for share in (0.01, 0.5, 0.97):
+        for share in (0.01, 0.5, 0.95):
             assert camera_cone(mirror, layout.camera.pupil, HARDWARE).contains(points * share).all()
             assert reflected_beam(layout, index, HARDWARE).contains(points + share * (scene - points)).all()
         # Light of a second-surface mirror is inside the sheet up to its front, and can leave the outline after that.

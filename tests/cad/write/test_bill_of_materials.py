@@ -35,8 +35,9 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         ("M3 x 8 screw", 5),
         ("M3 x 5.7 heat-set insert", 4),
         ("Cable tie, at most 4 mm wide", 2),
-        ("Glue for acrylic that does not craze it (neutral silicone)", None),
+        ("Glue for mirrors that does not attack their coating (neutral silicone)", None),
         *((f"Tool: {tool}", None) for tool in ("calipers", "kitchen scale", "steel ruler", "blade")),
+        *((f"Tool: {tool}", None) for tool in ("goggles and cut-resistant gloves", "paint marker")),
         ("Tool: soldering iron with a tip for M3 inserts", None),
         *((f"Tool: {tool}", None) for tool in ("5 ml syringe", "cotton gloves", "2.5 mm hex key", "dental floss")),
         ("Also needed: calibration board, printed on paper", None),
@@ -81,8 +82,8 @@ def test_every_line_has_its_price_and_the_sum_is_the_devices(bom: Bom, device: D
     assert {title for title, price in prices.items() if price is None} == {
         t for t in prices if t.startswith(("Tool: ", "Also needed: "))
     }
-    # A whole sheet of 300 x 200 mm at 6 EUR per 100 cm2.
-    assert bom.mirrors[0].price == 36.0
+    # A whole sheet of 300 x 200 mm at 8 EUR per 100 cm2.
+    assert bom.mirrors[0].price == 48.0
     assert bom.mirrors[0].to_buy == "1 of 300 x 200 mm"
     lines = [*(line.price for line in bom.printed), *(line.price for line in bom.mirrors), *prices.values()]
     assert bom.price == pytest.approx(sum(price for price in lines if price is not None))
