@@ -213,7 +213,7 @@ def poses_with(value: float, row: int, column: int) -> dict[str, object]:
         ("--as-built tilt=0.3", "--as-built 'tilt=0.3': tilt is not a tolerance, expected tilt_deg, offset_mm"),
         ("--as-built tilt_deg=-1", "tilt_deg: Input should be greater than or equal to 0"),
         ("--as-built tilt_deg", "tilt_deg: Input should be a valid number"),
-        ("--as-built tilt_deg=45", "tolerances"),
+        ("--as-built offset_mm=100", "reduce the tolerances"),
         ("--poses nan.json", "nan.json: poses: holds a value that is NaN or infinite"),
         ("--poses scaled.json", "scaled.json: pose 1 has a matrix that is not a rotation"),
         ("--poses mirrored.json", "mirrored.json: pose 1 has a matrix that is not a rotation"),
