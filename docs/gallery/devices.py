@@ -132,8 +132,8 @@ def device_stages(device: GalleryDevice, root: Path, licence: str) -> tuple[Stag
         write_design(device.spec, folder)
 
     def parts(folder: Path, progress: Progress) -> None:
-        results = results_folder(root)
-        checks = build_parts(Layout.load(layout_path), folder, hardware, results=results, progress=progress)
+        results, layout = results_folder(root), Layout.load(layout_path)
+        checks = build_parts(layout, folder, hardware.for_mirrors_of(layout), results=results, progress=progress)
         failed = [
             f"{name} is {figure_text(check.value)}, limit {check.limit:g}"
             for name, check in checks.items()

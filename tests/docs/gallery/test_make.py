@@ -58,7 +58,8 @@ def test_there_are_twelve_devices_of_many_kinds() -> None:
     assert {spec.surface for spec in specs} == {"first", "second"}
     assert {device.hardware.screw.kind for device in DEVICES} == {"insert", "nut"}
     assert {device.hardware.holder.mirrors for device in DEVICES} == {"glue", "screws"}
-    assert {device.hardware.cutting.material for device in DEVICES} == {"acrylic", "glass"}
+    assert {spec.refractive_index for spec in specs} == {1.49, 1.52}
+    assert {spec.shape for spec in specs} == {"rectangles", "free"}
 
 
 @pytest.mark.parametrize("device", DEVICES, ids=lambda device: device.name)

@@ -77,5 +77,5 @@ def test_the_picture_shows_the_device_whole_and_nine_lenses(tmp_path: Path, defa
         assert (half[..., 2] > 1.4 * half[..., 0]).mean() > 0.1  # the blue device in the middle
     # From the front, the dark spots above the camera are images of its lens in the mirrors.
     dark = cv2.morphologyEx((front[:150].max(axis=2) < 90).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3)))
-    _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.erode(dark, np.ones((3, 3))))
+    _, _, stats, _ = cv2.connectedComponentsWithStats(cv2.erode(dark, np.ones((5, 5))))
     assert (stats[1:, cv2.CC_STAT_AREA] > 100).sum() == 9
