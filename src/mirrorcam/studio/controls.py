@@ -245,8 +245,8 @@ _MIRRORS = (
         kind="shape",
         choices=(("free", "free"), ("rectangles", "rectangles"), ("stock:", "sizes in stock")),
         preset="stock:25x15,30x20,40x30",
-        help="Free outlines use the most pixels; rectangles are cut with a glass cutter or a guillotine; sizes in stock "
-        "are bought cut, in mm.",
+        help="Free outlines use the most pixels; rectangles are cut with a glass cutter or a guillotine; sizes in "
+        "stock are bought cut, in mm.",
     ),
     Control(
         name="size_step_mm",

@@ -181,9 +181,9 @@ class Designer:
             bars: ToleranceBars = self._analysed(page_request, design_work.tolerance, layout)
         return bars
 
-    def report(self, spec: DesignSpec, page_request: PageRequest) -> str:
+    def report(self, spec: DesignSpec, page_request: PageRequest | None = None) -> str:
         """The report of a solved design; takes seconds. Raises InputError and Superseded as `tolerance` does."""
-        result = self.solved(spec)
+        result, page_request = self.solved(spec), page_request or PageRequest()
         with self._studies.turn(page_request, ("report", spec)):
             return str(self._analysed(page_request, design_work.report, result.layout, result.parabola))
 

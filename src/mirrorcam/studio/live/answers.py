@@ -51,7 +51,7 @@ class CameraHost:
     """
 
     def __init__(self, jobs: Jobs, on_note: Callable[[str], None] = lambda line: None) -> None:
-        self._jobs, self._on_note, self._lock = jobs, on_note, threading.Lock()
+        self.jobs, self._on_note, self._lock = jobs, on_note, threading.Lock()
         self._engine: LiveEngine | None = None
         self._count = 0
 
@@ -70,7 +70,7 @@ class CameraHost:
         with self._lock:
             self._close()
             self._engine = LiveEngine(
-                request, out=self._jobs.root, board=board, idle_s=IDLE_S, hold=True, on_note=self._on_note
+                request, out=self.jobs.root, board=board, idle_s=IDLE_S, hold=True, on_note=self._on_note
             )
             self._count += 1
             return self._engine
@@ -113,7 +113,7 @@ class CameraHost:
     @property
     def layouts(self) -> list[str]:
         """The layout of the session, and calibrated ones below the root, the newest first."""
-        found = sorted((self._jobs.root / CALIBRATIONS).glob("*/layout.json"), reverse=True)
+        found = sorted((self.jobs.root / CALIBRATIONS).glob("*/layout.json"), reverse=True)
         own = [] if self._engine is None else [self._engine.request.layout]
         return list(dict.fromkeys(map(str, [*own, *found])))
 
@@ -127,7 +127,7 @@ class CameraHost:
             raise InputError("no board is stated, expected a board.toml when the camera is opened")
         if (count := engine.status().pictures_kept) < MIN_FRAMES:
             raise InputError(f"number of calibration pictures is {count}, expected {MIN_FRAMES} or more")
-        return self._jobs.start(calibration_plan(self._jobs.root, engine.board, engine.request.layout))
+        return self.jobs.start(calibration_plan(self.jobs.root, engine.board, engine.request.layout))
 
 
 class CameraAnswers:

@@ -52,6 +52,7 @@
     names = Object.keys(answer.outlines);
     for (const [kind, [width, height]] of Object.entries(about.sizes_px)) at(`${kind}-shape`).style.aspectRatio = `${width} / ${height}`;
     at("session").hidden = false;
+    at("opening").open = false;
     overlay = new Studio.Overlay(at("overlay"), about, answer.outlines);
     sharpness = new Studio.Sharpness(at("sharpness"), names, about.grid);
     histogram = new Studio.Histogram(at("histogram"), BINS);

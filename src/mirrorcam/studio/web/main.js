@@ -427,7 +427,7 @@
       button.tabIndex = current ? 0 : -1;
       byId(button.dataset.tab).hidden = !current;
     }
-    document.querySelectorAll("[data-on]").forEach((node) => node.classList.toggle("away", !node.dataset.on.includes(shown)));
+    document.querySelectorAll("[data-on]").forEach((node) => node.toggleAttribute("data-away", !node.dataset.on.includes(shown)));
     document.dispatchEvent(new CustomEvent("tab"));
     Studio.poll();
     if (waits && shown !== "camera") {

@@ -30,5 +30,5 @@
   const hand = ([x, y, z]) => joined(HAND_MM.map(([right, up]) => [x + right, y + up, z]));
 
   // Segments of all three, on a table at the height `floor`, to the left and right of x = 0.
-  Studio.scaleSegments = (floor, aside) => [...ruler([-RULER_MM / 2, floor, 60]), ...cup([-aside - 60, floor, 0]), ...hand([aside + 60, floor, 0])];
+  Studio.scaleSegments = (floor, aside) => [...ruler([-RULER_MM / 2, floor, 40]), ...cup([-aside - 30, floor, -40]), ...hand([aside + 30, floor, 40])];
 })();
