@@ -28,9 +28,9 @@ def test_the_ends_of_a_slider_are_requests_and_its_text_is_a_sentence(control: C
             DesignSpec().replaced(**{control.name: value})
     shape = {"shape": "rectangles"} if control.name == "same_size" else {}
     for choice, _ in control.choices:
-        value = control.preset if choice == "stock:" else choice
+        stated = str(control.preset) if choice == "stock:" else choice
         DesignSpec().replaced(
-            **shape, **{control.name: value if isinstance(control.preset, str) else json.loads(choice)}
+            **shape, **{control.name: stated if isinstance(control.preset, str) else json.loads(choice)}
         )
 
 

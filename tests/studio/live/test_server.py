@@ -66,10 +66,11 @@ def ordered(client: TestClient, action: str, **fields: Any) -> Any:
 
 
 def until(client: TestClient, key: str) -> Any:
+    """A value of the camera's state, once a page that looks at its depth has it."""
     end = time.monotonic() + LONG_S
     while not (value := client.get("/state").json()["camera"][key]):
         assert time.monotonic() < end
-        time.sleep(0.05)
+        client.get("/picture/depth")
     return value
 
 

@@ -457,6 +457,7 @@
   showTab(tabOf(location.hash) ?? "design");
   showJumps();
   address();
+  document.body.classList.remove("unready");
   if (!buttons.length) {
     preview(history.spec, 0);
     solve(history.spec);
