@@ -55,12 +55,12 @@
     document.querySelectorAll(".next").forEach((host) => host.replaceChildren());
     for (const { control, spec, figures } of steps) {
       const host = document.getElementById(`${control === "cols" ? "rows" : control}-next`);
-      const changes = [["usable_efficiency", "usable pixels"], ["depth_sigma", "\u03c3 of depth"]]
+      const changes = [["usable_efficiency", "pixels"], ["depth_sigma", "\u03c3"]]
         .map(([start, label]) => [relative(start, { figures }, drawing), label])
         .filter(([change]) => change)
-        .flatMap(([change, label]) => [` ${label} `, change]);
+        .flatMap(([change, label]) => [`${label}\u00a0`, change, " "]);
       const text = control === "cols" || control === "rows" ? `${spec.rows} \u00d7 ${spec.cols}` : Studio.number(spec[control]);
-      host?.append(element("button", { type: "button", onclick: () => go(spec) }, `${text}:`, ...(changes.length ? changes : [" the same"])));
+      host?.append(element("button", { type: "button", title: "Take this step: change of usable pixels and of the standard deviation of depth", onclick: () => go(spec) }, element("b", {}, text), ...(changes.length ? changes : ["the same"])));
     }
   };
 

@@ -428,6 +428,7 @@
       byId(button.dataset.tab).hidden = !current;
     }
     document.querySelectorAll("[data-on]").forEach((node) => node.toggleAttribute("data-away", !node.dataset.on.includes(shown)));
+    scrollTo(0, 0);
     document.dispatchEvent(new CustomEvent("tab"));
     Studio.poll();
     if (waits && shown !== "camera") {

@@ -48,7 +48,7 @@
 
     look(direction) {
       const [x, y, z] = direction;
-      const distance = (this.radius / Math.sin((this.camera.fov * Math.PI) / 360)) * 0.72 * Math.max(1, 1 / this.camera.aspect);
+      const distance = (this.radius / Math.sin((this.camera.fov * Math.PI) / 360)) * 0.78 * Math.max(1, 1 / this.camera.aspect);
       this.controls.target.copy(this.centre);
       this.camera.position.copy(this.centre).add(new THREE.Vector3(x, y, z).normalize().multiplyScalar(distance));
       this.controls.update();
