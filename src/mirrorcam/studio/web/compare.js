@@ -16,6 +16,7 @@
   const at = (drawing, name, depth) => {
     const { depths_mm: depths, [name]: values } = drawing.curves;
     const i = depths.findIndex((other) => other >= depth);
+    if (depths[i] === depth) return values[i] ?? null;
     if (i < 1 || values[i] === null || values[i - 1] === null || values[i] === undefined) return null;
     const share = Math.log(depth / depths[i - 1]) / Math.log(depths[i] / depths[i - 1]);
     return values[i - 1] + share * (values[i] - values[i - 1]);
