@@ -116,7 +116,7 @@ def test_what_is_no_longer_shown_is_dimmed_until_something_is(page: Watched, stu
     page.page.route("**/preview", lambda route: None)
     typed(page, "Scale", "97")
     page.page.wait_for_selector("#status.solving")
-    page.page.wait_for_function("getComputedStyle(document.getElementById('tiles')).opacity === '0.5'")
+    assert page.page.evaluate("getComputedStyle(document.querySelector('#sensor svg')).opacity") == "0.5"
 
 
 def test_a_link_names_its_camera_and_opens_at_its_tab(browser: Any, page: Watched, studio: tuple[str, Path]) -> None:
