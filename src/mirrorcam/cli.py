@@ -54,7 +54,10 @@ COMMANDS = {
             "designs.sweep_command:sweep",
             "Optimise layouts for all combinations of counts, depths, scales and trade-offs.",
         ),
-        "studio": ("studio.studio_command:studio", "Design, build and use a camera with mirrors, on a page in the browser."),
+        "studio": (
+            "studio.studio_command:studio",
+            "Design, build and use a camera with mirrors, on a page in the browser.",
+        ),
         "live": ("studio.studio_command:live", "Align, focus and calibrate a camera, on a page in the browser."),
     },
     "Build": {
