@@ -54,8 +54,11 @@ COMMANDS = {
             "designs.sweep_command:sweep",
             "Optimise layouts for all combinations of counts, depths, scales and trade-offs.",
         ),
-        "studio": ("studio.studio_command:studio", "Change a design by hand, on a page in the browser."),
-        "live": ("studio.live.live_command:live", "Align, focus and calibrate a camera, on a page in the browser."),
+        "studio": (
+            "studio.studio_command:studio",
+            "Design, build and use a camera with mirrors, on a page in the browser.",
+        ),
+        "live": ("studio.studio_command:live", "Align, focus and calibrate a camera, on a page in the browser."),
     },
     "Build": {
         "cad": ("device.cad_command:app", "Generate and check every part of a device; render it; adjust its mirrors."),

@@ -14,7 +14,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.designs.design_files import read_request
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.studio.jobs import JobReport, Jobs, Plan, folder_name, plans, write_folder, zipped
+from mirrorcam.studio.jobs import JobReport, Jobs, calibration_plan, folder_name, plan, write_folder, zipped
 
 SCRIPT = """
 import sys, time
@@ -38,7 +38,7 @@ def test_a_job_reports_its_progress_and_its_page(scripted: Path, tmp_path: Path)
     page.parent.mkdir(parents=True)
     page.touch()
     scripted.write_text(SCRIPT.format("time.sleep(0.5)"))
-    started = jobs.start("parts", "d")
+    started = jobs.start(plan(tmp_path, "parts", "d"))
     assert started.state == "running"
     assert started.page == ""
     for _ in range(100):
@@ -54,7 +54,7 @@ def test_a_job_reports_its_progress_and_its_page(scripted: Path, tmp_path: Path)
 def test_a_job_that_fails_says_so_with_its_last_words(scripted: Path, tmp_path: Path) -> None:
     jobs = Jobs(tmp_path)
     scripted.write_text(SCRIPT.format('sys.exit("mirrorcam: no space")'))
-    jobs.start("run", "d")
+    jobs.start(plan(tmp_path, "run", "d"))
     failed = ended(jobs)
     assert failed.state == "failed"
     assert failed.lines[-1] == "mirrorcam: no space"
@@ -63,35 +63,43 @@ def test_a_job_that_fails_says_so_with_its_last_words(scripted: Path, tmp_path: 
 def test_one_job_of_a_kind_works_on_a_design_and_can_be_cancelled(scripted: Path, tmp_path: Path) -> None:
     jobs = Jobs(tmp_path)
     scripted.write_text(SCRIPT.format("time.sleep(60)"))
-    jobs.start("set", "d")
+    jobs.start(plan(tmp_path, "set", "d"))
     with pytest.raises(InputError, match="already"):
-        jobs.start("set", "d")
+        jobs.start(plan(tmp_path, "set", "d"))
     while not jobs.reports()[0].lines:
         time.sleep(0.02)
     jobs.cancel(1)
     assert ended(jobs).state == "cancelled"
     with pytest.raises(InputError, match="job 9"):
         jobs.cancel(9)
-    jobs.start("set", "d")
+    jobs.start(plan(tmp_path, "set", "d"))
     jobs.close()
     assert ended(jobs).state == "cancelled"
 
 
-def test_commands_write_below_the_folder_of_the_design(tmp_path: Path) -> None:
-    for plan in plans(tmp_path / "d").values():
-        assert isinstance(plan, Plan)
-        out = plan.arguments[plan.arguments.index("--out") + 1]
-        assert Path(out) == tmp_path / "d" / plan.folder
+@pytest.mark.parametrize("kind", ["parts", "set", "run"])
+def test_commands_write_below_the_folder_of_the_design(kind: Any, tmp_path: Path) -> None:
+    made = plan(tmp_path, kind, "d")
+    out = made.arguments[made.arguments.index("--out") + 1]
+    assert Path(out) == tmp_path / made.folder == tmp_path / "d" / kind
+
+
+def test_a_calibration_gets_a_folder_of_its_own_and_its_alarm_is_not_a_failure(scripted: Path, tmp_path: Path) -> None:
+    (tmp_path / "calibrations" / "calibration_0001").mkdir(parents=True)
+    made = calibration_plan(tmp_path, Path("board.toml"), Path("layout.json"))
+    assert made.folder == "calibrations/calibration_0002"
+    jobs = Jobs(tmp_path)
+    scripted.write_text("import sys; sys.exit(1)")
+    jobs.start(made)
+    assert ended(jobs).state == "alarm"
 
 
 @pytest.mark.parametrize("adapter", BACKS)
 def test_the_adapter_is_passed_to_the_commands_that_build_the_device(adapter: Any, tmp_path: Path) -> None:
-    made = plans(tmp_path / "d", adapter)
     for kind in ("parts", "run"):
-        arguments = made[kind].arguments
+        arguments = plan(tmp_path, kind, "d", adapter).arguments
         assert arguments[arguments.index("--adapter") + 1] == adapter
-    assert "--adapter" not in made["set"].arguments
-    assert plans(tmp_path / "d") == plans(tmp_path / "d", "none")
+    assert "--adapter" not in plan(tmp_path, "set", "d", adapter).arguments
 
 
 def test_a_design_has_one_folder_and_files_in_it_stay(default_layout: Layout, tmp_path: Path) -> None:

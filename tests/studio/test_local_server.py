@@ -45,6 +45,14 @@ def test_a_port_that_is_taken_is_refused_in_one_line() -> None:
             listening_socket(port)
 
 
+def test_without_a_port_the_next_free_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    with listening_socket(0) as first:
+        taken = first.getsockname()[1]
+        monkeypatch.setattr(local_server, "DEFAULT_PORT", taken)
+        with listening_socket(None) as second:
+            assert second.getsockname()[1] != taken
+
+
 def test_it_serves_until_it_is_told_to_end(monkeypatch: pytest.MonkeyPatch) -> None:
     servers: list[local_server._Server] = []
     began, ended = threading.Event(), list[bool]()

@@ -57,7 +57,7 @@ def test_two_pages_solve_at_the_same_time(browser: Any, studio: tuple[str, Path]
             page.settled()
             assert page.drawn["kind"] == "exact" and page.drawn["spec"]["scale_mm"] == scale_mm
             page.page.wait_for_selector("#tolerance:not(.old) *", timeout=120_000)
-            page.page.wait_for_selector("#refocused:not(.old)", timeout=120_000)
+            page.page.wait_for_selector("#sight-refocused:not(.old)", timeout=120_000)
             assert page.errors == []
 
 
@@ -87,6 +87,59 @@ def test_a_preview_follows_the_slider_and_the_exact_design_its_release(page: Wat
     page.page.click("#redo")
     page.page.wait_for_selector("#status.exact")
     assert page.drawn["spec"]["scale_mm"] == 95.0
+
+
+def typed(page: Watched, name: str, value: str) -> None:
+    page.page.get_by_role("spinbutton", name=f"{name}, number").fill(value)
+    page.page.keyboard.press("Enter")
+
+
+def test_a_typed_number_is_previewed_and_its_solution_can_be_cancelled(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    page.page.route("**/design", lambda route: None)  # it takes forever
+    typed(page, "Scale", "96")
+    page.page.wait_for_selector("#status.preview:has-text('solving')")
+    assert page.drawn["spec"]["scale_mm"] == 96.0
+    page.page.wait_for_selector("#status:has-text(' 1 s')")
+    page.page.click("#cancel")
+    assert page.status == "Not solved"
+    page.page.unroute("**/design")
+    page.page.click("#cancel:has-text('Solve')")
+    page.settled()
+    assert page.drawn["kind"] == "exact" and page.drawn["spec"]["scale_mm"] == 96.0
+    assert page.page.is_hidden("#cancel")
+
+
+def test_what_is_no_longer_shown_is_dimmed_until_something_is(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    page.page.route("**/design", lambda route: None)
+    page.page.route("**/preview", lambda route: None)
+    typed(page, "Scale", "97")
+    page.page.wait_for_selector("#status.solving")
+    assert page.page.evaluate("getComputedStyle(document.querySelector('#sensor svg')).opacity") == "0.5"
+
+
+def test_a_link_names_its_camera_and_opens_at_its_tab(browser: Any, page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio, f"{SMALL}&camera=d435")
+    assert page.drawn["spec"]["camera"]["name"] == "Intel RealSense D435, colour"
+    page.page.click("#build-tab")
+    assert "camera=d435" in page.page.url and "tab=build" in page.page.url
+    with browser_page(browser) as other:
+        other.open(page.page.url)
+        other.settled()
+        assert other.page.is_visible("#make") and other.drawn["identity"] == page.drawn["identity"]
+
+
+def test_mirrors_are_rectangles_of_stock(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    page.page.get_by_role("combobox", name="Shape of a mirror").select_option("stock:")
+    page.page.wait_for_selector("#status.exact")
+    assert page.drawn["spec"]["shape"].startswith("stock:")
+    page.page.get_by_role("textbox", name="Sizes in stock, mm").fill("50x30, 30x20")
+    page.page.keyboard.press("Enter")
+    page.page.wait_for_selector("#status.exact")
+    assert page.drawn["spec"]["shape"] == "stock:30x20,50x30"
+    assert "shape=stock" in page.page.url
 
 
 @pytest.mark.parametrize("request_", [{"rows": 2}, {"scale_mm": 60.0, "depths_mm": [200.0, 400.0]}, {}, "pattern"])
@@ -174,8 +227,8 @@ def test_a_request_that_is_none_is_refused_in_words(page: Watched, studio: tuple
     with page.page.expect_response("**/preview"):  # its refusal, whenever it comes, does not replace the reason
         previews[0].continue_()
     page.page.evaluate("() => new Promise((done) => setTimeout(done, 50))")
-    assert page.status == "Not a request"
-    assert "rows" in page.page.inner_text("#finding")
+    assert page.status == "Invalid request"
+    assert page.page.inner_text("#finding") == "Rows: expected at most 12"
     assert page.page.inner_text("#infeasible-title") == "This is not a valid request"
 
 
@@ -185,11 +238,18 @@ def test_pinned_designs_are_shown_next_to_the_current_one(page: Watched, studio:
     page.page.get_by_role("spinbutton", name="Scale, number").fill("100")
     page.page.keyboard.press("Enter")
     page.page.wait_for_selector("#status.exact")
+    assert page.page.input_value("#compare input") == "1 x 2, 80 mm"
     text = page.page.inner_text("#compare")
-    assert "1 x 2, 80 mm" in text
     assert "1 x 2, 100 mm (now)" in text
     assert "Differences of the requests" in text
     assert "\nScale" in text
+    assert "Usable pixels at 300 mm" in text
+    assert "to 1 x 2, 80 mm" in page.page.inner_text("#tiles")
+    page.page.fill("#compare input", "mine")
+    page.page.keyboard.press("Enter")
+    page.page.reload()
+    page.settled()
+    assert page.page.input_value("#compare input") == "mine"
     page.page.click("#compare >> text=Go to")
     page.page.wait_for_selector("#status.exact")
     assert page.drawn["spec"]["scale_mm"] == 80.0
@@ -198,6 +258,8 @@ def test_pinned_designs_are_shown_next_to_the_current_one(page: Watched, studio:
 def test_files_of_a_design_are_saved_and_opened_again(page: Watched, studio: tuple[str, Path], tmp_path: Path) -> None:
     opened(page, studio, f"{SMALL}&scale_mm=70")
     identity = page.drawn["identity"]
+
+    page.page.click("#build-tab")
 
     def saved(button: str) -> Path:
         with page.page.expect_download() as download:
@@ -212,15 +274,16 @@ def test_files_of_a_design_are_saved_and_opened_again(page: Watched, studio: tup
     report = saved("report").read_text(encoding="utf-8")
     assert identity in report
     assert report.count("data:image/png;base64,") == 3
+    page.page.click("#design-tab")
     page.page.get_by_role("spinbutton", name="Scale, number").fill("90")
     page.page.keyboard.press("Enter")
     page.page.wait_for_selector("#status.exact")
     page.page.set_input_files("#open", request)
-    page.page.wait_for_selector("#make-note:has-text('opened')")
+    page.page.wait_for_selector("#make-note:has-text('opened')", state="attached")
     page.page.wait_for_selector("#status.exact")
     assert page.drawn["identity"] == identity
     page.page.set_input_files("#open", {"name": "bad.toml", "mimeType": "text/plain", "buffer": b"rows = 'three'"})
-    page.page.wait_for_selector("#make-note:has-text('bad.toml')")
+    page.page.wait_for_selector("#make-note:has-text('bad.toml')", state="attached")
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])

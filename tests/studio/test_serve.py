@@ -77,6 +77,7 @@ def test_a_request_and_a_layout_are_opened(default_layout: Layout, tmp_path: Pat
     request.write_text(request_toml(DesignSpec(rows=2)))
     assert opened(request).spec == DesignSpec(rows=2)
     assert opened(request).layout is None
+    assert opened("http://127.0.0.1:8610/#tab=build&rows=2").fragment == "tab=build&rows=2"
     layout = default_layout.replaced(spec=DesignSpec())
     layout.save(tmp_path / "layout.json")
     assert opened(tmp_path / "layout.json").spec == DesignSpec()

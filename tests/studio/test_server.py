@@ -15,6 +15,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.designer import Designer
 from mirrorcam.studio.jobs import Jobs
+from mirrorcam.studio.live.answers import CameraHost
 from mirrorcam.studio.page import PageStart
 from mirrorcam.studio.server import studio_app
 
@@ -36,7 +37,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def client(folder: Path) -> Iterator[TestClient]:
     designer = Designer()
-    app = studio_app(PageStart(DesignSpec()), designer, Jobs(folder), PORT)
+    jobs = Jobs(folder)
+    app = studio_app(PageStart(DesignSpec()), designer, jobs, CameraHost(jobs), PORT)
     with TestClient(app, base_url=f"http://127.0.0.1:{PORT}") as opened:
         yield opened
     designer.close()
@@ -101,7 +103,8 @@ def test_files_in_the_folder_are_served_and_none_outside(client: TestClient) -> 
 
 def test_there_are_no_files_before_the_first_job(tmp_path: Path) -> None:
     designer = Designer()
-    app = studio_app(PageStart(DesignSpec()), designer, Jobs(tmp_path / "none"), PORT)
+    jobs = Jobs(tmp_path / "none")
+    app = studio_app(PageStart(DesignSpec()), designer, jobs, CameraHost(jobs), PORT)
     with TestClient(app, base_url=f"http://127.0.0.1:{PORT}") as client:
         assert client.get("/files/anything").status_code == 404
     designer.close()
@@ -117,10 +120,29 @@ def test_only_what_was_solved_is_made(client: TestClient) -> None:
     assert client.post("/jobs", content=body, headers=JSON).status_code == 422
     body = json.dumps({"kind": "rm -rf", "spec": json.loads(SMALL.model_dump_json())})
     assert client.post("/jobs", content=body, headers=JSON).status_code == 422
-    assert client.get("/jobs").json() == []
+    assert client.get("/state").json() == {"jobs": [], "camera": None}
     assert client.post("/jobs/7/cancel", content=b"{}", headers=JSON).status_code == 422
     for number in ("9" * 5000, "-1", "1.0", "%D9%A1"):
         assert client.post(f"/jobs/{number}/cancel", content=b"{}", headers=JSON).status_code == 404
+
+
+def test_a_camera_that_is_not_open_or_cannot_be_opened_is_refused_in_one_line(client: TestClient) -> None:
+    assert client.get("/camera").json() == {"session": None, "layouts": []}
+    order = client.post("/order", content='{"action": "record"}', headers=JSON)
+    assert (order.status_code, client.get("/picture/frame").status_code) == (422, 422)
+    assert order.text.startswith("no camera is open")
+    opened = client.post("/camera", content='{"source": "none.mp4", "layout": "none.json"}', headers=JSON)
+    assert (opened.status_code, opened.text) == (422, "none.json: no such file")
+
+
+def test_steps_are_the_neighbours_that_are_solved(client: TestClient) -> None:
+    other = SMALL.replaced(rows=2)
+    for spec in (SMALL, other):
+        client.post("/design", content=spec.model_dump_json(), headers=JSON)
+    steps = client.post("/steps", content=SMALL.model_dump_json(), headers=JSON).json()
+    (step,) = (step for step in steps if step["control"] == "rows")
+    assert step["spec"]["rows"] == 2
+    assert any(figure["name"].startswith("usable_efficiency") for group in step["figures"].values() for figure in group)
 
 
 def post(address: str, spec: DesignSpec, page: str | None) -> HTTPConnection:

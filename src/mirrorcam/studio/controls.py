@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Any, Literal
+from typing import Literal
 
 from pydantic import Field
 
@@ -14,6 +14,13 @@ from mirrorcam.optics.geometry.camera_library import library
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 DEGREE = "\N{DEGREE SIGN}"
+
+
+class OfferedCamera(Value):
+    """A camera to choose, and its name in the library; empty for another camera."""
+
+    key: str
+    camera: Camera
 
 
 class CameraNumber(Value):
@@ -38,7 +45,7 @@ class Control(Value):
     name: str
     label: str
     help: str
-    kind: Literal["slider", "counts", "depths", "choice", "camera"] = "slider"
+    kind: Literal["slider", "counts", "depths", "choice", "camera", "shape"] = "slider"
     unit: str = ""
     least: float = 0.0
     most: float = 1.0
@@ -47,9 +54,9 @@ class Control(Value):
     allowed: tuple[float | None, float | None] = (None, None)
     values: tuple[float, ...] = ()
     choices: tuple[tuple[str, str], ...] = ()
-    preset: float | str | None = None
+    preset: float | bool | str | None = None
     auto: str = ""
-    cameras: tuple[dict[str, Any], ...] = ()
+    cameras: tuple[OfferedCamera, ...] = ()
     numbers: tuple[CameraNumber, ...] = ()
 
 
@@ -75,16 +82,16 @@ CAMERA_NUMBERS = (
 
 def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
     """Return all controls; the request's camera is offered even if it is not in the library."""
-    cameras = [Camera.c920(), *_library_cameras()]
-    if spec.camera not in cameras:
-        cameras.append(spec.camera)
+    cameras = _library_cameras()
+    if spec.camera not in [offered.camera for offered in cameras]:
+        cameras = (*cameras, OfferedCamera(key="", camera=spec.camera))
     camera = Control(
         name="camera",
         label="Camera",
         kind="camera",
         help="The webcam below the mirrors. Its pixels are what all views share; its lens and body decide how near "
         "mirrors can be.",
-        cameras=tuple(camera.model_dump(mode="json") for camera in cameras),
+        cameras=cameras,
         numbers=tuple(
             CameraNumber(
                 name=name, label=label, unit=unit, allowed=_allowed(Camera, name), preset=_preset(Camera, name)
@@ -101,10 +108,10 @@ def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
 
 
 @cache
-def _library_cameras() -> tuple[Camera, ...]:
-    """Cameras of the library other than the default one."""
-    cameras = (profile.camera for profile in library().values() if profile.optics)
-    return tuple(camera for camera in cameras if camera != Camera.c920())
+def _library_cameras() -> tuple[OfferedCamera, ...]:
+    """Cameras of the library with their optics, the default one first."""
+    found = [OfferedCamera(key=key, camera=profile.camera) for key, profile in library().items() if profile.optics]
+    return tuple(sorted(found, key=lambda offered: offered.camera != Camera.c920()))
 
 
 def _bounded(control: Control) -> Control:
@@ -230,7 +237,33 @@ _MIRRORS = (
         kind="choice",
         choices=(("4", "4"), ("5", "5"), ("6", "6")),
         preset=4,
-        help="More corners fit the shared field better, for a few per cent more pixels; they take longer to cut.",
+        help="Of free outlines: more corners fit the shared field better, for a few per cent more pixels.",
+    ),
+    Control(
+        name="shape",
+        label="Shape of a mirror",
+        kind="shape",
+        choices=(("rectangles", "rectangles"), ("stock:", "sizes in stock"), ("free", "free")),
+        preset="stock:25x15,30x20,40x30",
+        help="Free outlines use the most pixels; rectangles are cut with a glass cutter or a guillotine; sizes in "
+        "stock are bought cut, in mm.",
+    ),
+    Control(
+        name="size_step_mm",
+        label="Step of the sides",
+        unit="mm",
+        least=0.5,
+        most=10,
+        step=0.5,
+        help="Of rectangles that are cut: each side is a multiple of it.",
+    ),
+    Control(
+        name="same_size",
+        label="Sizes of the rectangles",
+        kind="choice",
+        choices=(("false", "any"), ("true", "all the same")),
+        preset=False,
+        help="Rectangles of one size are cut with one stop, and none can be mistaken for another.",
     ),
     Control(
         name="surface",

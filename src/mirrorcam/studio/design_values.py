@@ -110,6 +110,14 @@ class SuggestedRequest(Value):
     spec: dict[str, Any]
 
 
+class NextStep(Value):
+    """The request one step of a control away, and the figures of its design."""
+
+    control: str
+    spec: dict[str, Any]
+    figures: dict[str, list[FigureText]]
+
+
 @dataclass(frozen=True)
 class RefusedDesign:
     """An infeasible request: the violated constraint, by how much, and where."""

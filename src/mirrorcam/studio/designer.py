@@ -14,8 +14,15 @@ from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work, sight_work
-from mirrorcam.studio.design_values import DesignResult, RefusedDesign, SolvedDesign, SuggestedRequest, ToleranceBars
-from mirrorcam.studio.look_ahead import LookAhead, nearby_requests
+from mirrorcam.studio.design_values import (
+    DesignResult,
+    NextStep,
+    RefusedDesign,
+    SolvedDesign,
+    SuggestedRequest,
+    ToleranceBars,
+)
+from mirrorcam.studio.look_ahead import STEPPED, LookAhead, nearby_requests
 from mirrorcam.studio.sight_work import Decoded, Frame, Subject
 from mirrorcam.studio.turns import PageRequest, Superseded, Turns
 
@@ -82,9 +89,9 @@ class Designer:
         self._solutions, self._studies = Turns(self._solver.kill), Turns(self._analyst.kill)
         self._closed = False
 
-    def start(self) -> None:
-        """Start the processes for the first request in advance; others start when needed."""
-        for process in (self._previewer, self._solver):
+    def start(self, *, at_once: bool = True) -> None:
+        """Start; with `at_once`, start the processes for the first request in advance, others when needed."""
+        for process in (self._previewer, self._solver) if at_once else ():
             process.start()
         self._look_ahead.start()
 
@@ -174,11 +181,21 @@ class Designer:
             bars: ToleranceBars = self._analysed(page_request, design_work.tolerance, layout)
         return bars
 
-    def report(self, spec: DesignSpec) -> str:
-        """The report of a solved design. Raises InputError for one that is not."""
-        result, page_request = self.solved(spec), PageRequest(object())
-        with self._studies.turn(page_request, spec):
+    def report(self, spec: DesignSpec, page_request: PageRequest | None = None) -> str:
+        """The report of a solved design; takes seconds. Raises InputError and Superseded as `tolerance` does."""
+        result, page_request = self.solved(spec), page_request or PageRequest()
+        with self._studies.turn(page_request, ("report", spec)):
             return str(self._analysed(page_request, design_work.report, result.layout, result.parabola))
+
+    def steps(self, spec: DesignSpec) -> list[NextStep]:
+        """Designs one step of a control away from a request, as far as they are solved."""
+        steps = []
+        for other in nearby_requests(spec):
+            result = self._results.get(other)
+            if isinstance(result, SolvedDesign):
+                control = next(name for name in STEPPED if getattr(other, name) != getattr(spec, name))
+                steps.append(NextStep(control=control, spec=result.drawing.spec, figures=result.drawing.figures))
+        return steps
 
     def _analysed(self, page_request: PageRequest, work: Callable[..., Any], *arguments: Any) -> Any:
         try:

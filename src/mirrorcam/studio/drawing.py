@@ -175,6 +175,8 @@ def _curves(
     nearest_mm = max(views.mirror_depth_mm * 1.02, 0.4 * depths_mm[0])
     farthest_mm = max(MAX_DEPTH_RATIO * depths_mm[-1], 1.1 * nearest_mm)
     sample_depths_mm = np.geomspace(nearest_mm, farthest_mm, COARSE_CURVE_POINTS if coarse else CURVE_POINTS)
+    if not coarse:  # exact where designs are compared
+        sample_depths_mm = np.unique(np.append(sample_depths_mm, depths_mm))
     focal_px = np.array([layout.camera.fx_px, layout.camera.fy_px])
     steps_px_mm = focal_px * np.abs(spacings)
     best_px_mm = float((steps_px_mm * layout.arrangement.extent).max())

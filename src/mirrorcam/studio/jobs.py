@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from mirrorcam.cad.plan.back_table import Kind as Adapter
-from mirrorcam.core.disk.files import write_text
+from mirrorcam.core.disk.files import numbered, write_text
 from mirrorcam.core.disk.zip_files import files_to_zip, write_zip
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.child_command import ENDING_S, ChildCommand
@@ -61,8 +61,9 @@ def zipped(root: Path, name: str) -> Path:
     return path
 
 
-JobKind = Literal["parts", "set", "run"]
-State = Literal["running", "done", "failed", "cancelled"]
+JobKind = Literal["parts", "set", "run", "calibration"]
+State = Literal["running", "done", "alarm", "failed", "cancelled"]
+"""State of a job; "alarm": its files are complete, but the check of its command failed."""
 PROGRESS = re.compile(r"(\d+)/(\d+) ")
 FRAMES = 12
 
@@ -72,7 +73,8 @@ class JobReport(Value):
 
     number: int
     kind: JobKind
-    design: str
+    subject: str
+    """Folder that the job reads, below the root: of a design, or of calibration pictures."""
     command: str
     state: State
     seconds: float
@@ -87,31 +89,44 @@ class JobReport(Value):
 
 @dataclass(frozen=True)
 class Plan:
-    """The command of a job: arguments, output folder, and the page or file to open."""
+    """The command of a job: kind, folder that it reads, arguments, output folder, and the page or file to open.
 
+    Folders are below the root of all jobs, and `page` is below the output folder.
+    """
+
+    kind: JobKind
+    subject: str
     arguments: tuple[str, ...]
     folder: str
     page: str
 
 
-def plans(folder: Path, adapter: Adapter = "none") -> dict[JobKind, Plan]:
-    """Return the jobs for a design in a folder with its layout.json and design.toml.
+def plan(root: Path, kind: JobKind, design: str, adapter: Adapter = "none") -> Plan:
+    """Return the job of a kind for the design in the folder `root / design`; `adapter` is the back of the device."""
+    folder, back = root / design, ("--adapter", adapter)
+    layout, out = str(folder / "layout.json"), ("--out", str(folder / kind))
+    arguments, page = {
+        "parts": (("cad", layout, *back, *out), "index.html"),
+        "set": (("render", layout, "--frames", str(FRAMES), *out), "dataset.json"),
+        "run": (("run", str(folder / DESIGN_FILE), *back, *out), "index.html"),
+    }[kind]
+    return Plan(kind, design, arguments, f"{design}/{kind}", page)
 
-    `adapter` is the kind of back of the device.
-    """
-    layout, back = str(folder / "layout.json"), ("--adapter", adapter)
-    return {
-        "parts": Plan(("cad", layout, *back, "--out", str(folder / "parts")), "parts", "index.html"),
-        "set": Plan(("render", layout, "--frames", str(FRAMES), "--out", str(folder / "set")), "set", "dataset.json"),
-        "run": Plan(("run", str(folder / "design.toml"), *back, "--out", str(folder / "run")), "run", "index.html"),
-    }
+
+PICTURES, CALIBRATIONS = "pictures", "calibrations"
+"""Folders of calibration pictures, and of what was calibrated from them, below the root."""
+
+
+def calibration_plan(root: Path, board: Path, layout: Path) -> Plan:
+    """Return the job that calibrates a layout from the pictures taken, into a new folder."""
+    out = numbered(root / CALIBRATIONS, "calibration", "")
+    arguments = (*("calibrate", str(root / PICTURES), "--board", str(board)), *("--layout", str(layout)))
+    return Plan("calibration", PICTURES, (*arguments, "--out", str(out)), f"{CALIBRATIONS}/{out.name}", "report.html")
 
 
 @dataclass(frozen=True)
 class _Job:
     number: int
-    kind: JobKind
-    design: str
     plan: Plan
     command: ChildCommand
 
@@ -122,28 +137,27 @@ class _Job:
             return "running"
         if self.command.cancelled:
             return "cancelled"
+        if code == 1 and self.plan.kind == "calibration":
+            return "alarm"
         return "done" if code == 0 else "failed"
 
 
 class Jobs:
-    """The jobs of a studio, below one folder; one runs at a time for each design and kind."""
+    """The jobs of a studio, below one folder; one runs at a time for each subject and kind."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
         self._jobs: dict[int, _Job] = {}
+        self._bytes: dict[int, int] = {}
         self._lock = threading.Lock()
 
-    def start(self, kind: JobKind, design: str, adapter: Adapter = "none") -> JobReport:
-        """Start a job of a kind for the design in the folder of this name, with a kind of back.
-
-        Raises InputError if such a job runs already.
-        """
-        plan = plans(self.root / design, adapter)[kind]
+    def start(self, plan: Plan) -> JobReport:
+        """Start a job. Raises InputError if one of its kind runs already for the same subject."""
         with self._lock:
-            same = [job for job in self._jobs.values() if (job.design, job.kind) == (design, kind)]
-            if any(job.state == "running" for job in same):
-                raise InputError(f"{design}: this is already being made")
-            job = _Job(len(self._jobs) + 1, kind, design, plan, ChildCommand(plan.arguments))
+            running = (job.plan for job in self._jobs.values() if job.state == "running")
+            if any((other.kind, other.subject) == (plan.kind, plan.subject) for other in running):
+                raise InputError(f"{plan.subject}: such a job is running already, expected it to end first")
+            job = _Job(len(self._jobs) + 1, plan, ChildCommand(plan.arguments))
             self._jobs[job.number] = job
         return self._report(job)
 
@@ -169,22 +183,24 @@ class Jobs:
             job.command.wait(ENDING_S + 1.0)
 
     def _report(self, job: _Job) -> JobReport:
-        state, lines = job.state, job.command.lines
+        state, lines, plan = job.state, job.command.lines, job.plan
         counted = [match for line in lines if (match := PROGRESS.search(line))]
         fraction = float(counted[-1][1]) / max(float(counted[-1][2]), 1.0) if counted else None
-        page = f"{job.design}/{job.plan.folder}/{job.plan.page}"
+        page, ended = f"{plan.folder}/{plan.page}", state != "running"
+        if ended and job.number not in self._bytes:
+            self._bytes[job.number] = bytes_of(self.root / plan.folder)
         return JobReport(
             number=job.number,
-            kind=job.kind,
-            design=job.design,
-            command=command_line(job.plan.arguments),
+            kind=plan.kind,
+            subject=plan.subject,
+            command=command_line(plan.arguments),
             state=state,
             seconds=round(job.command.seconds, 1),
-            progress=1.0 if state == "done" else fraction,
+            progress=1.0 if state in ("done", "alarm") else fraction,
             lines=list(lines),
-            page=page if state != "running" and (self.root / page).is_file() else "",
-            folder=f"{job.design}/{job.plan.folder}",
-            bytes=0 if state == "running" else bytes_of(self.root / job.design / job.plan.folder),
+            page=page if ended and (self.root / page).is_file() else "",
+            folder=plan.folder,
+            bytes=self._bytes.get(job.number, 0),
         )
 
 

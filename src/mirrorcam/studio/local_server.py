@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 import os
 import secrets
 import socket
@@ -27,6 +29,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Value
 
 LOOPBACK = "127.0.0.1"
+DEFAULT_PORT, PORTS_TRIED = 8610, 20
 ENDING_S = 2
 """Time for pending responses at shutdown."""
 
@@ -60,18 +63,23 @@ class _Server(uvicorn.Server):
         await super().shutdown(sockets)
 
 
-def listening_socket(port: int) -> socket.socket:
-    """Return a listening socket on the loopback address; port 0 is any free one. Raises InputError if it is in use."""
-    # asyncio disables Nagle's algorithm only if the protocol is stated; otherwise bodies are delayed by 40 ms.
-    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        listening.bind((LOOPBACK, port))
-        listening.listen()
-    except OSError as error:
-        listening.close()
-        raise InputError(f"--port {port}: {error.strerror}, expected a free one, or 0 for any") from None
-    return listening
+def listening_socket(port: int | None) -> socket.socket:
+    """Return a listening socket on the loopback address; port 0 is any free one.
+
+    For None, it is the first free port from DEFAULT_PORT on. Raises InputError if the port is in use.
+    """
+    for candidate in [port] if port is not None else [*range(DEFAULT_PORT, DEFAULT_PORT + PORTS_TRIED), 0]:
+        # asyncio disables Nagle's algorithm only if the protocol is stated; otherwise bodies are delayed by 40 ms.
+        listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            listening.bind((LOOPBACK, candidate))
+            listening.listen()
+            return listening
+        except OSError as error:
+            listening.close()
+            reason = error.strerror
+    raise InputError(f"--port {port}: {reason}, expected a free one, or 0 for any")
 
 
 def run_server(
@@ -81,9 +89,13 @@ def run_server(
     browser: bool,
     on_note: Callable[[str], None],
     end: Callable[[], None],
+    fragment: str = "",
 ) -> None:
-    """Serve until Ctrl-C; `end` is called after the last request, before the wait for pending responses."""
-    address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/"
+    """Serve until Ctrl-C; `end` is called after the last request, before the wait for pending responses.
+
+    `fragment` follows # in the address of the page.
+    """
+    address = f"http://{LOOPBACK}:{listening.getsockname()[1]}/{fragment and '#'}{fragment}"
     config = uvicorn.Config(
         app, http=_Protocol, ws="none", log_level="error", timeout_graceful_shutdown=ENDING_S, server_header=False
     )
@@ -207,6 +219,22 @@ def _value(model: type[Body], body: bytes) -> Body:
     return validated(model, json_value(body))
 
 
+def as_json(value: Any) -> Response:
+    """Return a JSON response: paths as text, NaN and infinity as null."""
+    return Response(json.dumps(plain(value), allow_nan=False), media_type="application/json")
+
+
+def plain(value: Any) -> Any:
+    """Convert a value to JSON types."""
+    if isinstance(value, dict):
+        return {key: plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
+
+
 async def _refused(request: Request, error: Exception) -> Response:
     return PlainTextResponse(str(error), status_code=422)
 
@@ -216,7 +244,7 @@ async def _too_large(request: Request, error: Exception) -> Response:
 
 
 REFUSALS: dict[type[Exception], HTTPExceptionHandler] = {InputError: _refused, BodyTooLarge: _too_large}
-"""Responses of both servers to a bad request: one line of text."""
+"""Responses to a bad request: one line of text."""
 
 
 class ServedFiles(StaticFiles):

@@ -38,6 +38,9 @@ CHANGES: tuple[Change, ...] = (
     *(_add_rounded("tradeoff", step) for step in (0.2, -0.2)),
 )
 
+STEPPED = ("rows", "cols", "scale_mm", "tradeoff")
+"""Fields that the changes change, one each."""
+
 
 def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
     """Return requests one step from this one, likeliest first, for designs that solve in a few seconds."""

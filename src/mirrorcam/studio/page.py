@@ -15,7 +15,7 @@ from mirrorcam.core.html.templates import render
 from mirrorcam.core.values import Value
 from mirrorcam.optics.design.spec_grid import Outcome, pareto_front, summary_figures
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.studio.controls import control_groups, snapping_groups
+from mirrorcam.studio.controls import ControlGroup, control_groups, snapping_groups
 
 
 class SweepPoint(Value):
@@ -72,6 +72,7 @@ SCRIPTS = (
     "dom.js",
     "spec.js",
     "panels.js",
+    "scale.js",
     "view3d.js",
     "controls.js",
     "figures.js",
@@ -79,6 +80,7 @@ SCRIPTS = (
     "tolerance.js",
     "sweep.js",
 )
+SERVER_SCRIPTS = ("server.js", "sight.js", "make.js", "live_pictures.js", "live_meters.js", "live.js")
 
 
 @dataclass(frozen=True)
@@ -91,41 +93,31 @@ class PageStart:
 
 def studio_page(page_start: PageStart, folder: Path, *, nonce: str) -> str:
     """Render the page of a server that writes into a folder; browsers run only scripts and styles with the nonce."""
-    start = {
-        "spec": page_start.spec.model_dump(mode="json"),
-        "defaults": DesignSpec().model_dump(mode="json"),
-        "controls": [group.model_dump(mode="json") for group in control_groups(page_start.spec)],
-        "sweep": [point.model_dump(mode="json") for point in page_start.sweep],
-    }
-    scripts = [*SCRIPTS, "server.js", "sight.js", "make.js", "main.js"]
-    return render(
-        WEB,
-        "studio.html",
-        start=script_json(start),
-        scripts=scripts,
-        nonce=nonce,
-        makes_into=str(folder),
-        adapters={kind: table.title for kind, table in BACKS.items()},
-        atlas="",
-    )
+    scripts = (*SCRIPTS, *SERVER_SCRIPTS, "main.js")
+    return _page(page_start, control_groups(page_start.spec), scripts, nonce=nonce, makes_into=str(folder))
 
 
 def snapshot_page(spec: DesignSpec, atlas: dict[str, Any]) -> str:
     """Render the page without a server: one file with the designs of an atlas, initially the nearest to `spec`."""
-    groups = snapping_groups(atlas["axes"])
-    controls = [group.model_dump(mode="json") for group in groups]
-    defaults = DesignSpec().model_dump(mode="json")
-    start = {"spec": spec.model_dump(mode="json"), "defaults": defaults, "controls": controls, "sweep": []}
-    return render(
-        WEB,
-        "studio.html",
-        start=script_json(start),
-        atlas=script_json(atlas),
-        scripts=[*SCRIPTS, "snapshot.js", "main.js"],
-        nonce="",
-        makes_into="",
-        adapters={},
-    )
+    scripts = (*SCRIPTS, "snapshot.js", "main.js")
+    return _page(PageStart(spec), snapping_groups(atlas["axes"]), scripts, atlas=script_json(atlas))
+
+
+def _page(page_start: PageStart, groups: Sequence[ControlGroup], scripts: Sequence[str], **blocks: Any) -> str:
+    start = {
+        "spec": page_start.spec.model_dump(mode="json"),
+        "defaults": DesignSpec().model_dump(mode="json"),
+        "optional": {name: getattr(DesignSpec(), name) for name in OPTIONAL},
+        "controls": [group.model_dump(mode="json") for group in groups],
+        "sweep": [point.model_dump(mode="json") for point in page_start.sweep],
+    }
+    adapters = {kind: table.title for kind, table in BACKS.items()}
+    common = {"nonce": "", "makes_into": "", "atlas": "", "adapters": adapters}
+    return render(WEB, "studio.html", start=script_json(start), scripts=scripts, **(common | blocks))
+
+
+OPTIONAL = ("shape", "size_step_mm", "same_size")
+"""Fields that the JSON of a request omits at their defaults."""
 
 
 def script_json(value: Any) -> Markup:

@@ -1,4 +1,4 @@
-"""Serve the studio's page on the loopback address until Ctrl-C."""
+"""Serve the page of a design, its device and its camera on the loopback address until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -12,24 +12,44 @@ from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.designer import Designer
+from mirrorcam.studio.live.values import LiveRequest
 
 
 @dataclass(frozen=True)
 class Opening:
-    """Initial content of the page: a request, its layout if it was solved before, and the designs of a sweep."""
+    """Initial content of the page.
+
+    Attributes
+    ----------
+    spec, layout
+        A request, and its layout if it was solved before.
+    sweep
+        The designs of a sweep.
+    fragment
+        The part after # of the page's address: a design, a tab, or both.
+    camera, board
+        The camera to open, and the board of its calibration pictures.
+    """
 
     spec: DesignSpec
     layout: Layout | None = None
     sweep: tuple[tuple[Outcome, Path], ...] = ()
+    fragment: str = ""
+    camera: LiveRequest | None = None
+    board: Path | None = None
 
 
-def opened(path: Path | None) -> Opening:
-    """Read a designed layout, a request, or the designs in the folder of a sweep.
+def opened(design: Path | str | None) -> Opening:
+    """Read a designed layout, a request, the designs in the folder of a sweep, or the link of a page.
 
     Raises a one-line InputError.
     """
-    if path is None:
+    if design is None:
         return Opening(DesignSpec())
+    _, is_link, fragment = str(design).partition("#")
+    if is_link:
+        return Opening(DesignSpec(), fragment=fragment)
+    path = Path(design)
     if path.is_dir():
         designs = tuple(finished_designs(path))
         return Opening(designs[0][0].spec, sweep=designs)
@@ -38,11 +58,11 @@ def opened(path: Path | None) -> Opening:
     return Opening(spec, layout if layout is not None and layout.verdict and layout.kind == "nominal" else None)
 
 
-def serve(opening: Opening, *, port: int, out: Path, browser: bool, on_note: Callable[[str], None]) -> int:
-    """Serve until Ctrl-C, and return 0. Raises InputError for a port in use."""
+def serve(opening: Opening, *, port: int | None, out: Path, browser: bool, on_note: Callable[[str], None]) -> int:
+    """Serve until Ctrl-C, and return 0. Raises InputError for a port in use, or a camera that cannot be opened."""
     designer = Designer()
     try:
-        designer.start()
+        designer.start(at_once=opening.camera is None)
         _serve(opening, designer, port, out, browser=browser, on_note=on_note)
     finally:
         designer.close()
@@ -50,22 +70,36 @@ def serve(opening: Opening, *, port: int, out: Path, browser: bool, on_note: Cal
 
 
 def _serve(
-    opening: Opening, designer: Designer, port: int, out: Path, *, browser: bool, on_note: Callable[[str], None]
+    opening: Opening, designer: Designer, port: int | None, out: Path, *, browser: bool, on_note: Callable[[str], None]
 ) -> None:
     # Imported while the designer's processes load their modules.
     from mirrorcam.studio.jobs import Jobs
-    from mirrorcam.studio.local_server import listening_socket, run_server
+    from mirrorcam.studio.live.answers import CameraHost
+    from mirrorcam.studio.local_server import DEFAULT_PORT, listening_socket, run_server
     from mirrorcam.studio.page import PageStart, sweep_points
     from mirrorcam.studio.server import studio_app
 
     listening = listening_socket(port)
+    own_port = listening.getsockname()[1]
     if opening.layout is not None:
         designer.keep(opening.spec, opening.layout)
     designer.offer({outcome.spec: path for outcome, path in opening.sweep})
     start = PageStart(opening.spec, tuple(sweep_points([outcome for outcome, _ in opening.sweep])))
     jobs = Jobs(out)
-    app = studio_app(start, designer, jobs, listening.getsockname()[1])
+    camera = CameraHost(jobs, on_note)
+
+    def end() -> None:
+        designer.close()
+        camera.close()
+
     try:
-        run_server(app, listening, browser=browser, on_note=on_note, end=designer.close)
+        if opening.camera is not None:
+            camera.open(opening.camera, opening.board)
+        if port is None and own_port != DEFAULT_PORT:
+            on_note(f"port {DEFAULT_PORT} is in use, {own_port} is not")
+        app = studio_app(start, designer, jobs, camera, own_port)
+        run_server(app, listening, browser=browser, on_note=on_note, end=end, fragment=opening.fragment)
     finally:
+        listening.close()
+        camera.close()
         jobs.close()

@@ -1,13 +1,12 @@
-"""The studio's server: its page, and responses to the page's requests."""
+"""The studio's server: its page, and responses about designs, jobs and the camera."""
 
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from pathlib import Path, PurePath
-from typing import Any, TypeVar
+from typing import Literal, TypeVar
 
 from pydantic import Field
 from starlette.applications import Starlette
@@ -27,8 +26,10 @@ from mirrorcam.designs.design_files import request_of, request_toml
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.design_values import SolvedDesign
 from mirrorcam.studio.designer import Designer
-from mirrorcam.studio.jobs import JobKind, Jobs, write_folder, zipped
-from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, posted
+from mirrorcam.studio.jobs import Jobs, plan, write_folder, zipped
+from mirrorcam.studio.live.answers import CameraAnswers, CameraHost
+from mirrorcam.studio.live.values import LiveRequest
+from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, as_json, posted
 from mirrorcam.studio.page import PageStart, studio_page
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.studio.turns import PageRequest, Superseded
@@ -36,7 +37,7 @@ from mirrorcam.studio.turns import PageRequest, Superseded
 Result = TypeVar("Result")
 PAGE_HEADER = "x-page"
 """Header with the name of a page: its newest request replaces only its own earlier ones."""
-MAX_NAME_LENGTH, MAX_NUMBER_LENGTH = 64, 16
+MAX_NAME_LENGTH, MAX_NUMBER_LENGTH, MAX_PATH_LENGTH = 64, 16, 1000
 
 
 class Opened(Value):
@@ -49,7 +50,7 @@ class Opened(Value):
 class JobRequest(Value):
     """The files to build or render for a design, and the device's back."""
 
-    kind: JobKind
+    kind: Literal["parts", "set", "run"]
     adapter: Adapter = "none"
     spec: DesignSpec
 
@@ -76,15 +77,15 @@ class DesignAnswers:
         try:
             result = await self._solved(request, self._designer.solve)
         except InputError as error:
-            return _json({"status": "refused", "constraint": "", "finding": str(error)})
+            return as_json({"status": "refused", "constraint": "", "finding": str(error)})
         except Superseded:
-            return _json({"status": "superseded"})
+            return as_json({"status": "superseded"})
         if not isinstance(result, SolvedDesign):
             where = result.drawing and result.drawing.model_dump(mode="json")
             refusal = {"constraint": result.constraint, "finding": result.finding, "where": where}
-            return _json({"status": "refused"} | refusal)
+            return as_json({"status": "refused"} | refusal)
         drawings = {"drawing": result.drawing, "parabola": result.parabola_drawing}
-        return _json(
+        return as_json(
             {"status": "solved"} | {name: item and item.model_dump(mode="json") for name, item in drawings.items()}
         )
 
@@ -101,25 +102,29 @@ class DesignAnswers:
 
     async def tolerance(self, request: Request) -> Response:
         bars = await self._solved(request, self._designer.tolerance)
-        return _json(bars.model_dump(mode="json"))
+        return as_json(bars.model_dump(mode="json"))
+
+    async def steps(self, request: Request) -> Response:
+        steps = self._designer.steps(await posted(DesignSpec, request))
+        return as_json([step.model_dump(mode="json") for step in steps])
 
     async def frame(self, request: Request) -> Response:
         message = await posted(SightRequest, request)
         picture = await run_in_threadpool(self._designer.frame, message.spec, message.subject)
-        return _json(picture.model_dump(mode="json"))
+        return as_json(picture.model_dump(mode="json"))
 
     async def decoded(self, request: Request) -> Response:
         message = await posted(SightRequest, request)
         pictures = await run_in_threadpool(self._designer.decoded, message.spec, message.subject)
-        return _json(pictures.model_dump(mode="json"))
+        return as_json(pictures.model_dump(mode="json"))
 
     async def refocused(self, request: Request) -> Response:
         message = await posted(SightRequest, request)
         picture = await run_in_threadpool(self._designer.refocused, message.spec, message.subject, message.depth_mm)
-        return _json(picture.model_dump(mode="json"))
+        return as_json(picture.model_dump(mode="json"))
 
     async def report(self, request: Request) -> Response:
-        return PlainTextResponse(await run_in_threadpool(self._designer.report, await posted(DesignSpec, request)))
+        return PlainTextResponse(await self._solved(request, self._designer.report))
 
     async def layout(self, request: Request) -> Response:
         return PlainTextResponse(self._designer.solved(await posted(DesignSpec, request)).layout.text())
@@ -130,7 +135,7 @@ class DesignAnswers:
     async def opened(self, request: Request) -> Response:
         file = await posted(Opened, request)
         opened = await run_in_threadpool(request_of, Path(PurePath(file.name).name), file.text.encode())
-        return _json(opened.spec.model_dump(mode="json"))
+        return as_json(opened.spec.model_dump(mode="json"))
 
     async def _solved(self, request: Request, work: Callable[[DesignSpec, PageRequest], Result]) -> Result:
         """Return the result of work on the design of a request."""
@@ -161,6 +166,7 @@ class DesignAnswers:
             "design": self.design,
             "suggestions": self.suggestions,
             "tolerance": self.tolerance,
+            "steps": self.steps,
             "frame": self.frame,
             "decoded": self.decoded,
             "refocused": self.refocused,
@@ -172,27 +178,53 @@ class DesignAnswers:
         return [Route(f"/{name}", answer, methods=["POST"]) for name, answer in answers.items()]
 
 
-class JobAnswers:
-    """Responses to requests for files of designs."""
+class CameraRequest(Value):
+    """A camera to open on the page: its source, its layout, and the board of its calibration pictures.
 
-    def __init__(self, designer: Designer, jobs: Jobs) -> None:
-        self._designer, self._jobs = designer, jobs
+    The layout is a file, or a solved design.
+    """
+
+    source: str = Field(min_length=1, max_length=MAX_PATH_LENGTH)
+    layout: str = Field(default="", max_length=MAX_PATH_LENGTH)
+    spec: DesignSpec | None = None
+    board: str = Field(default="", max_length=MAX_PATH_LENGTH)
+
+
+class JobAnswers:
+    """Responses about what is made with a design: jobs, their files, and the camera that it is used with."""
+
+    def __init__(self, designer: Designer, jobs: Jobs, camera: CameraHost) -> None:
+        self._designer, self._jobs, self._camera = designer, jobs, camera
 
     async def start(self, request: Request) -> Response:
         message = await posted(JobRequest, request)
-        layout = self._designer.solved(message.spec).layout
-        name = await run_in_threadpool(write_folder, self._jobs.root, layout)
-        return _json(self._jobs.start(message.kind, name, message.adapter).model_dump(mode="json"))
+        name = await run_in_threadpool(self._folder, message.spec)
+        return as_json(self._jobs.start(plan(self._jobs.root, message.kind, name, message.adapter)).model_dump())
 
-    async def all(self, request: Request) -> Response:
-        return _json([report.model_dump(mode="json") for report in self._jobs.reports()])
+    def _folder(self, spec: DesignSpec) -> str:
+        return write_folder(self._jobs.root, self._designer.solved(spec).layout)
+
+    async def state(self, request: Request) -> Response:
+        """Return the jobs, and the state of the camera: everything that the page polls."""
+        jobs = [report.model_dump() for report in self._jobs.reports()]
+        return as_json({"jobs": jobs, "camera": await run_in_threadpool(lambda: self._camera.status)})
+
+    async def open_camera(self, request: Request) -> Response:
+        message = await posted(CameraRequest, request)
+        if message.spec is not None:
+            layout = self._jobs.root / await run_in_threadpool(self._folder, message.spec) / "layout.json"
+        else:
+            layout = Path(message.layout)
+        live_request, board = LiveRequest(layout, message.source), Path(message.board) if message.board else None
+        await run_in_threadpool(self._camera.open, live_request, board)
+        return as_json({})
 
     async def cancel(self, request: Request) -> Response:
         number = request.path_params["number"]
         if not (number.isascii() and number.isdigit() and len(number) < MAX_NUMBER_LENGTH):
             return PlainTextResponse("not found", status_code=404)
         self._jobs.cancel(int(number))
-        return _json({})
+        return as_json({})
 
     async def zip(self, request: Request) -> Response:
         name = request.path_params["name"]
@@ -205,7 +237,8 @@ class JobAnswers:
     @property
     def routes(self) -> list[BaseRoute]:
         return [
-            Route("/jobs", self.all),
+            Route("/state", self.state),
+            Route("/camera", self.open_camera, methods=["POST"]),
             Route("/jobs", self.start, methods=["POST"]),
             Route("/jobs/{number}/cancel", self.cancel, methods=["POST"]),
             Route("/zip/{name:path}", self.zip),
@@ -213,14 +246,15 @@ class JobAnswers:
         ]
 
 
-def studio_app(start: PageStart, designer: Designer, jobs: Jobs, port: int) -> Starlette:
+def studio_app(start: PageStart, designer: Designer, jobs: Jobs, camera: CameraHost, port: int) -> Starlette:
     """Return the application; `start` is the initial content of the page."""
+    answers = DesignAnswers(designer), JobAnswers(designer, jobs, camera), CameraAnswers(camera)
 
     async def page(request: Request) -> Response:
         return HTMLResponse(studio_page(start, jobs.root, nonce=request.scope["nonce"]))
 
     return Starlette(
-        routes=[Route("/", page), *DesignAnswers(designer).routes, *JobAnswers(designer, jobs).routes],
+        routes=[Route("/", page), *(route for each in answers for route in each.routes)],
         middleware=[Middleware(LocalAccess, port=port)],
         exception_handlers=REFUSALS | {WorkerDied: _superseded, Superseded: _superseded},
     )
@@ -232,9 +266,5 @@ def _page_request(request: Request) -> PageRequest:
     return PageRequest(object() if name is None else name[:MAX_NAME_LENGTH])
 
 
-def _json(value: Any) -> Response:
-    return Response(json.dumps(value, allow_nan=False), media_type="application/json")
-
-
 async def _superseded(request: Request, error: Exception) -> Response:
-    return _json(None)  # superseded: the page shows another design by now
+    return as_json(None)  # superseded: the page shows another design by now

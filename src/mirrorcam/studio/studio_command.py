@@ -1,4 +1,4 @@
-"""`mirrorcam studio`: a page in the browser on which a design is changed by hand."""
+"""`mirrorcam studio` and `live`: one page in the browser, for a design, its device and its camera."""
 
 from __future__ import annotations
 
@@ -8,23 +8,30 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from mirrorcam.core.bounds import Bounds
-from mirrorcam.core.console.options import Force, bounded
+from mirrorcam.core.console.options import Force, Layout, bounded
 from mirrorcam.core.console.progress import long_work, say
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.extras import require
 
-Port = Annotated[int, bounded(Bounds(0, 65_535), "port of the page on the loopback address, 0: any free one")]
+Port = Annotated[
+    int | None,
+    bounded(
+        Bounds(0, 65_535), "port of the page on the loopback address, 0: any free one", unset="the first free from 8610"
+    ),
+]
 NoBrowser = Annotated[bool, Parameter(help="print the address, and do not open the browser")]
 
 
 def studio(
     design: Annotated[
-        Path | None,
-        Parameter(name="DESIGN", help="design.toml, layout.json or output of a sweep [default: 3 x 3 mirrors]"),
+        str | None,
+        Parameter(
+            name="DESIGN", help="design.toml, layout.json, output of a sweep, or the link of a design [default: 3 x 3]"
+        ),
     ] = None,
     /,
     *,
-    port: Port = 8610,
+    port: Port = None,
     no_browser: NoBrowser = False,
     out: Annotated[Path, Parameter(help="output folder of files built and rendered from the page")] = Path(
         "output/studio"
@@ -35,7 +42,7 @@ def studio(
     ] = None,
     force: Force = False,
 ) -> int:
-    """Change a design by hand, on a page in the browser.
+    """Design, build and use a camera with mirrors, on a page in the browser.
 
     Serves the page on this machine until Ctrl-C. With --snapshot, writes one HTML file with designs of 1 x 2 to 5 x 5
     mirrors, four scales and three trade-offs.
@@ -43,14 +50,51 @@ def studio(
     Examples:
         mirrorcam studio
         mirrorcam studio output/sweep --port 0
+        mirrorcam studio 'http://127.0.0.1:8610/#rows=2&cols=2'
         mirrorcam studio --snapshot designs.html
     """
     if snapshot is not None:
-        return _snapshot(design, snapshot, force=force)
+        return _snapshot(None if design is None else Path(design), snapshot, force=force)
     require("studio")
     from mirrorcam.studio.serve import opened, serve
 
     return serve(opened(design), port=port, out=out, browser=not no_browser, on_note=lambda text: say("studio", text))
+
+
+def live(
+    source: Annotated[
+        str, Parameter(name="SOURCE", help="number or address of a camera, a video, or a folder of pictures")
+    ] = "0",
+    /,
+    *,
+    layout: Layout,
+    board: Annotated[
+        Path | None, Parameter(metavar="FILE", help="board.toml, to take calibration pictures and calibrate")
+    ] = None,
+    port: Port = None,
+    no_browser: NoBrowser = False,
+    out: Annotated[Path, Parameter(help="output folder of recordings, pictures and calibrations")] = Path(
+        "output/live"
+    ),
+) -> int:
+    """Align, focus and calibrate a camera, on a page in the browser.
+
+    Opens the page of `mirrorcam studio` at its tab Camera, which shows frame, views, a refocused picture and depth
+    until Ctrl-C. What is made from it goes to recordings/, pictures/ and calibrations/.
+
+    Examples:
+        mirrorcam live --layout output/mine/layout.json
+        mirrorcam live 0 --layout layout.json --board board.toml
+    """
+    if not source:
+        raise InputError("SOURCE is empty, expected a camera's number or address, a video or a folder")
+    require("studio")
+    from mirrorcam.optics.geometry.design_spec import DesignSpec
+    from mirrorcam.studio.live.values import LiveRequest
+    from mirrorcam.studio.serve import Opening, serve
+
+    opening = Opening(DesignSpec(), fragment="tab=camera", camera=LiveRequest(layout, source), board=board)
+    return serve(opening, port=port, out=out, browser=not no_browser, on_note=lambda text: say("live", text))
 
 
 def _snapshot(design: Path | None, path: Path, *, force: bool) -> int:

@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from shutil import copyfile
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.studio.live.engine import MIN_PICTURES, LiveEngine
+from mirrorcam.studio.live.engine import LiveEngine
 from mirrorcam.studio.live.status import LiveStatus
 from mirrorcam.studio.live.values import LiveRequest
 from tests.small_set import BOARD
@@ -141,28 +140,6 @@ def test_the_mirrors_are_compared_with_the_layout_while_that_is_on(engine: LiveE
 
 
 @pytest.mark.slow
-def test_a_calibration_of_the_pictures_taken(finished_set: Path, tmp_path: Path) -> None:
-    """A set too small for a calibration, which says so."""
-    layout, frames = finished_set / "layout.json", finished_set / "frames"
-    request = LiveRequest(layout, str(frames), view_width_px=60, depth_width_px=60)
-    with LiveEngine(request, out=tmp_path, board=finished_set / "board.toml") as engine:
-        taken = engine.take_picture()
-        until(engine, lambda status: status.pictures == 1)
-        with pytest.raises(InputError, match=r"number of calibration pictures is 1, expected 5 or more"):
-            engine.calibrate()
-        for number in range(2, MIN_PICTURES + 1):
-            copyfile(taken, taken.with_name(f"picture_{number:04}.png"))
-        assert engine.status().pictures_kept == MIN_PICTURES and engine.status().taken == taken
-        out = engine.calibrate()
-        assert out == tmp_path / "calibrations" / "calibration_0001"
-        with pytest.raises(InputError, match="a calibration runs already"):
-            engine.calibrate()
-        ended = until(engine, lambda status: status.calibration is not None and status.calibration.state != "running")
-        assert ended.calibration is not None and ended.calibration.state == "failed"
-        assert "corners" in ended.calibration.lines[-1]
-
-
-@pytest.mark.slow
 def test_a_video_waits_for_its_beginning_and_plays_again_once_it_has_ended(
     default_layout: Layout, tmp_path: Path
 ) -> None:
@@ -190,11 +167,9 @@ def test_a_video_waits_for_its_beginning_and_plays_again_once_it_has_ended(
 def test_what_cannot_be_opened_is_refused_and_leaves_no_process(live_set: tuple[Path, Path], tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
         LiveEngine(LiveRequest(live_set[0], "nowhere.mp4"), out=tmp_path)
-    with LiveEngine(LiveRequest(live_set[0], str(live_set[1])), out=tmp_path) as engine:
-        with pytest.raises(InputError, match="no board is stated"):
-            engine.take_picture()
-        with pytest.raises(InputError, match="no board is stated"):
-            engine.calibrate()
+    engine = LiveEngine(LiveRequest(live_set[0], str(live_set[1])), out=tmp_path)
+    with engine, pytest.raises(InputError, match="no board is stated"):
+        engine.take_picture()
     engine.close()
 
 

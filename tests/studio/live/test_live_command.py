@@ -9,22 +9,23 @@ import pytest
 
 from mirrorcam import cli
 from mirrorcam.studio.live.values import LiveRequest
+from mirrorcam.studio.serve import Opening
 from tests.command_line import assert_refused, assert_refused_here
 
 
 def test_a_source_is_a_camera_unless_it_is_stated(monkeypatch: pytest.MonkeyPatch) -> None:
-    served: list[tuple[LiveRequest, Any]] = []
+    served: list[tuple[LiveRequest | None, Path | None, str]] = []
 
-    def serve(request: LiveRequest, **options: Any) -> int:
-        served.append((request, options["board"]))
+    def serve(opening: Opening, **options: Any) -> int:
+        served.append((opening.camera, opening.board, opening.fragment))
         return 0
 
-    monkeypatch.setattr("mirrorcam.studio.live.server.serve_live", serve)
+    monkeypatch.setattr("mirrorcam.studio.serve.serve", serve)
     assert cli.main(["live", "--layout", "layout.json"]) == 0
     assert cli.main(["live", "video.mp4", "--layout", "a.json", "--board", "b.toml"]) == 0
     assert served == [
-        (LiveRequest(Path("layout.json"), "0"), None),
-        (LiveRequest(Path("a.json"), "video.mp4"), Path("b.toml")),
+        (LiveRequest(Path("layout.json"), "0"), None, "tab=camera"),
+        (LiveRequest(Path("a.json"), "video.mp4"), Path("b.toml"), "tab=camera"),
     ]
 
 

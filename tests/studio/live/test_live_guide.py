@@ -1,4 +1,4 @@
-"""The picture of docs/live.md is of the live page as it is now: it is taken here, and compared with that in docs.
+"""The picture of docs/studio.md is of the live page as it is now: it is taken here, and compared with that in docs.
 
 MIRRORCAM_PICTURES=write pytest -n 0 tests/studio/live/test_live_guide.py      # replaces that in docs
 """
@@ -66,5 +66,5 @@ def test_the_picture_of_the_guide_shows_the_page_as_it_is(browser: Any, address:
 
 
 def test_the_guide_shows_it() -> None:
-    assert "images/live.jpg" in (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
+    assert "images/live.jpg" in (ROOT / "docs" / "studio.md").read_text(encoding="utf-8")
     assert Path(ROOT / "docs" / "images" / "live.jpg").stat().st_size < 500_000

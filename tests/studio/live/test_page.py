@@ -1,4 +1,4 @@
-"""The live page in a real browser: pictures move, the slider focuses, nothing is fetched from elsewhere."""
+"""The tab of the camera in a real browser: pictures move, the slider focuses, nothing is fetched from elsewhere."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from urllib.request import urlopen
 
 import pytest
 
+from mirrorcam.optics.calibration.diagnostics.verdict import MIN_FRAMES
 from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.studio.live.engine import MIN_PICTURES
 from tests.small_set import BOARD
 from tests.studio.browser import NARROW, WIDE, browser_page, served
 from tests.studio.live.live_sets import repeated, write_live_set
@@ -53,7 +53,7 @@ def test_pictures_move_and_nothing_else_does(
         assert watched.errors == [] and watched.outside == []
         assert sum(shift[0] for shift in watched.shifts()) < 0.01
         assert watched.page.evaluate("document.documentElement.scrollWidth") <= size[0]
-        assert "pictures/s" in watched.status
+        assert "pictures/s" in watched.page.inner_text("#camera-status")
 
 
 @pytest.mark.parametrize(("size", "scheme"), [(WIDE, "light"), (WIDE, "dark"), (NARROW, "light"), (NARROW, "dark")])
@@ -89,7 +89,7 @@ def test_orders_from_the_page(browser: Any, address: str) -> None:
 
 
 WAITS = """
-window.seen = { camera: new Set(), "depth-text": new Set(), hint: new Set() };
+window.seen = { alignment: new Set(), "depth-text": new Set(), hint: new Set() };
 addEventListener("DOMContentLoaded", () => {
   for (const [id, texts] of Object.entries(window.seen)) {
     const node = document.getElementById(id);
@@ -111,8 +111,8 @@ def texts(page: Any, name: str) -> list[str]:
 
 def get(address: str) -> Any:
     """The status of the server."""
-    with urlopen(f"{address.rstrip('/')}/status", timeout=10) as answer:
-        return json.load(answer)
+    with urlopen(f"{address.split('#')[0]}state", timeout=10) as answer:
+        return json.load(answer)["camera"]
 
 
 def black(page: Any, kind: str) -> bool:
@@ -138,7 +138,7 @@ def test_a_video_begins_with_the_first_page_keeps_its_last_pictures_and_plays_ag
     with browser_page(browser) as first:
         first.open(short)
         page = first.page
-        page.wait_for_selector("#status:has-text('has ended')", timeout=LONG_MS)
+        page.wait_for_selector("#camera-status:has-text('has ended')", timeout=LONG_MS)
         for kind in ("frame", "views", "refocus", "depth"):
             page.wait_for_selector(f"#{kind}[data-serial]", timeout=LONG_MS)
         for button in ("record", "take"):
@@ -185,10 +185,10 @@ def test_a_page_rests_after_the_end_until_something_is_ordered(browser: Any, sho
             later.page.wait_for_selector(f"#{kind}[data-serial]", timeout=LONG_MS)
         later.page.wait_for_selector("#ended:has-text('video.avi has ended')", timeout=LONG_MS)
         end = time.monotonic() + LONG_MS / 1e3
-        while set(requests_in(later.page, 4000)) - {"status"}:
+        while set(requests_in(later.page, 4000)) - {"state"}:
             assert time.monotonic() < end
         asked = requests_in(later.page, 3000)
-        assert set(asked) <= {"status"} and asked.total() <= 3
+        assert set(asked) <= {"state"} and asked.total() <= 3
         serial = later.page.get_attribute("#refocus", "data-serial")
         later.page.focus("#focus")
         later.page.keyboard.press("ArrowRight")
@@ -232,16 +232,16 @@ def test_long_work_is_reported_from_its_start(browser: Any, tmp_path: Path, defa
         assert not any(text.startswith("0.0 a second, unknown") for text in texts(page, "depth-text"))
 
         page.check("#align")
-        assert page.inner_text("#camera").startswith("Measuring")
+        assert page.inner_text("#alignment").startswith("Measuring")
         page.wait_for_selector("#tilts td", timeout=LONG_MS)
-        said = texts(page, "camera")
+        said = texts(page, "alignment")
         assert [text.split(" ")[0] for text in said[:3]] == ["Tick", "Measuring", "By"]
         page.uncheck("#align")
         page.check("#align")
-        assert page.inner_text("#camera").startswith("Measuring") and page.locator("#tilts td").count() == 0
+        assert page.inner_text("#alignment").startswith("Measuring") and page.locator("#tilts td").count() == 0
 
         assert page.is_disabled("#calibrate")
-        for number in range(1, MIN_PICTURES + 1):
+        for number in range(1, MIN_FRAMES + 1):
             assert page.is_disabled("#calibrate") and "calibration needs" in page.get_attribute("#calibrate", "title")
             page.click("#take")
             page.wait_for_selector(f"#hint:has-text('Picture {number} is saved')", timeout=LONG_MS)

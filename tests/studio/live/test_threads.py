@@ -106,7 +106,7 @@ FRAME = FrameResults(number=3, time_s=0.5, arrived_s=0.0, done_s=0.0, jpegs={})
 
 
 def status(meters: LiveMeters) -> LiveStatus:
-    return meters.status(alignment=None, hint=None, recording=None, calibration=None)
+    return meters.status(alignment=None, hint=None, recording=None)
 
 
 @pytest.fixture
@@ -177,7 +177,7 @@ def until(done: Callable[[], bool]) -> None:
 
 
 def lines(meters: LiveMeters) -> tuple[str, ...]:
-    return meters.status(alignment=None, hint=None, recording=None, calibration=None).lines
+    return meters.status(alignment=None, hint=None, recording=None).lines
 
 
 @pytest.fixture
@@ -231,7 +231,7 @@ def test_a_picture_that_cannot_be_read_is_reported(thread: SetupThread, tmp_path
     until(lambda: bool(lines(meters)))
     other.close()
     assert "none.png" in lines(meters)[0] and not meters.ended
-    failed = meters.status(alignment=None, hint=None, recording=None, calibration=None).failed_parts
+    failed = meters.status(alignment=None, hint=None, recording=None).failed_parts
     assert failed == {"setup": lines(meters)[0]}
 
 
@@ -249,7 +249,7 @@ class Parts:
 
     @property
     def status(self) -> LiveStatus:
-        return self.meters.status(alignment=None, hint=None, recording=self.decoding.recording, calibration=None)
+        return self.meters.status(alignment=None, hint=None, recording=self.decoding.recording)
 
     def until(self, done: Callable[[LiveStatus], bool]) -> LiveStatus:
         end = time.monotonic() + LONG_S

@@ -1,4 +1,4 @@
-"""The engine of `mirrorcam live`: frames, views, refocused pictures and depth of a camera, as a page shows them.
+"""The engine of a camera on the page: frames, views, refocused pictures and depth of a camera, as a page shows them.
 
 The engine's own process does no heavy work. One process decodes and encodes, one estimates depth at its own rate, and
 one aligns and detects boards; a thread of the engine serves each.
@@ -14,19 +14,16 @@ from typing import Self
 
 import numpy as np
 
-from mirrorcam.core.disk.files import numbered
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.video.background_recorder import new_recording
-from mirrorcam.optics.calibration.diagnostics.verdict import MIN_FRAMES
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.studio.live.status import CalibrationRun, LiveMeters, LiveStatus
+from mirrorcam.studio.jobs import PICTURES
+from mirrorcam.studio.live.status import LiveMeters, LiveStatus
 from mirrorcam.studio.live.threads import DecodingThread, DepthThread, SetupThread
 from mirrorcam.studio.live.values import DECODED, LivePicture, LivePictures, LiveRequest, PictureKind, SessionAbout
 
 OUTLINE_POINTS = 8
 """Number of points on each edge of an outline."""
-MIN_PICTURES = MIN_FRAMES
-"""Minimum number of calibration pictures: the report requires as many in every view."""
 
 
 class LiveEngine:
@@ -37,7 +34,7 @@ class LiveEngine:
     request
         Layout, source and sizes of the session.
     out
-        Folder for recordings, calibration pictures and calibrations.
+        Folder for recordings and calibration pictures.
     board
         board.toml, to take calibration pictures.
     idle_s
@@ -52,6 +49,8 @@ class LiveEngine:
     ----------
     about : SessionAbout
         Properties of the session.
+    focus_mm : float
+        Depth of the refocused picture.
 
     Raises
     ------
@@ -76,10 +75,10 @@ class LiveEngine:
         self._decoding = DecodingThread(
             request, pictures=self._pictures, meters=self._meters, depth=self._depth, setup=self._setup, hold=hold
         )
-        self._calibration: CalibrationRun | None = None
         self._closed = threading.Event()
         try:
             self.about: SessionAbout = self._decoding.open()
+            self.focus_mm = self.about.reference_mm
         except BaseException:
             self.close()
             raise
@@ -103,8 +102,6 @@ class LiveEngine:
         self._depth.close()
         self._setup.close()
         self._decoding.close()
-        if self._calibration is not None:
-            self._calibration.cancel()
 
     def outlines_px(self) -> dict[str, list[list[float]]]:
         """Outline (n, 2) of each mirror's sub-image as designed, in pixels of the camera, by the mirror's name."""
@@ -139,6 +136,7 @@ class LiveEngine:
         if not depth_mm > self.about.least_focus_mm:
             limit = f"more than {self.about.least_focus_mm:.0f} mm"
             raise InputError(f"focus at {depth_mm:g} mm, expected a depth beyond the views, {limit}")
+        self.focus_mm = depth_mm
         self._decoding.order(focus_mm=depth_mm)
 
     def show(self, kinds: tuple[PictureKind, ...]) -> None:
@@ -176,23 +174,7 @@ class LiveEngine:
         self._refuse_ended()
         if self.board is None:
             raise InputError("no board is stated, expected --board board.toml to take calibration pictures")
-        return self._decoding.take(self.out / "pictures")
-
-    def calibrate(self) -> Path:
-        """Calibrate from the pictures taken, in a process of its own; returns the folder for the result.
-
-        Raises InputError with fewer than MIN_PICTURES pictures, and while another calibration runs.
-        """
-        if self.board is None:
-            raise InputError("no board is stated, expected --board board.toml to calibrate")
-        pictures = self.out / "pictures"
-        if (count := self._pictures_kept()) < MIN_PICTURES:
-            raise InputError(f"{pictures}: number of calibration pictures is {count}, expected {MIN_PICTURES} or more")
-        if self._calibration is not None and self._calibration.state().state == "running":
-            raise InputError("a calibration runs already, expected it to end first")
-        out = numbered(self.out / "calibrations", "calibration", "")
-        self._calibration = CalibrationRun(pictures, self.board, self.request.layout, out)
-        return out
+        return self._decoding.take(self.out / PICTURES)
 
     def status(self) -> LiveStatus:
         """The state of the session."""
@@ -200,13 +182,9 @@ class LiveEngine:
             aligning=self._setup.aligning,
             alignment=self._setup.report,
             hint=self._setup.hint,
-            pictures_kept=self._pictures_kept(),
+            pictures_kept=sum(1 for _ in (self.out / PICTURES).glob("picture_*.png")),
             recording=self._decoding.recording,
-            calibration=None if self._calibration is None else self._calibration.state(),
         )
-
-    def _pictures_kept(self) -> int:
-        return sum(1 for _ in (self.out / "pictures").glob("picture_*.png"))
 
     def _refuse_ended(self) -> None:
         if self._meters.ended:

@@ -1,4 +1,4 @@
-"""State of a live session: frames, meters, calibration pictures, and the calibration."""
+"""State of a live session: frames, meters and calibration pictures."""
 
 from __future__ import annotations
 
@@ -8,71 +8,12 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
-from mirrorcam.core.processes.child_command import ChildCommand
 from mirrorcam.optics.alignment.meters import Exposure
 from mirrorcam.studio.live.setup import Aligning, AlignmentReport, PoseHint
 from mirrorcam.studio.live.values import Answer, FrameResults
-
-State = Literal["running", "done", "alarm", "failed", "cancelled"]
-_STATES: dict[int, State] = {0: "done", 1: "alarm"}
-
-
-@dataclass(frozen=True)
-class CalibrationState:
-    """State of a calibration.
-
-    Attributes
-    ----------
-    state
-        "alarm" if it is done, but the pictures contradict the model.
-    lines
-        The last lines printed.
-    report
-        report.html, once written.
-    layout
-        The calibrated layout.json, once written.
-    """
-
-    state: State
-    lines: tuple[str, ...]
-    report: Path | None
-    layout: Path | None
-
-
-class CalibrationRun:
-    """A running or finished calibration."""
-
-    def __init__(self, pictures: Path, board: Path, layout: Path, out: Path) -> None:
-        self.out = out
-        arguments = [str(pictures), "--board", str(board), "--layout", str(layout), "--out", str(out)]
-        self._command = ChildCommand(["calibrate", *arguments])
-
-    def state(self) -> CalibrationState:
-        """Return its state."""
-        command, code = self._command, self._command.returncode
-        state: State = "running" if code is None else "cancelled" if command.cancelled else _STATES.get(code, "failed")
-        written = state in ("done", "alarm")
-        return CalibrationState(
-            state,
-            command.lines,
-            self.out / "report.html" if written else None,
-            self.out / "layout.json" if written else None,
-        )
-
-    def wait(self, timeout_s: float | None = None) -> CalibrationState:
-        """Wait for its end, at most `timeout_s`, and return its state."""
-        self._command.wait(timeout_s)
-        return self.state()
-
-    def cancel(self) -> None:
-        """Interrupt it as Ctrl-C would; kill it if that takes too long."""
-        self._command.cancel()
-        self._command.wait()
-
 
 RATE_FRAMES = 120
 """Frames over which rates and latencies are measured."""
@@ -116,8 +57,6 @@ class LiveStatus:
         Number of pictures that a calibration would use, earlier sessions included.
     recording
         File of the recording, and numbers of recorded and lost frames.
-    calibration
-        State of the calibration.
     depth_median_mm
         Depth at the centre of the picture.
     lines
@@ -148,7 +87,6 @@ class LiveStatus:
     taken: Path | None
     pictures_kept: int
     recording: tuple[Path, int, int] | None
-    calibration: CalibrationState | None
     depth_median_mm: float | None
     lines: tuple[str, ...]
     failed: str | None
@@ -233,7 +171,6 @@ class LiveMeters:
         aligning: Aligning = "off",
         pictures_kept: int = 0,
         recording: Path | None,
-        calibration: CalibrationState | None,
     ) -> LiveStatus:
         """Return the state of the session; `recording` is the file of the recording."""
         now = time.monotonic()
@@ -262,7 +199,6 @@ class LiveMeters:
                 taken=self._taken,
                 pictures_kept=pictures_kept,
                 recording=None if recording is None else (recording, *recorded),
-                calibration=calibration,
                 depth_median_mm=self._depth_median_mm,
                 lines=tuple(self._lines),
                 failed=self._failed,

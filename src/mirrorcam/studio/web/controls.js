@@ -19,7 +19,8 @@
 
   const row = (control, ...parts) => {
     const help = element("p", { class: "help", id: `${control.name}-help` }, control.help);
-    return element("div", { class: `control ${control.kind}`, "data-name": control.name }, ...parts, help);
+    const next = element("div", { class: "next", id: `${control.name}-next` });
+    return element("div", { class: `control ${control.kind}`, "data-name": control.name }, ...parts, help, next);
   };
 
   const slider = (control, label, history, read, write) => {
@@ -134,7 +135,7 @@
       const name = control.name;
       const buttons = control.choices.map(([value, text]) => {
         const radio = element("input", { type: "radio", name, value });
-        radio.addEventListener("change", () => history.set({ [name]: typeof control.preset === "number" ? Number(value) : value }));
+        radio.addEventListener("change", () => history.set({ [name]: typeof control.preset === "string" ? value : JSON.parse(value) }));
         return [radio, element("label", { class: "pick" }, radio, element("span", {}, text))];
       });
       const group = element("div", { class: "picks", role: "radiogroup", "aria-label": control.label, "aria-describedby": `${name}-help` }, ...buttons.map(([, label]) => label));
@@ -144,8 +145,28 @@
       return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), group), refresh];
     },
 
+    shape(control, history) {
+      const select = element("select", { "aria-label": control.label, "aria-describedby": "shape-help" }, ...control.choices.map(([value, text]) => element("option", { value }, text)));
+      const sizes = element("input", { class: "text", "aria-label": "Sizes in stock, mm", pattern: "\\d+(\\.\\d+)?x\\d+(\\.\\d+)?( *, *\\d+(\\.\\d+)?x\\d+(\\.\\d+)?)*" });
+      const of = (spec) => (spec.shape.startsWith("stock:") ? "stock:" : spec.shape);
+      select.addEventListener("change", () => {
+        const shape = select.value === "stock:" ? control.preset : select.value;
+        history.set({ shape, ...(shape === "free" ? { same_size: false } : { sides: 4 }) });
+      });
+      sizes.addEventListener("change", () => sizes.reportValidity() && history.set({ shape: `stock:${sizes.value.replaceAll(" ", "")}` }));
+      const refresh = (spec) => {
+        select.value = of(spec);
+        sizes.hidden = of(spec) !== "stock:";
+        sizes.value = sizes.hidden ? "" : spec.shape.slice(6);
+        document.querySelector("[data-name=size_step_mm]").hidden = of(spec) !== "rectangles";
+        document.querySelector("[data-name=same_size]").hidden = of(spec) === "free";
+        document.querySelector("[data-name=sides]").hidden = of(spec) !== "free";
+      };
+      return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), select, sizes), refresh];
+    },
+
     camera(control, history) {
-      const known = control.cameras;
+      const known = control.cameras.map(({ camera }) => camera);
       const select = element("select", { "aria-label": control.label, "aria-describedby": "camera-help" });
       known.forEach((camera, i) => select.append(element("option", { value: i }, camera.name)));
       select.append(element("option", { value: "own" }, "Your own numbers"));

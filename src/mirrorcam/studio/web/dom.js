@@ -90,3 +90,21 @@ Studio.number = (value, digits = 3) => {
 };
 
 Studio.percent = (fraction) => `${(100 * fraction).toFixed(1)} %`;
+
+// Shows in a host that something is computed: the step, the time, its progress from 0 to 1 if known, and a button.
+Studio.working = (host, text, cancel) => {
+  const startedAt = performance.now();
+  const [label, bar] = [Studio.element("span"), Studio.element("progress", { max: 1, "aria-label": "Progress" })];
+  const show = () => (label.textContent = `${text}, ${((performance.now() - startedAt) / 1000).toFixed(0)} s `);
+  host.replaceChildren(label, bar, " ", Studio.element("button", { type: "button", onclick: cancel }, "Cancel"));
+  show();
+  const timer = setInterval(show, 500);
+  return {
+    step(next, progress) {
+      text = next;
+      bar.value = progress;
+      show();
+    },
+    end: () => clearInterval(timer),
+  };
+};

@@ -15,7 +15,24 @@
   const all = (drawing) => Object.values(drawing.figures).flat();
   Studio.figureOf = (drawing, name) => all(drawing).find((figure) => figure.name === name);
 
-  Studio.drawTiles = (host, drawing) => {
+  const mean = (drawing, start) => {
+    const values = all(drawing).filter((figure) => figure.name.startsWith(start) && figure.value !== null).map((figure) => figure.value);
+    return values.length ? values.reduce((sum, value) => sum + value, 0) / values.length : null;
+  };
+
+  // Relative change of the mean of some figures between two drawings, as text and whether it is better; null for none.
+  const relative = (start, drawing, other) => {
+    const [now, before] = [mean(drawing, start), mean(other, start)];
+    if (now === null || !before) return null;
+    const percent = 100 * (now / before - 1);
+    if (Math.abs(percent) < 0.05) return null;
+    const lower = all(other).find((figure) => figure.name.startsWith(start)).lower_is_better;
+    const text = `${percent > 0 ? "+" : "\u2212"}${Studio.number(Math.abs(percent), 2)} %`;
+    return element("span", { class: percent < 0 === lower ? "better" : "worse" }, text);
+  };
+
+  // Tiles of the headline figures; `before` is {name, drawing} of the design to compare with.
+  Studio.drawTiles = (host, drawing, before) => {
     const tiles = HEADLINES.map(([start, label]) => {
       const figures = all(drawing).filter((figure) => figure.name.startsWith(start));
       const short = (number) => Studio.number(+number);
@@ -25,9 +42,26 @@
       const first = texts.length > 1 && texts[0].match(unit)?.[0] === texts.at(-1).match(unit)?.[0] ? texts[0].replace(unit, "") : texts[0];
       const text = texts.length > 1 ? `${first} \u2026 ${texts.at(-1)}` : (first ?? "none");
       const reason = figures.find((figure) => figure.reason)?.reason;
-      return element("div", { title: reason }, element("dt", {}, label), element("dd", {}, text));
+      const same = before && JSON.stringify(before.drawing.depths_mm) === JSON.stringify(drawing.depths_mm);
+      const change = same ? relative(start, drawing, before.drawing) : null;
+      const where = texts.length > 1 ? `, at ${drawing.depths_mm[0]} \u2026 ${drawing.depths_mm.at(-1)} mm` : "";
+      return element("div", { title: reason }, element("dt", {}, label + where), element("dd", {}, text, element("small", { title: before?.name }, ...(change ? [change, ` to ${before.name}`] : ["\u00a0"]))));
     });
     host.replaceChildren(...tiles);
+  };
+
+  // What one step of a control does, as a button that takes it.
+  Studio.drawSteps = (drawing, steps, go) => {
+    document.querySelectorAll(".next").forEach((host) => host.replaceChildren());
+    for (const { control, spec, figures } of steps) {
+      const host = document.getElementById(`${control === "cols" ? "rows" : control}-next`);
+      const changes = [["usable_efficiency", "pixels"], ["depth_sigma", "\u03c3"]]
+        .map(([start, label]) => [relative(start, { figures }, drawing), label])
+        .filter(([change]) => change)
+        .flatMap(([change, label]) => [`${label}\u00a0`, change, " "]);
+      const text = control === "cols" || control === "rows" ? `${spec.rows} \u00d7 ${spec.cols}` : Studio.number(spec[control]);
+      host?.append(element("button", { type: "button", title: "Take this step: change of usable pixels and of the standard deviation of depth", onclick: () => go(spec) }, element("b", {}, text), ...(changes.length ? changes : ["the same"])));
+    }
   };
 
   // A sign for better or worse, with a title; nothing for equal or unknown figures.
@@ -41,15 +75,17 @@
   // The text of a figure, with the reason if it is unknown.
   const textOf = (figure) => (figure.reason ? [`${figure.text}: `, element("span", { class: "why" }, figure.reason)] : [figure.text]);
 
-  // A table of figures: a row per name, a column per drawing; changes are relative to the last column.
-  Studio.drawFigures = (host, columns, { title = true } = {}) => {
+  // A table of figures: a row per name, a column per drawing; changes are relative to the last column. With
+  // `common`, only figures that all have: those at other depths cannot be compared.
+  Studio.drawFigures = (host, columns, { common = false } = {}) => {
     const [, first] = columns[0];
     const reference = columns.length > 1 ? columns.at(-1)[1] : null;
     const heads = element("tr", {}, element("th", { scope: "col" }, "Figure"), ...columns.map(([name]) => element("th", { scope: "col" }, name)));
     const body = [];
     for (const [group, figures] of Object.entries(first.figures)) {
-      if (title) body.push(element("tr", { class: "title" }, element("th", { scope: "rowgroup", colspan: columns.length + 1 }, group)));
-      for (const figure of figures) {
+      const shown = common ? figures.filter(({ name }) => columns.every(([, drawing]) => Studio.figureOf(drawing, name))) : figures;
+      if (shown.length) body.push(element("tr", { class: "title" }, element("th", { scope: "rowgroup", colspan: columns.length + 1 }, group)));
+      for (const figure of shown) {
         const cells = columns.map(([, drawing]) => {
           const own = Studio.figureOf(drawing, figure.name);
           const mark = own && reference && drawing !== reference ? change(own, Studio.figureOf(reference, figure.name)) : null;

@@ -1,21 +1,16 @@
 "use strict";
-// The live page: shows pictures of the camera, sends orders, and polls the status four times a second, less often after
-// the end of the source.
+// The camera: shows its pictures, sends orders, and polls the status four times a second, less often after the end of
+// the source.
 (() => {
   const BINS = 32;
   const POLL_MS = 250;
   const RESTING_MS = 2000;
   const MEASURING = "Measuring … The first answer takes some seconds.";
-  const start = JSON.parse(document.getElementById("start").textContent);
-  const { about } = start;
   const at = (id) => document.getElementById(id);
-  const UNTICKED = at("camera").textContent;
-  const names = Object.keys(start.outlines);
-  const overlay = new Studio.Overlay(at("overlay"), about, start.outlines);
-  const sharpness = new Studio.Sharpness(at("sharpness"), names, about.grid);
-  const histogram = new Studio.Histogram(at("histogram"), BINS);
-  const pictures = new Studio.Pictures(about);
-  let wakeStatus = () => {};
+  const UNTICKED = at("alignment").textContent;
+  // Of the camera that is shown.
+  let [number, about, names, session] = [0, null, [], null];
+  let [overlay, sharpness, histogram, pictures] = [];
 
   const showError = (error) => {
     at("recorded").textContent = error.message;
@@ -24,7 +19,7 @@
     const ordered = Studio.order(action, fields).catch(showError);
     ordered.then(() => {
       pictures.wake();
-      wakeStatus();
+      Studio.poll();
     });
     return ordered;
   };
@@ -37,7 +32,7 @@
   const fileName = (path) => path.split(/[\\/]/).pop();
 
   // The slider is linear in 1 / depth.
-  const [nearest, farthest] = [Math.max(about.near_mm, about.least_focus_mm + 1), about.far_mm * 2];
+  let [nearest, farthest] = [1, 2];
   const depthOf = (value) => 1 / (1 / nearest + (value / 1000) * (1 / farthest - 1 / nearest));
   const valueOf = (depth) => (1000 * (1 / depth - 1 / nearest)) / (1 / farthest - 1 / nearest);
   const focus = at("focus");
@@ -46,8 +41,37 @@
     at("focus-text").textContent = `in focus at ${text} from the camera's pupil; the slider goes from ${nearest.toFixed(0)} to ${farthest.toFixed(0)} mm`;
     focus.setAttribute("aria-valuetext", text);
   };
-  focus.value = valueOf(about.reference_mm);
-  focusText();
+
+  // Show a camera that was opened, here or on another page.
+  const showCamera = async () => {
+    const { session: answer } = await (await fetch("/camera")).json();
+    if (!answer || answer.number === number) return;
+    pictures?.stop();
+    ({ number, about } = answer);
+    session = answer;
+    names = Object.keys(answer.outlines);
+    for (const [kind, [width, height]] of Object.entries(about.sizes_px)) at(`${kind}-shape`).style.aspectRatio = `${width} / ${height}`;
+    at("session").hidden = false;
+    at("opening").open = false;
+    overlay = new Studio.Overlay(at("overlay"), about, answer.outlines);
+    sharpness = new Studio.Sharpness(at("sharpness"), names, about.grid);
+    histogram = new Studio.Histogram(at("histogram"), BINS);
+    pictures = new Studio.Pictures(about);
+    [nearest, farthest] = [Math.max(about.near_mm, about.least_focus_mm + 1), about.far_mm * 2];
+    focus.value = valueOf(about.reference_mm);
+    focusText();
+    at("near").textContent = `${about.near_mm.toFixed(0)} mm`;
+    at("far").textContent = `${about.far_mm.toFixed(0)} mm`;
+    const [width, height] = about.sizes_px.refocus;
+    at("views-text").textContent = `${about.grid[0]} × ${about.grid[1]} views of ${width} × ${height} px, upright`;
+    at("ended").textContent = `${about.source} has ended: its last frame stays`;
+    at("again").hidden = about.kind === "camera";
+    document.querySelectorAll(".with-board").forEach((node) => (node.hidden = !answer.board));
+    document.querySelectorAll(".without-board").forEach((node) => (node.hidden = answer.board));
+    at("depth-text").textContent = "starting …";
+    [taken, taking] = [0, null];
+  };
+
   let ordered = Promise.resolve();
   let waiting = false;
   focus.addEventListener("input", () => {
@@ -60,15 +84,14 @@
     });
   });
 
-  at("near").textContent = `${about.near_mm.toFixed(0)} mm`;
-  at("far").textContent = `${about.far_mm.toFixed(0)} mm`;
   let pointer = null;
-  let hasMoved = false;
+  let [hasMoved, resting] = [false, false];
   at("depth").addEventListener("pointermove", (event) => {
     const box = event.target.getBoundingClientRect();
     pointer = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
     hasMoved = true;
-    wakeStatus();
+    if (resting) Studio.poll();
+    resting = false;
   });
   at("depth").addEventListener("pointerleave", () => { pointer = null; });
   at("depth").addEventListener("click", async (event) => {
@@ -92,16 +115,16 @@
     const tick = (ticks += 1);
     ticking = true;
     if (event.target.checked) {
-      at("camera").textContent = MEASURING;
+      at("alignment").textContent = MEASURING;
       at("tilts").replaceChildren();
-    } else at("camera").textContent = at("tilts").children.length ? at("camera").textContent : UNTICKED;
+    } else at("alignment").textContent = at("tilts").children.length ? at("alignment").textContent : UNTICKED;
     await order("align", { on: event.target.checked });
     if (tick === ticks) ticking = false;
   });
-  at("reset").addEventListener("click", () => order("reset_focus"));
+  at("reset-sharpness").addEventListener("click", () => order("reset_focus"));
   at("record").addEventListener("click", () => order(at("record").classList.contains("on") ? "stop_recording" : "record"));
-  at("again")?.addEventListener("click", () => order("play_again"));
-  at("take")?.addEventListener("click", () => {
+  at("again").addEventListener("click", () => order("play_again"));
+  at("take").addEventListener("click", () => {
     taking = at("hint").textContent;
     at("hint").textContent = "Taking the next frame …";
     Studio.order("take_picture").catch((error) => {
@@ -110,10 +133,8 @@
       taking = null;
     });
   });
-  at("calibrate")?.addEventListener("click", () => order("calibrate"));
+  at("calibrate").addEventListener("click", () => Studio.post("/calibrate", {}).then(Studio.poll, showError));
 
-  const STATES = { running: "calibrating …", done: "calibrated", alarm: "calibrated, with an alarm", failed: "no calibration", cancelled: "cancelled" };
-  let drawn = "";
   let taken = 0;
   let taking = null; // the hint before a picture that is being taken
 
@@ -140,33 +161,23 @@
     if (text !== at("hint").textContent) at("hint").textContent = text;
   };
 
-  const allowButtons = (status) => {
-    const { calibration, pictures_kept: kept } = status;
+  const allowButtons = (status, calibrating) => {
+    const { pictures_kept: kept } = status;
     const ended = status.failed ? "the session has ended" : status.over ? `${about.source} has ended: play it again first` : null;
     allow("again", status.over && !status.failed ? null : status.failed ? "the session has ended" : `${about.source} is playing`);
     allow("record", status.recording ? null : ended);
     allow("take", ended);
-    const few = kept < start.least_pictures ? `${kept} calibration pictures so far, calibration needs ${start.least_pictures} or more` : null;
-    allow("calibrate", calibration?.state === "running" ? "a calibration is running" : few);
+    const few = kept < session.min_pictures ? `${kept} calibration pictures so far, calibration needs ${session.min_pictures} or more` : null;
+    allow("calibrate", calibrating ? "a calibration is running" : few);
   };
 
-  const showFiles = (status) => {
-    allowButtons(status);
+  const showFiles = (status, calibrating) => {
+    allowButtons(status, calibrating);
     at("record").classList.toggle("on", status.recording !== null);
     at("record").textContent = status.recording ? "Stop recording" : "Record";
     if (status.recording) at("recorded").textContent = `recording ${status.recording[0]}: ${status.recording[1]} frames${status.recording[2] ? `, ${status.recording[2]} lost` : ""}`;
     else if (status.lines.length) at("recorded").textContent = status.lines[status.lines.length - 1];
-    if (!start.board) return;
-    showHint(status);
-    const { calibration } = status;
-    if (!calibration) return;
-    const link = calibration.page ? [" ", Studio.element("a", { href: calibration.page, target: "_blank", rel: "noopener" }, "Report")] : [];
-    const words = STATES[calibration.state];
-    if (drawn !== `${words}${calibration.page}`) {
-      drawn = `${words}${calibration.page}`;
-      at("calibration").replaceChildren(words, ...link);
-    }
-    at("lines").textContent = calibration.lines.join("\n");
+    if (session.board) showHint(status);
   };
 
   const showAlignment = (status) => {
@@ -174,19 +185,22 @@
     overlay.edges(at("align").checked ? alignment : null);
     if (!alignment) {
       const ended = status.over ? `${about.source} has ended: play it again to compare the mirrors.` : MEASURING;
-      if (aligning !== "off") at("camera").textContent = status.failed_parts.setup ?? (aligning === "waiting" ? ended : MEASURING);
+      if (aligning !== "off") at("alignment").textContent = status.failed_parts.setup ?? (aligning === "waiting" ? ended : MEASURING);
       return;
     }
-    at("camera").textContent = `By edges: ${alignment.camera}. By points: ${alignment.points} matched. A mirror tilted to the right turns its view to the right, by twice as much.`;
+    at("alignment").textContent = `By edges: ${alignment.camera}. By points: ${alignment.points} matched. A mirror tilted to the right turns its view to the right, by twice as much.`;
     Studio.drawTilts(at("tilts"), alignment);
   };
 
-  const show = (status, ticked) => {
-    const line = at("status");
+  const slow = (status) => status.latency_ms > 300 || (status.frames > 20 && status.dropped > status.frames);
+
+  const show = (status, ticked, calibrating) => {
+    const line = at("camera-status");
     const late = status.latency_ms === null ? "" : `, ${status.latency_ms.toFixed(0)} ms late`;
-    line.className = `status ${status.failed ? "failed" : status.over ? "preview" : status.frames ? "exact" : "solving"}`;
+    line.className = `status ${status.failed ? "failed" : status.over ? "preview" : status.frames ? (slow(status) ? "preview" : "exact") : "solving"}`;
     line.textContent = status.failed ? "Ended" : status.over ? `${about.source} has ended` : status.frames ? `${status.rate_hz.toFixed(0)} pictures/s${late}` : `Waiting for ${about.source} …`;
     pictures.note(status);
+    line.title = slow(status) ? "Most frames are dropped: this computer is too slow for all panels, or busy. Recordings keep every frame." : "";
     at("ended").hidden = !status.over || Boolean(status.failed);
     at("failed").hidden = !status.failed;
     at("failed").textContent = status.failed ?? "";
@@ -194,7 +208,11 @@
     at("counts").textContent = `frame ${status.frames}, ${status.dropped} dropped, ${status.lost} lost${outages}; ${(status.memory_mb ?? 0).toFixed(0)} MB`;
     if (!pointer) at("depth-text").textContent = depthText(status);
     showMeters(status);
-    showFiles(status);
+    showFiles(status, calibrating);
+    if (document.activeElement !== focus && Math.abs(valueOf(status.focus_mm) - focus.value) > 1) {
+      focus.value = valueOf(status.focus_mm);
+      focusText();
+    }
     if (!ticking && ticked === ticks) {
       at("align").checked = status.aligning !== "off";
       showAlignment(status);
@@ -209,33 +227,51 @@
     return status.over ? centre : `${status.depth_hz.toFixed(1)} a second, ${centre}`;
   };
 
-  // Poll less often after the end of the source or server, until the user acts.
-  const rest = (resting) => new Promise((resolve) => {
-    setTimeout(resolve, resting ? RESTING_MS : POLL_MS);
-    if (resting) wakeStatus = resolve;
+  let ticked = 0;
+  Studio.watch((state) => {
+    const status = state?.camera;
+    if (!state) {
+      at("camera-status").className = "status failed";
+      at("camera-status").textContent = "The server has ended";
+    }
+    if (!status) return undefined;
+    if (status.number !== number) {
+      showCamera().then(Studio.poll);
+      return POLL_MS;
+    }
+    const calibrating = state.jobs.some((job) => job.kind === "calibration" && job.state === "running");
+    show(status, ticked, calibrating);
+    ticked = ticking ? -1 : ticks;
+    resting = at("camera").hidden || (pictures.rest && !hasMoved);
+    hasMoved = false;
+    if (pointer && !resting) {
+      depthAt(...pointer).then((depth) => {
+        if (pointer) at("depth-text").textContent = depth === null ? "unknown there" : `${depth} mm there; click to focus`;
+      });
+    }
+    return resting ? RESTING_MS : POLL_MS;
   });
 
-  const follow = async () => {
-    for (;;) {
-      let resting = true;
-      const touched = hasMoved;
-      hasMoved = false;
-      try {
-        const ticked = ticking ? -1 : ticks;
-        const status = await (await fetch("/status")).json();
-        show(status, ticked);
-        resting = pictures.rest && status.calibration?.state !== "running" && !touched;
-        if (pointer && !resting) {
-          const depth = await depthAt(...pointer);
-          at("depth-text").textContent = depth === null ? "unknown there" : `${depth} mm there; click to focus`;
-        }
-      } catch {
-        at("status").className = "status failed";
-        at("status").textContent = "The server has ended";
-      }
-      await rest(resting);
-      wakeStatus = () => {};
-    }
+  // ---- opening a camera ----------------------------------------------------------------------------------------
+  const offerLayouts = async () => {
+    const { layouts } = await (await fetch("/camera")).json();
+    const kept = at("layout").value;
+    at("layout").replaceChildren(at("layout").firstElementChild, ...layouts.map((path) => Studio.element("option", { value: path }, path)));
+    at("layout").value = kept;
   };
-  follow();
+  at("layout").addEventListener("focus", offerLayouts);
+  at("open-camera").addEventListener("submit", async (event) => {
+    event.preventDefault();
+    const layout = at("layout").value;
+    const work = Studio.working(at("open-note"), "Opening", () => Studio.cancel("/camera"));
+    try {
+      await Studio.postNewest("/camera", { source: at("source").value, board: at("board").value, ...(layout ? { layout } : { spec: Studio.designer.history.spec }) });
+      at("open-note").textContent = `${at("source").value} is open`;
+      Studio.poll();
+    } catch (error) {
+      at("open-note").textContent = error.message;
+    } finally {
+      work.end();
+    }
+  });
 })();

@@ -19,7 +19,7 @@
         this.labels.push(label);
         this.outlines.append(svg("path", { d: path(points), class: "outline" }), label.plate, label.text);
       }
-      host.append(this.outlines, this.detected);
+      host.replaceChildren(this.outlines, this.detected);
       new ResizeObserver(() => this.fit(about.camera_px[0] / Math.max(host.clientWidth, 1))).observe(host);
     }
 
@@ -65,6 +65,7 @@
   Studio.Sharpness = class {
     constructor(host, names, grid) {
       host.style.gridTemplateColumns = `repeat(${grid[1]}, 1fr)`;
+      host.replaceChildren();
       this.cells = names.map((name) => {
         const text = element("span", {}, name);
         const bar = element("i");
@@ -87,7 +88,7 @@
   Studio.Histogram = class {
     constructor(host, bins) {
       this.bars = Array.from({ length: bins }, () => element("i"));
-      host.append(...this.bars);
+      host.replaceChildren(...this.bars);
     }
 
     show(parts) {

@@ -10,20 +10,29 @@
 
   Studio.Pictures = class {
     constructor(about) {
-      this.visible = document.visibilityState !== "hidden";
+      this.stopped = false;
+      this.see();
       this.ended = false;
       this.failed = false;
-      this.wake();
       for (const kind of KINDS) {
         const [width, height] = about.sizes_px[kind];
         const canvas = document.getElementById(kind);
         Object.assign(canvas, { width, height });
         this.follow(kind, canvas);
       }
-      document.addEventListener("visibilitychange", () => {
-        this.visible = document.visibilityState !== "hidden";
-        this.wake();
-      });
+      document.addEventListener("visibilitychange", () => this.see());
+      document.addEventListener("tab", () => this.see());
+    }
+
+    // Pictures are requested only while the tab is shown.
+    see() {
+      this.visible = document.visibilityState !== "hidden" && !document.getElementById("camera").hidden;
+      this.wake();
+    }
+
+    stop() {
+      this.stopped = true;
+      this.wake();
     }
 
     // Note from the status whether the source has ended, or was restarted.
@@ -53,8 +62,9 @@
 
     async follow(kind, canvas) {
       const drawing = canvas.getContext("2d");
+      delete canvas.dataset.serial;
       let serial = 0;
-      for (;;) {
+      while (!this.stopped) {
         if (!this.requests(serial)) {
           await this.waking;
           continue;
@@ -62,6 +72,7 @@
         const requestedAt = performance.now();
         try {
           const answer = await fetch(`/picture/${kind}?after=${serial}`);
+          if (this.stopped) return;
           if (answer.status !== 200) {
             await pause(requestedAt + RETRY_MS - performance.now());
             continue;
@@ -79,5 +90,4 @@
   };
 
   const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
-  Studio.pause = pause;
 })();

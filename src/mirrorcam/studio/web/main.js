@@ -5,6 +5,9 @@
   const byId = (id) => document.getElementById(id);
   const start = JSON.parse(byId("start").textContent);
   const source = Studio.source;
+  Studio.defaults = { ...start.defaults, ...start.optional };
+  const groups = start.controls.flatMap((group) => group.controls);
+  Studio.cameras = groups.find(({ kind }) => kind === "camera")?.cameras;
 
   const style = () => {
     const read = getComputedStyle(document.documentElement);
@@ -21,12 +24,35 @@
   }
   const state = { drawing: null, parabola: null, depth: null };
 
-  const labels = Object.fromEntries(start.controls.flatMap((group) => group.controls).map(({ name, label }) => [name, label]));
-  const canPin = () => {
-    byId("pin").disabled = pins.full;
-    byId("pin").title = pins.full ? "Four designs are pinned: remove one first" : "Keep this design for comparison";
+  const labels = Object.fromEntries(groups.map(({ name, label }) => [name, label]));
+  const exact = () => (state.drawing?.kind === "exact" ? state.drawing : null);
+  const showPins = () => {
+    const button = byId("pin");
+    const pinned = exact() && pins.has(exact());
+    button.disabled = !exact() || pinned || pins.full;
+    button.textContent = pinned ? "Pinned" : "Pin";
+    button.title = pinned ? "This design is pinned: see Compare" : pins.full ? "Four designs are pinned: remove one first" : exact() ? "Keep this design for comparison" : "Only a solved design can be pinned";
+    pins.draw(exact());
+    showJumps();
   };
-  const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), canPin);
+  const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), () => showPins());
+
+  // The design that figures are compared with: the one pinned last, else the solved one before.
+  const reference = () => {
+    const pin = pins.pinned.at(-1);
+    if (pin && pin.drawing.identity !== state.drawing.identity) return pin;
+    return state.before ? { name: "the last design", drawing: state.before } : null;
+  };
+
+  const showJumps = () => {
+    for (const button of document.querySelectorAll("[data-to]")) {
+      const target = byId(button.dataset.to);
+      button.hidden = !target || target.hidden;
+    }
+  };
+  for (const button of document.querySelectorAll("[data-to]")) {
+    button.addEventListener("click", () => byId(button.dataset.to).scrollIntoView({ behavior: "smooth" }));
+  }
 
   // ---- drawing -------------------------------------------------------------------------------------------------
   const comparison = () => (byId("beside").checked ? state.parabola : null);
@@ -49,7 +75,7 @@
     const { drawing } = state;
     const shared = Studio.drawCoverage(byId("coverage"), drawing, state.depth, comparison());
     const size = shared ? `all views see ${Studio.number(shared[2] - shared[0])} x ${Studio.number(shared[3] - shared[1])} mm` : "no part is visible in all views";
-    byId("depth-text").textContent = `${Studio.number(state.depth)} mm: ${size}`;
+    byId("plane-text").textContent = `${Studio.number(state.depth)} mm: ${size}`;
     view?.light(drawing, state.depth);
     view?.visible();
   };
@@ -58,7 +84,7 @@
 
   const placeDepth = () => {
     const [near, far] = depthRange(state.drawing);
-    const slider = byId("depth");
+    const slider = byId("plane");
     state.depth = Math.min(Math.max(state.depth ?? state.drawing.depths_mm.at(-1), near), far);
     slider.min = Math.log(near);
     slider.max = Math.log(far);
@@ -74,13 +100,18 @@
     Studio.drawCameras(byId("cameras"), drawing, comparison());
     drawCurves();
     drawDepth();
-    Studio.drawTiles(byId("tiles"), drawing);
+    Studio.drawTiles(byId("tiles"), drawing, reference());
     const columns = [["this design", drawing], ...(state.parabola ? [["faceted parabola", state.parabola]] : [])];
     Studio.drawFigures(byId("figures"), columns);
     if (drawing.kind === "exact") Studio.drawVerdict(byId("verdict"), drawing);
-    pins.draw(drawing.kind === "exact" ? drawing : null);
-    canPin();
+    byId("verdict").classList.toggle("old", drawing.kind !== "exact");
+    if (byId("made")) {
+      byId("made").textContent = `Build ${drawing.title}`;
+      Studio.drawSensor(byId("made-drawing"), drawing);
+    }
+    showPins();
     if (drawing.kind === "exact") refresh(history.spec, drawing.spec);
+    document.body.classList.remove("stale");
     document.body.dataset.kind = drawing.kind;
   };
 
@@ -91,7 +122,27 @@
   };
 
   // ---- requests ------------------------------------------------------------------------------------------------
-  const requests = { exact: 0, drawn: 0, busy: false, next: null };
+  const requests = { exact: 0, drawn: 0, busy: false, next: null, shown: null, timer: null };
+  const PREVIEWS = { parabola: "Preview: the faceted parabola", preview: "Preview" };
+
+  const showSolving = () => {
+    const seconds = (performance.now() - requests.startedAt) / 1000;
+    const time = seconds < 1 ? "" : ` ${seconds.toFixed(0)} s`;
+    const preview = PREVIEWS[requests.shown];
+    say(preview ? "preview" : "solving", preview ? `${preview}, solving \u2026${time}` : `Solving \u2026${time}`);
+  };
+  const solving = (on) => {
+    clearInterval(requests.timer);
+    requests.timer = null;
+    byId("cancel").hidden = !on;
+    byId("cancel").textContent = "Cancel";
+    if (!on) return;
+    Object.assign(requests, { startedAt: performance.now(), shown: null, timer: setInterval(showSolving, 500) });
+    document.body.classList.add("stale");
+    for (const id of ["verdict", "tolerance", "sight"]) byId(id)?.classList.add("old");
+    Studio.drawSteps(state.drawing, [], null);
+    showSolving();
+  };
 
   // Previews are requested one at a time; of those waiting only the newest follows. A preview that arrives after an
   // exact design is not drawn.
@@ -107,9 +158,10 @@
       if (answer?.drawing && requests.drawn === drawnBefore) {
         state.drawing = answer.drawing;
         draw();
-        const texts = { parabola: "Preview: the faceted parabola", preview: "Preview" };
         const { kind } = answer.drawing;
-        say(kind === "exact" ? "exact" : "preview", texts[kind] ?? passed(answer.drawing));
+        requests.shown = kind;
+        if (requests.timer) showSolving();
+        else say(kind === "exact" ? "exact" : "preview", PREVIEWS[kind] ?? passed(answer.drawing));
         if (touchedAt) requestAnimationFrame(() => performance.measure("preview", { start: touchedAt, end: performance.now() }));
       }
     } catch (error) {
@@ -133,24 +185,28 @@
 
   const solve = async (spec) => {
     const serial = (requests.exact += 1);
-    const startedAt = performance.now();
-    say("solving", "Solving \u2026");
+    solving(true);
     byId("infeasible").hidden = true;
     let answer;
     try {
       answer = await source.design(spec);
     } catch (error) {
-      if (serial === requests.exact) lost(error);
+      if (serial === requests.exact) {
+        solving(false);
+        lost(error);
+      }
       return;
     }
     if (serial !== requests.exact) return;
+    performance.measure("solve", { start: requests.startedAt, end: performance.now() });
+    solving(false);
     if (answer.status === "superseded") {
       lost(new Error("another request of this page came first"));
       return;
     }
-    performance.measure("solve", { start: startedAt, end: performance.now() });
     if (answer.status === "solved") {
-      Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola });
+      if (state.solved && state.solved.identity !== answer.drawing.identity) state.before = state.solved;
+      Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola, solved: answer.drawing });
       requests.drawn += 1;
       draw();
       say("exact", passed(answer.drawing));
@@ -158,28 +214,65 @@
     } else refuse(answer, spec, serial);
     document.dispatchEvent(new CustomEvent("settled", { detail: answer }));
   };
+  byId("cancel").addEventListener("click", () => {
+    if (!requests.timer) {
+      solve(history.spec);
+      return;
+    }
+    requests.exact += 1;
+    source.cancel();
+    solving(false);
+    say("preview", "Not solved");
+    Object.assign(byId("cancel"), { hidden: false, textContent: "Solve" });
+  });
+
+  // Neighbours are solved ahead: show what they give as they come.
+  const STEPS_MS = [1500, 3000, 6000, 12000];
+  const followSteps = async (spec, serial) => {
+    for (const wait of STEPS_MS) {
+      await new Promise((resolve) => setTimeout(resolve, wait));
+      if (serial !== requests.exact || state.drawing.kind !== "exact") return;
+      const steps = await source.steps(spec).catch(() => []);
+      if (serial === requests.exact && state.drawing.kind === "exact") Studio.drawSteps(state.drawing, steps, (next) => history.settle(next));
+    }
+  };
 
   // Slow results follow after the design.
   const after = async (spec, serial) => {
     if (state.device !== state.drawing.identity) view?.replace("device", null);
     byId("built-option").hidden = state.device !== state.drawing.identity;
+    followSteps(spec, serial);
     if (!byId("tolerance")) return;
+    byId("sight").classList.remove("old");
     sight.look();
-    byId("tolerance").classList.add("old");
     const study = await source.tolerance(spec).catch((error) => ({ reason: error.message }));
     if (serial !== requests.exact || !study) return;
     byId("tolerance").classList.remove("old");
     Studio.drawTolerance(byId("tolerance"), study);
   };
 
+  // A refusal in words: the label of a field instead of its name, and limits instead of the validator's phrases.
+  const PHRASES = [
+    [/Input should be greater than or equal to /g, "expected at least "],
+    [/Input should be less than or equal to /g, "expected at most "],
+    [/Input should be (?:a valid )?/g, "expected "],
+    [/ \(and \d+ more\)/g, ""],
+  ];
+  const plain = (finding) => {
+    const text = PHRASES.reduce((all, [phrase, words]) => all.replace(phrase, words), finding);
+    return text.replace(/^([a-z_]+)(?=[:.] ?)/, (name) => ({ ...labels, rows: "Rows", cols: "Columns" })[name] ?? name);
+  };
+
   const refuse = async (answer, spec, serial) => {
     requests.drawn += 1;
-    say("failed", answer.constraint ? "Not feasible" : "Not a request");
+    document.body.classList.remove("stale");
+    byId("pin").disabled = true;
+    say("failed", answer.constraint ? "Not feasible" : "Invalid request");
     const note = byId("infeasible");
     note.hidden = false;
     const finding = answer.finding;
     byId("infeasible-title").textContent = answer.constraint ? "This design is not feasible" : "This is not a valid request";
-    byId("finding").textContent = answer.constraint ? finding.charAt(0).toUpperCase() + finding.slice(1) : finding;
+    byId("finding").textContent = plain(answer.constraint ? finding.charAt(0).toUpperCase() + finding.slice(1) : finding);
     const list = byId("suggestions");
     list.replaceChildren();
     document.body.dataset.kind = answer.where ? "violated" : "refused";
@@ -203,23 +296,43 @@
 
   // ---- design request ------------------------------------------------------------------------------------------
   let refresh = () => {};
-  const address = () => window.history.replaceState(null, "", `#${Studio.toAddress(history.spec, start.defaults)}`);
-  const history = new Studio.History(start.spec, Studio.fromAddress(location.hash, start.defaults, start.spec), (settled) => {
+  const tabOf = (hash) => new URLSearchParams(hash.replace(/^#/, "")).get("tab");
+  const designOf = (hash) => {
+    const parts = new URLSearchParams(hash.replace(/^#/, ""));
+    parts.delete("tab");
+    return Studio.fromAddress(parts.size ? `#${parts}` : "", Studio.defaults, start.spec);
+  };
+  // Shown on the tab of the camera, a design is not solved until it is looked at.
+  let waits = false;
+  const tab = () => byId("tabs")?.dataset.shown ?? "design";
+  const address = () => {
+    const shown = tab() === "design" ? "" : `tab=${tab()}&`;
+    window.history.replaceState(null, "", `#${shown}${Studio.toAddress(history.spec, Studio.defaults)}`);
+  };
+  const history = new Studio.History(start.spec, designOf(location.hash), (settled) => {
     refresh(history.spec);
     mark(history.spec);
     byId("undo").disabled = !history.past.length;
     byId("redo").disabled = !history.future.length;
     if (settled) {
       address();
+      if (tab() === "camera") {
+        waits = true;
+        return;
+      }
       solve(history.spec);
-    } else preview(history.spec, Studio.touchedAt);
+    }
+    preview(history.spec, settled ? 0 : Studio.touchedAt);
   });
   Studio.designer = { history, state };
   Studio.view = view;
   const sight = byId("subject") ? new Studio.Sight(byId, () => history.spec) : null;
   const mark = Studio.drawSweep(byId("sweep"), start.sweep, (point) => history.settle(point.spec));
   refresh = Studio.makeControls(byId("controls"), start.controls, history);
-  addEventListener("hashchange", () => history.settle(Studio.fromAddress(location.hash, start.defaults, start.spec)));
+  addEventListener("hashchange", () => {
+    showTab(tabOf(location.hash) ?? "design");
+    history.settle(designOf(location.hash));
+  });
 
   byId("undo").addEventListener("click", () => history.undo());
   byId("redo").addEventListener("click", () => history.redo());
@@ -233,17 +346,13 @@
     event.preventDefault();
   });
 
-  byId("depth").addEventListener("input", (event) => {
+  byId("plane").addEventListener("input", (event) => {
     if (!state.drawing) return;
     state.depth = Math.exp(event.target.valueAsNumber);
     drawDepth();
     drawCurves();
   });
-  byId("pin").addEventListener("click", () => {
-    if (state.drawing) pins.pin(state.drawing);
-    pins.draw(state.drawing);
-    canPin();
-  });
+  byId("pin").addEventListener("click", () => exact() && pins.pin(exact()));
   byId("link").addEventListener("click", async () => {
     const button = byId("link");
     await navigator.clipboard.writeText(location.href).then(() => "Copied", () => "See the address").then((text) => (button.textContent = text));
@@ -258,10 +367,13 @@
       byId("built-option").hidden = false;
       view.device(address, state.drawing.view_from_rig);
     };
-    const maker = new Studio.Maker(byId("jobs"), () => history.spec, built);
-    const names = { layout: ["layout.json", "application/json"], request: ["design.toml"], report: ["design.html", "text/html"] };
+    const hosts = [[byId("jobs"), (kind) => kind !== "calibration"], [byId("calibrations"), (kind) => kind === "calibration"]];
+    const maker = new Studio.Maker(hosts, () => history.spec, built);
+    const names = { layout: ["layout.json", "application/json"], request: ["design.toml"] };
     for (const button of document.querySelectorAll("[data-file]")) {
-      button.addEventListener("click", () => maker.file(button.dataset.file, ...names[button.dataset.file]).catch((error) => note(error.message)));
+      const kind = button.dataset.file;
+      const save = () => (kind === "report" ? maker.report(byId("make-note")).then(() => note("design.html saved")) : maker.file(kind, ...names[kind]));
+      button.addEventListener("click", () => save().catch((error) => note(error.name === "AbortError" ? "Cancelled" : error.message)));
     }
     for (const button of document.querySelectorAll("[data-make]")) {
       button.addEventListener("click", () => {
@@ -280,14 +392,14 @@
       }
       event.target.value = "";
     });
-    maker.watch();
   }
   byId("built").addEventListener("change", (event) => {
     if (!view) return;
     view.shown.device = event.target.checked;
     view.visible();
   });
-  for (const name of ["rays", "light"]) {
+  byId("fit").addEventListener("click", () => view?.fit());
+  for (const name of ["rays", "light", "scale"]) {
     byId(name).addEventListener("change", (event) => {
       if (!view) return;
       view.shown[name] = event.target.checked;
@@ -303,10 +415,52 @@
     if (state.drawing) draw();
   });
 
+  // ---- tabs ----------------------------------------------------------------------------------------------------
+  const buttons = [...document.querySelectorAll("[data-tab]")];
+  const showTab = (name) => {
+    if (!buttons.length) return;
+    const shown = buttons.some((button) => button.dataset.tab === name) ? name : "design";
+    byId("tabs").dataset.shown = shown;
+    for (const button of buttons) {
+      const current = button.dataset.tab === shown;
+      button.setAttribute("aria-selected", current);
+      button.tabIndex = current ? 0 : -1;
+      byId(button.dataset.tab).hidden = !current;
+    }
+    document.querySelectorAll("[data-on]").forEach((node) => node.toggleAttribute("data-away", !node.dataset.on.includes(shown)));
+    scrollTo(0, 0);
+    document.dispatchEvent(new CustomEvent("tab"));
+    Studio.poll();
+    if (waits && shown !== "camera") {
+      waits = false;
+      preview(history.spec, 0);
+      solve(history.spec);
+    }
+  };
+  for (const button of buttons) {
+    button.addEventListener("click", () => {
+      showTab(button.dataset.tab);
+      address();
+    });
+    button.addEventListener("keydown", ({ key }) => {
+      const step = { ArrowRight: 1, ArrowLeft: -1 }[key];
+      if (!step) return;
+      const next = buttons[(buttons.indexOf(button) + step + buttons.length) % buttons.length];
+      next.focus();
+      next.click();
+    });
+  }
+
   refresh(history.spec);
   mark(history.spec);
-  address();
   byId("undo").disabled = byId("redo").disabled = true;
-  preview(history.spec, 0);
-  solve(history.spec);
+  waits = true;
+  showTab(tabOf(location.hash) ?? "design");
+  showJumps();
+  address();
+  document.body.classList.remove("unready");
+  if (!buttons.length) {
+    preview(history.spec, 0);
+    solve(history.spec);
+  }
 })();

@@ -21,7 +21,31 @@
     pending[address] = new AbortController();
     return post(address, body, kind, pending[address].signal);
   };
-  Object.assign(Studio, { post, postNewest });
+  const cancel = (address) => pending[address]?.abort();
+
+  // Everything that is polled: jobs, and the camera. An event stream would hold one of a browser's six connections for
+  // each open page.
+  const listeners = [];
+  const SLOW_MS = 2000;
+  let wake = () => {};
+  const follow = async () => {
+    for (;;) {
+      let waits = [SLOW_MS];
+      try {
+        const state = await (await fetch("/state")).json();
+        waits = listeners.map((listener) => listener(state) ?? SLOW_MS);
+      } catch {
+        listeners.forEach((listener) => listener(null));
+      }
+      await new Promise((resolve) => {
+        wake = resolve;
+        setTimeout(resolve, Math.min(...waits));
+      });
+    }
+  };
+  // A listener gets each state, null if the server does not respond, and returns after which time it wants the next, ms.
+  const watch = (listener) => listeners.push(listener) === 1 && follow();
+  Object.assign(Studio, { post, postNewest, cancel, watch, poll: () => wake() });
   Studio.source = {
     preview: (spec) => post("/preview", spec),
     design: (spec) => postNewest("/design", spec),
@@ -37,6 +61,8 @@
         parts.forEach((line) => take(JSON.parse(line)));
       }
     },
+    steps: (spec) => post("/steps", spec),
+    cancel: () => cancel("/design"),
     tolerance: (spec) => postNewest("/tolerance", spec),
   };
 })();

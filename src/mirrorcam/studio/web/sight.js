@@ -5,7 +5,7 @@
     constructor(byId, spec) {
       Object.assign(this, { byId, spec, latest: 0, focusing: false, next: null });
       byId("subject").addEventListener("change", () => this.look());
-      byId("focus").addEventListener("input", () => this.focus());
+      byId("sight-focus").addEventListener("input", () => this.focus());
     }
 
     get subject() {
@@ -26,20 +26,24 @@
     async look() {
       const serial = (this.latest += 1);
       const body = { spec: this.spec(), subject: this.subject };
-      for (const id of ["frame", "views", "refocused", "measured"]) this.byId(id).classList.add("old");
-      this.byId("focus").disabled = true;
+      for (const id of ["sight-frame", "sight-views", "sight-refocused", "sight-measured"]) this.byId(id).classList.add("old");
+      this.byId("sight-focus").disabled = true;
+      const cancel = () => ["/frame", "/decoded"].forEach(Studio.cancel);
+      this.work?.end();
+      const work = (this.work = Studio.working(this.byId("sight-note"), "1 of 2: rendering the frame", cancel));
       try {
         const startedAt = performance.now();
         const frame = await Studio.postNewest("/frame", body);
         if (serial !== this.latest || !frame) return;
-        this.set("frame", frame.picture);
+        this.set("sight-frame", frame.picture);
         performance.measure("frame", { start: startedAt, end: performance.now() });
+        work.step("2 of 2: decoding views and depth", 0.5);
         const decoded = await Studio.postNewest("/decoded", body);
         if (serial !== this.latest || !decoded) return;
-        this.set("views", decoded.views);
-        this.set("refocused", decoded.refocused);
-        this.set("measured", decoded.depth);
-        const slider = this.byId("focus");
+        this.set("sight-views", decoded.views);
+        this.set("sight-refocused", decoded.refocused);
+        this.set("sight-measured", decoded.depth);
+        const slider = this.byId("sight-focus");
         slider.min = Math.log(decoded.near_mm);
         slider.max = Math.log(decoded.far_mm);
         slider.step = (slider.max - slider.min) / 200;
@@ -49,16 +53,18 @@
         const error = decoded.error_mm === null ? "" : `, median error ${Studio.number(decoded.error_mm, 2)} mm`;
         this.say(`Depth from ${Studio.number(decoded.near_mm)} mm (red) to ${Studio.number(decoded.far_mm)} mm (blue), darker where it is less sure${error}.`);
       } catch (error) {
-        if (serial === this.latest) this.say(error.message);
+        if (serial === this.latest) this.say(error.name === "AbortError" ? "Cancelled. Choose a scene to start again." : error.message);
+      } finally {
+        work.end();
       }
     }
 
     showDepth(depth) {
-      this.byId("focus-text").textContent = `${Studio.number(depth)} mm`;
+      this.byId("sight-focus-text").textContent = `${Studio.number(depth)} mm`;
     }
 
     async focus() {
-      const depth = Math.exp(this.byId("focus").valueAsNumber);
+      const depth = Math.exp(this.byId("sight-focus").valueAsNumber);
       this.showDepth(depth);
       if (this.focusing) {
         this.next = depth;
@@ -68,7 +74,7 @@
       const serial = this.latest;
       try {
         const { picture } = await Studio.post("/refocused", { spec: this.spec(), subject: this.subject, depth_mm: depth });
-        if (serial === this.latest) this.set("refocused", picture);
+        if (serial === this.latest) this.set("sight-refocused", picture);
       } catch (error) {
         if (serial === this.latest) this.say(error.message);
       } finally {

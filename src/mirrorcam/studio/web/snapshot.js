@@ -19,5 +19,7 @@
     design: async (spec) => answer(spec),
     suggestions: async () => {},
     tolerance: async () => null,
+    steps: async () => [],
+    cancel() {},
   };
 })();

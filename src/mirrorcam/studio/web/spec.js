@@ -5,7 +5,7 @@
 
   class History {
     constructor(start, first, changed) {
-      Object.assign(this, { start, changed, past: [], future: [], spec: first });
+      Object.assign(this, { start: Studio.whole(start), changed, past: [], future: [], spec: Studio.whole(first) });
     }
     // A settled change is an undo step; a change while a slider moves is not.
     set(change, settled = true) {
@@ -20,8 +20,8 @@
     settle(next = this.spec) {
       const before = this.before ?? this.spec;
       this.before = null;
-      this.spec = next;
-      if (!same(before, next)) {
+      this.spec = Studio.whole(next);
+      if (!same(before, this.spec)) {
         this.past.push(before);
         this.future = [];
       }
@@ -46,13 +46,21 @@
   }
   Studio.History = History;
 
+  // A request with all fields, in one order; JSON of the server omits some at their defaults.
+  Studio.whole = (spec) => {
+    const whole = { ...Studio.defaults, ...spec };
+    if (whole.pattern) ["rows", "cols"].forEach((name) => delete whole[name]);
+    return whole;
+  };
+
   // Encode differences from the defaults, so that the address is short and gives the same design in any studio:
-  // #rows=2&scale_mm=60&depths_mm=200,400
+  // #rows=2&scale_mm=60&depths_mm=200,400&camera=d435
   Studio.toAddress = (spec, defaults) => {
     const parts = new URLSearchParams();
     for (const [name, value] of Object.entries(spec)) {
       if (same(value, defaults[name])) continue;
-      parts.set(name, typeof value === "object" && !Array.isArray(value) ? JSON.stringify(value) : String(value));
+      const known = name === "camera" && Studio.cameras?.find(({ key, camera }) => key && same(camera, value));
+      parts.set(name, known ? known.key : typeof value === "object" && !Array.isArray(value) ? JSON.stringify(value) : String(value));
     }
     return parts.toString().replaceAll("%2C", ",") || "default";
   };
@@ -63,7 +71,9 @@
     const spec = { ...defaults };
     for (const [name, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
       if (!(name in defaults) && name !== "pattern") continue;
-      if (Array.isArray(defaults[name])) spec[name] = text.split(",").map(Number);
+      if (name === "camera" && !text.startsWith("{")) spec.camera = Studio.cameras?.find(({ key }) => key === text)?.camera ?? text;
+      else if (typeof defaults[name] === "boolean") spec[name] = text === "true";
+      else if (Array.isArray(defaults[name])) spec[name] = text.split(",").map(Number);
       else if (text.startsWith("{")) {
         try {
           spec[name] = JSON.parse(text);

@@ -6,7 +6,7 @@
 
   class View3D {
     constructor(stage, colours) {
-      Object.assign(this, { stage, colours, layers: new Map(), shown: { rays: true, light: false, compared: true, device: true } });
+      Object.assign(this, { stage, colours, layers: new Map(), shown: { rays: true, light: false, compared: true, device: true, scale: true } });
       this.renderer = new THREE.WebGLRenderer({ antialias: true, alpha: true });
       this.scene = new THREE.Scene();
       this.camera = new THREE.PerspectiveCamera(30, 1, 0.1, 20000);
@@ -48,7 +48,7 @@
 
     look(direction) {
       const [x, y, z] = direction;
-      const distance = (this.radius / Math.sin((this.camera.fov * Math.PI) / 360)) * 0.86 * Math.max(1, 1 / this.camera.aspect);
+      const distance = (this.radius / Math.sin((this.camera.fov * Math.PI) / 360)) * 0.78 * Math.max(1, 1 / this.camera.aspect);
       this.controls.target.copy(this.centre);
       this.camera.position.copy(this.centre).add(new THREE.Vector3(x, y, z).normalize().multiplyScalar(distance));
       this.controls.update();
@@ -198,16 +198,30 @@
       return Math.max(...[0, 1, 2].map((axis) => Math.max(...all.map((p) => p[axis])) - Math.min(...all.map((p) => p[axis]))));
     }
 
-    // Reframe only when the device has become much larger or smaller, so that the picture is steady during a drag.
+    // The scale of the picture stays, so that a larger device looks larger; `fit` shows all of it.
     measure(drawing) {
-      const box = new THREE.Box3();
-      const points = drawing.mirrors.flatMap(({ solid_mm: s, chief_mm: c }) => [...s, ...c]);
-      for (const point of [...points, ...(drawing.centres_mm ?? []), ...drawing.body_mm]) {
-        box.expandByPoint(new THREE.Vector3(...toThree(point)));
+      this.box = new THREE.Box3();
+      const points = drawing.mirrors.flatMap(({ solid_mm: s, chief_mm: c }) => [...s, c[0], c[1]]);
+      for (const point of [...points, ...(drawing.centres_mm ?? []), ...drawing.body_mm]) this.box.expandByPoint(new THREE.Vector3(...toThree(point)));
+      if (!this.floor) {
+        this.floor = this.box.min.y - 10;
+        this.aside = Math.max(Math.abs(this.box.min.x), this.box.max.x);
+      }
+      const scale = new THREE.Group();
+      const segments = Studio.scaleSegments(this.floor, this.aside);
+      scale.add(new THREE.LineSegments(new THREE.BufferGeometry().setAttribute("position", new THREE.Float32BufferAttribute(segments.flat(), 3)), this.ink(this.colours.soft)));
+      this.replace("scale", scale);
+      if (!this.radius) this.fit();
+    }
+
+    // Show all of the device, and what is beside it.
+    fit() {
+      const box = new THREE.Box3().copy(this.box);
+      for (const name of ["device", "scale"]) {
+        const layer = this.layers.get(name);
+        if (layer && this.shown[name]) box.expandByObject(layer);
       }
       const sphere = box.getBoundingSphere(new THREE.Sphere());
-      const hasChanged = !this.radius || sphere.radius > 1.15 * this.radius || sphere.radius < 0.75 * this.radius;
-      if (!hasChanged) return;
       [this.centre, this.radius] = [sphere.center, sphere.radius];
       this.look(this.direction ?? HOME);
     }
@@ -233,7 +247,7 @@
     }
 
     visible() {
-      for (const name of ["rays", "light", "compared", "device"]) {
+      for (const name of ["rays", "light", "compared", "device", "scale"]) {
         const layer = this.layers.get(name);
         if (layer) layer.visible = this.shown[name];
       }
