@@ -116,7 +116,7 @@ def _page(page_start: PageStart, groups: Sequence[ControlGroup], scripts: Sequen
     return render(WEB, "studio.html", start=script_json(start), scripts=scripts, **(common | blocks))
 
 
-OPTIONAL = ("shape", "size_step_mm", "same_size")
+OPTIONAL = ("size_step_mm", "same_size")
 """Fields that the JSON of a request omits at their defaults."""
 
 
