@@ -165,7 +165,7 @@ def test_screw_holes_are_those_of_the_parts_and_a_little_less_and_more(
 
 @pytest.mark.parametrize("back", ["none", "gen2", "monitor"])
 def test_every_insert_is_printed_as_one_of_the_gauges(default_layout: Layout, back: str) -> None:
-    """Open on the bed or on its side; the hole of the clip's corner screw leans by 45 deg, with a roof like the latter."""
+    """Open on the bed or on its side; the hole of the clip's corner screw leans by 45 deg, with a roof."""
     device = plan_device(default_layout, HARDWARE.replaced(back=back_of(back)))
     parts = {part.name: part for part in parts_of(device)}
     for item in purchased_items(device):
