@@ -14,6 +14,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.part_plan import PurchasedItem
+from mirrorcam.cad.plan.rectangles import is_sold_in_size
 from mirrorcam.cad.plan.threads import diameter_mm
 
 # Regular expressions for the names of pieces.
@@ -177,17 +178,17 @@ class Tool:
 def tools_of(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]:
     """All hand tools for a device with these purchased items, in the order of the guide's steps, without machines."""
     glass, taped = device.hardware.cutting.material == "glass", device.hardware.holder.mirrors == "tape"
+    sold = is_sold_in_size(device.layout)
     tools = [
         Tool("calipers", "to measure camera, mirrors and board"),
         Tool("kitchen scale", "to weigh the camera"),
         Tool("steel ruler", "to find the entrance pupil; to cut along"),
         Tool("blade", "to clean pads and seats" + ("; to cut tape" if taped else "")),
     ]
-    if glass:
-        tools += [
-            Tool("goggles and cut-resistant gloves", "to break glass"),
-            Tool("paint marker", "to label the mirrors"),
-        ]
+    if glass and not sold:
+        tools.append(Tool("goggles and cut-resistant gloves", "to break glass"))
+    if glass or sold:
+        tools.append(Tool("paint marker", "to label the mirrors"))
     thread = device.hardware.screw.thread
     if any(item.kind == "insert" for item in items):
         tools.append(Tool(f"soldering iron with a tip for {thread} inserts", "at about 220 °C in PLA"))

@@ -174,8 +174,9 @@ def order_text(seats: SeatOrder) -> str:
         return f"{text} Rims or mirrors that are in already hold each of them."
     names, plays = zip(*seats.loose_mm, strict=True)
     several = len(names) > 1
+    subject = f"Mirror{'s' if several else ''} {', '.join(names)}" if len(names) < len(seats.order) else "All of them"
     return (
-        f"{text} Mirror{'s' if several else ''} {', '.join(names)} can slide by up to {max(plays):g} mm for lack of "
+        f"{text} {subject} can slide by up to {max(plays):g} mm for lack of "
         f"rims: centre {'each' if several else 'it'} between rims and neighbours, with equal gaps. A slide in "
         "its own plane moves only a mirror's edges in the picture."
     )
