@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mirrorcam.cad.holder.pads import pad_shapes
 from mirrorcam.cad.parts.truss import foot_stack
 from mirrorcam.cad.plan.back_table import RingGauge
-from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
+from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, thread
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import box
@@ -52,8 +52,16 @@ class CouponPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The sizes of the gauges."""
-        return (*self.lengths, *holes(self.cuts))
+        """The sizes of the gauges; the outer upright screw holes are dimensioned from the middle one."""
+        upright = [cut for cut in self.cuts if isinstance(cut, Bore | Hexagon) and cut.axis[2] > 0.5]
+        centre = np.mean([cut.mouth for cut in upright], axis=0)
+        datum = Datum(centre, "middle hole")
+        screw_holes = (
+            replace(hole, datum=datum) if np.linalg.norm(hole.centre_in_rig[:2] - centre[:2]) > 1.0 else hole
+            for hole in holes(upright)
+        )
+        others = [cut for cut in self.cuts if not any(cut is other for other in upright)]
+        return (*self.lengths, *holes(others), *screw_holes)
 
 
 @dataclass(frozen=True)
@@ -127,8 +135,12 @@ def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> Coup
     slot_y = _slot_y_mm(hardware)
     from_y = max(seat_y, _upright_y_mm(hardware)[1])
     depth = from_y + pitch + slot_y
-    blocks, screw_holes = _screw_blocks(seat_x + 2.0, hardware)
-    right = max(len(LENS_STEPS_MM) * pitch, seat_x + _block_mm(hardware) + 4.0, _slot_x_mm(hardware) if slot_y else 0.0)
+    # Below the middle hole for the lens where there is space, so that both have one dimension in the drawing.
+    block_x = max(seat_x + 1.0, (len(LENS_STEPS_MM) * pitch - _block_mm(hardware)) / 2.0)
+    blocks, screw_holes = _screw_blocks(block_x, hardware)
+    right = max(
+        len(LENS_STEPS_MM) * pitch, block_x + _block_mm(hardware) + 2.0, _slot_x_mm(hardware) if slot_y else 0.0
+    )
     centre = right
     if ring:
         half_chord = min(0.42 * depth, 0.5 * ring.radius_mm)
