@@ -9,6 +9,8 @@ from mirrorcam.cad.assembly.components import components_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.checks.elasticity.elasticity_report import write_elasticity
+from mirrorcam.cad.checks.mirror_play import seat_order
+from mirrorcam.cad.checks.taking_apart import check_taking_apart
 from mirrorcam.cad.guide.assembly_drawing import write_assembly_drawing
 from mirrorcam.cad.guide.assembly_guide import write_guide
 from mirrorcam.cad.guide.device_page import write_page
@@ -45,8 +47,9 @@ def write_files(
     part_calls: list[Call] = [
         (make_part, (plan, device.hardware.printer, out, results, device.hardware.screw)) for plan in plans
     ]
-    # Besides parts and pictures: sheets, checks, plates, assembly, live view, assembly drawing, side view.
-    done, total = 0, len(part_calls) + 7 + len(PICTURES) + elastic
+    # Besides parts and pictures: sheets, checks, taking apart, mirrors' order, plates, assembly, live view, assembly
+    # drawing, side view.
+    done, total = 0, len(part_calls) + 9 + len(PICTURES) + elastic
 
     def step() -> None:
         nonlocal done
@@ -67,9 +70,11 @@ def write_files(
     elastic_calls: list[Call] = [(write_elasticity, (out, device))] if elastic else []
     # The coupon is printed alone, before the other parts.
     device_parts = [plan for plan in plans if plan.name != COUPON]
-    checks, (plates, plate_checks), *others = call_all(
+    checks, (undone_first, undo_checks), seats, (plates, plate_checks), *others = call_all(
         [
             (check_device, (device, parts, out)),
+            (check_taking_apart, (device, components)),
+            (seat_order, (device, components)),
             (write_plates, (out, device_parts, device.hardware.printer)),
             (write_assembly, (out / "assembly.step", device, parts)),
             (write_live_view, (out, device.layout, components)),
@@ -82,6 +87,7 @@ def write_files(
         step,
         preload=(__name__,),
     )
+    checks |= undo_checks
     for part in parts:
         checks |= {f"{part.name}.{name}": check for name, check in part.checks.items()}
     checks |= {f"mirrors.{name}": check for name, check in sheet_metrics(sheets).items()}
@@ -94,6 +100,6 @@ def write_files(
     write_metrics(out / "checks.json", checks)
     write_bom(out, bill)
     write_source(out, device.layout, device.hardware)
-    write_guide(out, device, parts, components, bill.estimate)
+    write_guide(out, device, parts, components, bill.estimate, undone_first, seats)
     write_page(out, device, parts, plates, pictures, checks)
     return checks

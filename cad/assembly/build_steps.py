@@ -14,6 +14,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.part_plan import PurchasedItem
+from mirrorcam.cad.plan.rectangles import is_sold_in_size
 from mirrorcam.cad.plan.threads import diameter_mm
 
 # Regular expressions for the names of pieces.
@@ -46,6 +47,14 @@ STEPS = (
 )
 
 
+@dataclass(frozen=True)
+class SeatOrder:
+    """The order in which mirrors go into their seats, by name, and the play in mm of those that are loose by then."""
+
+    order: tuple[str, ...] = ()
+    loose_mm: tuple[tuple[str, float], ...] = ()
+
+
 def connected_to_camera(
     steps: Iterable[Step], last: Step, pieces: Iterable[str], fastened: Mapping[str, tuple[str, ...]]
 ) -> set[str]:
@@ -68,7 +77,9 @@ def connected_to_camera(
         Names of pieces and fasteners.
     """
     names = set(pieces) - {CAMERA}
-    connected = _connected({CAMERA}, names, _joined_until(steps, last))
+    order = tuple(steps)
+    done = order[: order.index(last) + 1]
+    connected = _connected({CAMERA}, names, [pair for step in done for pair in step.joins])
     connected |= {
         name
         for name, parts in fastened.items()
@@ -97,32 +108,36 @@ def parts_when_joined(joins: Iterable[str], pieces: Iterable[str], steps: Iterab
     set of str
         Names of pieces.
     """
-    parts, order, names = tuple(joins), tuple(steps), set(pieces)
+    parts, order = tuple(joins), tuple(steps)
+    last = joining_step(parts, order)
+    return pieces_joined(parts, pieces, order[: order.index(last) + 1])
+
+
+def joining_step(joins: Iterable[str], steps: Iterable[Step] = STEPS) -> Step:
+    """The step that joins the parts of a fastener, see `parts_when_joined`."""
+    parts, order = tuple(joins), tuple(steps)
     joining = next((step for step in order if any(_matches(pair, parts) for pair in step.joins)), None)
-    if joining is None:
-        joined_kinds: list[str] = []
-        for step in order:
-            joined_kinds += [kind for pair in step.joins for kind in pair]
-            if all(any(is_piece_of(part, kind) for kind in joined_kinds) for part in parts):
-                joining = step
-                break
-    screwed = {name for name in names if any(is_piece_of(name, part) for part in parts)}
-    return _connected(screwed, names, _joined_until(order, joining or order[-1]))
+    if joining is not None:
+        return joining
+    joined_kinds: list[str] = []
+    for step in order:
+        joined_kinds += [kind for pair in step.joins for kind in pair]
+        if all(any(is_piece_of(part, kind) for kind in joined_kinds) for part in parts):
+            return step
+    return order[-1]
+
+
+def pieces_joined(parts: Iterable[str], pieces: Iterable[str], steps: Iterable[Step]) -> set[str]:
+    """The pieces of parts, and all pieces that the steps connect to them; names as in `parts_when_joined`."""
+    kinds, names = tuple(parts), set(pieces)
+    own = {name for name in names if any(is_piece_of(name, part) for part in kinds)}
+    return _connected(own, names, [pair for step in steps for pair in step.joins])
 
 
 def _matches(pair: tuple[str, str], parts: tuple[str, ...]) -> bool:
     return len(parts) == 2 and any(
         is_piece_of(parts[0], first) and is_piece_of(parts[1], second) for first, second in (pair, pair[::-1])
     )
-
-
-def _joined_until(steps: Iterable[Step], last: Step) -> list[tuple[str, str]]:
-    joins: list[tuple[str, str]] = []
-    for step in steps:
-        joins += step.joins
-        if step is last:
-            break
-    return joins
 
 
 def _connected(initial: set[str], names: set[str], joins: list[tuple[str, str]]) -> set[str]:
@@ -163,17 +178,17 @@ class Tool:
 def tools_of(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]:
     """All hand tools for a device with these purchased items, in the order of the guide's steps, without machines."""
     glass, taped = device.hardware.cutting.material == "glass", device.hardware.holder.mirrors == "tape"
+    sold = is_sold_in_size(device.layout)
     tools = [
         Tool("calipers", "to measure camera, mirrors and board"),
         Tool("kitchen scale", "to weigh the camera"),
         Tool("steel ruler", "to find the entrance pupil; to cut along"),
         Tool("blade", "to clean pads and seats" + ("; to cut tape" if taped else "")),
     ]
-    if glass:
-        tools += [
-            Tool("goggles and cut-resistant gloves", "to break glass"),
-            Tool("paint marker", "to label the mirrors"),
-        ]
+    if glass and not sold:
+        tools.append(Tool("goggles and cut-resistant gloves", "to break glass"))
+    if glass or sold:
+        tools.append(Tool("paint marker", "to label the mirrors"))
     thread = device.hardware.screw.thread
     if any(item.kind == "insert" for item in items):
         tools.append(Tool(f"soldering iron with a tip for {thread} inserts", "at about 220 °C in PLA"))

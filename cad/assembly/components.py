@@ -147,13 +147,20 @@ def holder_under(mirror: Mirror, parts: Sequence[ComponentOrPart]) -> ComponentO
 
 
 def camera_component(device: Device, clip: Component) -> Component:
-    """The camera with its stated mass; in an exploded view a camera body moves towards the scene, a board forwards."""
+    """The camera with its stated mass; in an exploded view it moves by its exit from the clip."""
     camera = device.hardware.camera
     mesh = tessellated(camera_solid(camera))
     mass = mass_of(mesh, camera.mass_g / (mesh.volume / 1000.0))
-    to_scene = camera.held_by.kind != "board"
-    move = (0.0, camera.height_mm + CAMERA_EXPLODE_MM, 0.0) if to_scene else (0.0, 0.0, BOARD_EXPLODE_MM)
-    return Component("camera", "camera", "", camera.name, CAMERA_RGB, clip.explode_mm + move, mesh, mass)
+    return Component(
+        CAMERA, "camera", "", camera.name, CAMERA_RGB, clip.explode_mm + camera_exit_mm(camera), mesh, mass
+    )
+
+
+def camera_exit_mm(camera: CameraBody) -> FloatArray:
+    """The move (3,) by which a camera leaves its clip, in the rig frame: a body to the scene, a board forwards."""
+    if camera.held_by.kind == "board":
+        return np.array([0.0, 0.0, BOARD_EXPLODE_MM])
+    return np.array([0.0, camera.height_mm + CAMERA_EXPLODE_MM, 0.0])
 
 
 def item_components(items: Sequence[PurchasedItem]) -> tuple[Component, ...]:

@@ -11,7 +11,7 @@ Inserts and nuts are swept through the meshes of their parts along the exit move
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import manifold3d
 import numpy as np
@@ -127,8 +127,17 @@ def tool_clash_mm3(item: PurchasedItem, solids: Mapping[str, manifold3d.Manifold
         obstacles = [solid for name, solid in solids.items() if is_piece_of(name, item.joins[-1])]
     else:
         obstacles = [solids[name] for name in sorted(parts_when_joined(item.joins, solids))]
-    obstacle = manifold3d.Manifold.compose(obstacles)
-    return min(overlap_mm3(obstacle, tool, PRESSED_MM) for tool in _tools(item))
+    return best_tool_clash_mm3(item, obstacles)
+
+
+def best_tool_clash_mm3(item: PurchasedItem, obstacles: Iterable[manifold3d.Manifold]) -> float:
+    """Overlap in mm3 of the best tool for a fastener with obstacles."""
+    obstacle, least = manifold3d.Manifold.compose(list(obstacles)), np.inf
+    for tool in _tools(item):
+        least = min(least, overlap_mm3(obstacle, tool, PRESSED_MM))
+        if least == 0.0:
+            break
+    return least
 
 
 def _tools(item: PurchasedItem) -> Iterator[manifold3d.Manifold]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,12 @@ import tomli_w
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from shapely import Polygon, maximum_inscribed_circle
 
-from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
+from mirrorcam.cad.assembly.build_steps import STEPS, SeatOrder, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back import above_desk_mm
-from mirrorcam.cad.guide.assembly_steps import Stages, counted
+from mirrorcam.cad.guide.assembly_steps import Stages, counted, first_off, order_text
 from mirrorcam.cad.guide.back_step import back_sentences, tripod_note
 from mirrorcam.cad.guide.camera_measures import MEASUREMENTS
 from mirrorcam.cad.guide.side_view import look_text
@@ -31,6 +32,7 @@ from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
 from mirrorcam.cad.plan.device_names import COUPON, COVER
 from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
+from mirrorcam.cad.plan.prices import hours_text
 from mirrorcam.cad.plan.rectangles import coupon_mirror_mm, is_rectangular, is_sold_in_size
 from mirrorcam.cad.plan.stand import design_depths_mm
 from mirrorcam.cad.plan.threads import thread_of
@@ -42,14 +44,22 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import edges_mm
 
 WEB = Path(__file__).parents[1] / "web"
+NO_ORDER = SeatOrder()
 
 
 def write_guide(
-    folder: Path, device: Device, parts: Sequence[BuiltPart], components: Sequence[Component], estimate: str = ""
+    folder: Path,
+    device: Device,
+    parts: Sequence[BuiltPart],
+    components: Sequence[Component],
+    estimate: str = "",
+    undone_first: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    seats: SeatOrder = NO_ORDER,
 ) -> None:
     """Write guide.md, with links to the device's files, into `folder`, where mirrors/ must already be.
 
-    `estimate` is the sentence about the device's cost.
+    `estimate` is the sentence about the device's cost; `undone_first` has the steps to undo before a step can be, by
+    the step's name, and `seats` the order of the mirrors.
     """
     environment = Environment(
         loader=FileSystemLoader(WEB), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
@@ -63,6 +73,8 @@ def write_guide(
     text = environment.get_template("guide.md").render(
         layout=device.layout,
         estimate=estimate,
+        first_off=first_off(components, undone_first),
+        order=order_text(seats),
         hardware=hardware,
         back=device.back,
         back_sentences=back_sentences(device),
@@ -85,6 +97,7 @@ def write_guide(
         parts=parts,
         sliced=is_sliced(parts),
         masses=masses_of(parts),
+        print_times={part.name: hours_text(part.checks["print_minutes"].value) for part in parts if is_sliced(parts)},
         glue=glue_amount(device.holder.glue_mm3),
         glue_of_one=glue_amount((max(device.holder.glue_mm3),)),
         bead_mm=bead_mm(hardware),

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.cad.assembly.build_steps import is_piece_of
+from mirrorcam.cad.assembly.build_steps import STEPS, SeatOrder, is_piece_of
 from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.core.figures.figure_texts import TIMES
@@ -144,3 +144,39 @@ class Stages:
     @property
     def adapter_screws(self) -> list[Component]:
         return self.screws(ADAPTER, ADAPTER, MOUNT)
+
+
+def first_off(components: Iterable[Component], undone_first: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Sentences about the parts to take off before each step can be undone, by the step's name; "" if none."""
+    printed = [component for component in components if component.kind == "part"]
+    numbers = {step.name: (number, step) for number, step in enumerate(STEPS, start=1)}
+
+    def part_text(name: str) -> str:
+        number, step = numbers[name]
+        kinds = {pair[0] for pair in step.joins}
+        titles = [part.title.lower() for part in printed if any(is_piece_of(part.name, kind) for kind in kinds)]
+        return f"the {' and the '.join(titles)} (step {number})"
+
+    sentences = {step.name: "" for step in STEPS}
+    for name, first in undone_first.items():
+        if first:
+            parts = ", then ".join(map(part_text, first))
+            sentences[name] = f"In the assembled device a tool does not reach its screws: first take off {parts}."
+    return sentences
+
+
+def order_text(seats: SeatOrder) -> str:
+    """The order of the mirrors and how to centre the loose ones; "" if there is no order."""
+    if not seats.order:
+        return ""
+    text = f"Put the mirrors in in this order: {', '.join(seats.order)}."
+    if not seats.loose_mm:
+        return f"{text} Rims or mirrors that are in already hold each of them."
+    names, plays = zip(*seats.loose_mm, strict=True)
+    several = len(names) > 1
+    subject = f"Mirror{'s' if several else ''} {', '.join(names)}" if len(names) < len(seats.order) else "All of them"
+    return (
+        f"{text} {subject} can slide by up to {max(plays):g} mm for lack of "
+        f"rims: centre {'each' if several else 'it'} between rims and neighbours, with equal gaps. A slide in "
+        "its own plane moves only a mirror's edges in the picture."
+    )

@@ -93,12 +93,14 @@ def draw_tiers(
     # A vertical dimension has its text outside its line; outside others are only the ends of extension lines.
     outside = GAP_MM + (TEXT_MM + TEXT_OFFSET_MM if vertical else EXTENSION_MM)
     pitch = min(TIER_PITCH_MM, (free_mm - FIRST_TIER_MM - outside) / max(len(tiers) - 1, 1))
+    # In narrow tiers, extension lines end before the text of the next tier.
+    extension = max(0.0, min(EXTENSION_MM, pitch - TEXT_OFFSET_MM - TEXT_MM - TEXT_GAP_MM))
     edge = float(box[0, 0 if vertical else 1])
     for level, dimension, width, low_text in placed:
         crossing = [other.ends for outer, other, _, _ in placed if outer > level]
         centre = _text_centre(dimension, width, np.concatenate([*crossing, np.array(cutting_lines, dtype=float)]))
         tier = edge - FIRST_TIER_MM - level * pitch
-        _draw_linear(sheet, dimension, tier, width, centre, vertical=vertical, low_text=low_text)
+        _draw_linear(sheet, dimension, tier, width, centre, extension, vertical=vertical, low_text=low_text)
 
 
 def _text_centre(dimension: LinearDimension, width: float, crossing: FloatArray) -> float:
@@ -133,6 +135,7 @@ def _draw_linear(
     tier: float,
     width: float,
     text_centre: float,
+    extension_mm: float,
     *,
     vertical: bool,
     low_text: bool = False,
@@ -146,7 +149,7 @@ def _draw_linear(
     order = np.argsort(dimension.ends)
     (low, high), starts = dimension.ends[order], dimension.starts[order]
     lines = [
-        on_sheet([(end, start - GAP_MM), (end, tier - EXTENSION_MM)])
+        on_sheet([(end, start - GAP_MM), (end, tier - extension_mm)])
         for end, start in zip((low, high), starts, strict=True)
     ]
     inside = text_fits(dimension.span, dimension.text)

@@ -96,7 +96,7 @@ FACINGS: dict[tuple[Material, Surface], Facing] = {
         up="back",
         up_face="the side without the coating",
         down_face="the coated side, on clean lint-free paper",
-        marked="the bare back, written with a paint marker",
+        marked="the bare back, with a paint marker",
         before="score the bare back, never the coating",
         after="",
     ),
@@ -104,7 +104,7 @@ FACINGS: dict[tuple[Material, Surface], Facing] = {
         up="back",
         up_face="the painted side",
         down_face="the clear side",
-        marked="the paint, written with a paint marker",
+        marked="the paint, with a paint marker",
         before="to score it by hand, flip sheet and drawing together and score the clear side, since paint and coating "
         "would chip",
         after="",

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mirrorcam.cad.holder.pads import pad_shapes
 from mirrorcam.cad.parts.truss import foot_stack
 from mirrorcam.cad.plan.back_table import RingGauge
-from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
+from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, thread
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import box
@@ -52,8 +52,16 @@ class CouponPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The sizes of the gauges."""
-        return (*self.lengths, *holes(self.cuts))
+        """The sizes of the gauges; the outer upright screw holes are dimensioned from the middle one."""
+        upright = [cut for cut in self.cuts if isinstance(cut, Bore | Hexagon) and cut.axis[2] > 0.5]
+        centre = np.mean([cut.mouth for cut in upright], axis=0)
+        datum = Datum(centre, "middle hole")
+        screw_holes = (
+            replace(hole, datum=datum) if np.linalg.norm(hole.centre_in_rig[:2] - centre[:2]) > 1.0 else hole
+            for hole in holes(upright)
+        )
+        others = [cut for cut in self.cuts if not any(cut is other for other in upright)]
+        return (*self.lengths, *holes(others), *screw_holes)
 
 
 @dataclass(frozen=True)
@@ -80,9 +88,9 @@ def gauges_of(layout: Layout, hardware: Hardware) -> tuple[Gauge, ...]:
             "`free_mm` under `[fit]`",
         ),
         Gauge(
-            "three screw holes (one to three notches)",
+            "three screw holes in a side of the block, and three in the underside of the plate (one to three notches)",
             "an insert sinks straight into the one with two notches and sits flush; with one notch the hole is "
-            f"{smaller} mm, with three {larger} mm"
+            f"{smaller} mm, with three {larger} mm; if the two kinds differ, set the larger hole"
             if insert
             else "a nut slides into the one with two notches and does not turn; with one notch the pocket is "
             f"{smaller} mm, with three {larger} mm",
@@ -125,9 +133,14 @@ def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> Coup
     seat_x, seat_y = _seat_mm(layout, hardware)
     pitch = hardware.camera.lens_ring_mm + 2.0 * GAUGE_WALL_MM
     slot_y = _slot_y_mm(hardware)
-    depth = seat_y + pitch + slot_y
-    block, screw_holes = _screw_block(seat_x + 2.0, hardware)
-    right = max(len(LENS_STEPS_MM) * pitch, seat_x + _block_mm(hardware) + 4.0, _slot_x_mm(hardware) if slot_y else 0.0)
+    from_y = max(seat_y, _upright_y_mm(hardware)[1])
+    depth = from_y + pitch + slot_y
+    # Below the middle hole for the lens where there is space, so that both have one dimension in the drawing.
+    block_x = max(seat_x + 1.0, (len(LENS_STEPS_MM) * pitch - _block_mm(hardware)) / 2.0)
+    blocks, screw_holes = _screw_blocks(block_x, hardware)
+    right = max(
+        len(LENS_STEPS_MM) * pitch, block_x + _block_mm(hardware) + 2.0, _slot_x_mm(hardware) if slot_y else 0.0
+    )
     centre = right
     if ring:
         half_chord = min(0.42 * depth, 0.5 * ring.radius_mm)
@@ -139,11 +152,11 @@ def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> Coup
         pieces=(
             _box((0.0, 0.0, 0.0), (right, depth, PLATE_MM)),
             *rims,
-            block,
+            *blocks,
             *_pads(layout, hardware),
             *([_box((-STRIP_MM[0], 0.0, 0.0), (1.0, STRIP_MM[1], gap_mm))] if gap_mm else []),
         ),
-        cuts=(*grooves, *screw_holes, *_lens_gauges(seat_y, pitch, hardware), *_slot(right, depth, hardware)),
+        cuts=(*grooves, *screw_holes, *_lens_gauges(from_y, pitch, hardware), *_slot(right, depth, hardware)),
         centre=origin + np.array([centre, depth / 2.0, 0.0]),
         ring=ring,
         right_mm=float(origin[0] + right),
@@ -238,12 +251,26 @@ def _pads(layout: Layout, hardware: Hardware) -> list[Frustum]:
     return pads
 
 
-def _screw_block(x_mm: float, hardware: Hardware) -> tuple[Frustum, list[Frustum | Bore | Hexagon]]:
-    """A block with horizontal holes for inserts or nuts, as in the parts, and notches in its upper edge."""
+def _upright_y_mm(hardware: Hardware) -> tuple[float, float]:
+    """Start and end along y of the block with upright screw holes, behind the one with horizontal holes."""
+    start = foot_stack(hardware).wall_mm + 1.0
+    return start, start + _thread_pitch_mm(hardware) + hardware.screw.insert_wall_mm
+
+
+def _screw_blocks(x_mm: float, hardware: Hardware) -> tuple[list[Frustum], list[Frustum | Bore | Hexagon]]:
+    """Two blocks with holes for inserts or nuts, as the parts are printed, and notches in their upper edges.
+
+    The holes of the first are horizontal, as in the mount; those of the second upright and open on the bed, as in the
+    backs of the holder and of the clip.
+    """
     screw, pitch, width = hardware.screw, _thread_pitch_mm(hardware), _block_mm(hardware)
     threads = foot_stack(hardware)
     top = PLATE_MM + pitch + 2.0 * screw.insert_wall_mm
-    solid = _box((x_mm, 0.0, 0.0), (x_mm + width, threads.wall_mm, top))
+    (from_y, to_y), height = _upright_y_mm(hardware), threads.wall_mm
+    blocks = [
+        _box((x_mm, 0.0, 0.0), (x_mm + width, threads.wall_mm, top)),
+        _box((x_mm, from_y, 0.0), (x_mm + width, to_y, height)),
+    ]
     scene, up = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
     cuts: list[Frustum | Bore | Hexagon] = []
     for index, step in enumerate(THREAD_STEPS_MM):
@@ -252,7 +279,10 @@ def _screw_block(x_mm: float, hardware: Hardware) -> tuple[Frustum, list[Frustum
         mouth = RIG_FROM_COUPON_MM + np.array([x, 0.0, PLATE_MM + pitch / 2.0])
         cuts += thread(mouth, scene, up, threads, threads.wall_mm, varied)
         cuts += _notches(index + 1, x, (-1.0, threads.wall_mm + 1.0), (top - 1.0, top + 1.0))
-    return solid, cuts
+        on_bed = RIG_FROM_COUPON_MM + np.array([x, (from_y + to_y) / 2.0, 0.0])
+        cuts += thread(on_bed, up, None, threads, height, varied)
+        cuts += _notches(index + 1, x, (to_y - 1.0, to_y + 1.0), (height - 1.0, height + 1.0))
+    return blocks, cuts
 
 
 def _notches(count: int, x_mm: float, y_mm: tuple[float, float], z_mm: tuple[float, float]) -> list[Frustum]:

@@ -186,9 +186,9 @@ def with_holes_for_screws(hardware: Hardware) -> Hardware:
 
 
 def thread(
-    mouth: FloatArray, axis: FloatArray, up: FloatArray, fastened: Stack, wall_mm: float, screw: Fastening
+    mouth: FloatArray, axis: FloatArray, up: FloatArray | None, fastened: Stack, wall_mm: float, screw: Fastening
 ) -> tuple[Bore | Hexagon, ...]:
-    """The holes in a wall for a screw that enters at a mouth (3,) along an axis (3,).
+    """The holes in a wall for a screw that enters at a mouth (3,) along an axis (3,); `up` (3,) as in `Bore`.
 
     The wall is at least as thick as in the screw's `Stack`. In a thicker wall the nut's pocket is deeper, so that the
     nut is at the screw's end.

@@ -124,13 +124,21 @@ def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSh
     printed = tuple(_printed(part, printer.plastic, prices) for part in parts)
     grams = [line.print_g for line in printed]
     sliced = None not in grams
-    mirrors, bought = _mirrors(device, sheets), _bought(device, {part.name: part.title.lower() for part in parts})
+    mirrors = _mirrors(device, sheets)
+    plastic_g = round(sum(g for g in grams if g is not None) if sliced else sum(p.solid_g for p in printed), 1)
+    filament = BoughtLine(
+        title=f"{printer.plastic} filament, 1.75 mm, matt black",
+        count=None,
+        note=f"{plastic_g:.0f} g {'as sliced' if sliced else 'if printed solid'}, priced with the printed parts; "
+        "only the mirror holder must be matt black",
+    )
+    bought = (filament, *_bought(device, {part.name: part.title.lower() for part in parts}))
     priced = [line.price for line in printed] + [line.price for line in mirrors]
     priced += [line.price for line in bought if line.price is not None]
     return Bom(
         layout_identity=device.layout.identity,
         plastic=printer.plastic,
-        plastic_g=round(sum(g for g in grams if g is not None) if sliced else sum(p.solid_g for p in printed), 1),
+        plastic_g=plastic_g,
         sliced=sliced,
         printed=printed,
         mirrors=mirrors,
@@ -138,8 +146,12 @@ def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSh
         currency=prices.currency,
         prices_date=prices.date,
         price=round(sum(priced), 2),
-        unpriced=tuple(line.title for line in bought if line.price is None and not line.title.startswith((TOOL, ALSO))),
+        unpriced=tuple(line.title for line in bought[1:] if _lacks_price(line)),
     )
+
+
+def _lacks_price(line: BoughtLine) -> bool:
+    return line.price is None and not line.title.startswith((TOOL, ALSO))
 
 
 def _printed(part: BuiltPart, plastic: str, prices: Prices) -> PrintedLine:
@@ -267,7 +279,9 @@ def write_bom(folder: Path, bom: Bom) -> None:
 def as_markdown(bom: Bom) -> str:
     """The bill as Markdown tables: printed, cut and bought."""
     money = markdown_text(bom.currency)
-    basis = "as sliced" if bom.sliced else "if printed solid"
+    basis = (
+        "as sliced" if bom.sliced else "if printed solid (install PrusaSlicer and build again for the mass as sliced)"
+    )
     lines = [
         "# Parts list",
         "",

@@ -201,6 +201,10 @@ def write_plates(
     return parts_by_path, check_plates(plates, printer)
 
 
+# Grid of the outlines from above, mm.
+OUTLINE_GRID_MM = 1e-4
+
+
 def check_plates(plates: Sequence[Plate], printer: Printer) -> dict[str, Metric]:
     """Check that parts are on the bed and clear of each other, by their outlines from above instead of their hulls."""
     gap, overrun = np.inf, 0.0
@@ -208,7 +212,11 @@ def check_plates(plates: Sequence[Plate], printer: Printer) -> dict[str, Metric]
     for plate in plates:
         for body in plate.bodies:
             overrun = max(overrun, float((-body.points).max()), float((body.points - bed).max()))
-        outlines = [shapely.union_all(shapely.polygons(body.points[body.faces][..., :2])) for body in plate.bodies]
+        # On a grid, since triangles of steep faces overlap by rounding errors, of which the plain union fails.
+        outlines = [
+            shapely.union_all(shapely.polygons(body.points[body.faces][..., :2]), grid_size=OUTLINE_GRID_MM)
+            for body in plate.bodies
+        ]
         gap = min([gap, *(a.distance(b) for a, b in combinations(outlines, 2))])
     checks = {
         "number": Metric(value=len(plates), unit=""),

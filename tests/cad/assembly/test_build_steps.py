@@ -15,6 +15,7 @@ from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.plan.hardware import Cutting
 from mirrorcam.cad.plan.part_plan import BoughtKind, PurchasedItem
 from mirrorcam.optics.geometry.camera_library import read_body
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 
 PIECES = ("mirror_holder_1", "mirror_holder_2", "mount", "camera_clip", "adapter_cap", "mirror_0-0", "camera")
 FASTENED = {
@@ -100,6 +101,8 @@ def test_tools_follow_fasteners_and_material(device: Device) -> None:
     assert names(device, forming) - names(device) == {"small screwdriver"}
     acrylic = replace(device, hardware=device.hardware.replaced(cutting=Cutting(material="acrylic")))
     assert names(device) - names(acrylic) == {"goggles and cut-resistant gloves", "paint marker"}
+    bought = replace(device, layout=device.layout.replaced(spec=DesignSpec(shape="stock:30x20")))
+    assert names(device) - names(bought) == {"goggles and cut-resistant gloves"}
 
 
 def test_a_phone_needs_felt(device: Device) -> None:

@@ -103,12 +103,15 @@ def test_commands_of_the_guide_name_the_layout_by_its_path(made: Made) -> None:
 
 def test_solid_and_sliced_masses_are_labelled(made: Made, tmp_path: Path) -> None:
     bare = [part.replaced(checks={}) for part in made.parts]
-    sliced = [part.replaced(checks={"print_g": Metric(value=1.25, unit="g")}) for part in made.parts]
-    for parts, head, mass in ((sliced, "mass sliced", "1"), (bare, "mass solid", f"{bare[0].mass.mass_g:.0f}")):
+    figures = {"print_g": Metric(value=1.25, unit="g"), "print_minutes": Metric(value=65.0, unit="min")}
+    sliced = [part.replaced(checks=figures) for part in made.parts]
+    rows = ((sliced, "mass sliced | time", "1 g | 1:05 h"), (bare, "mass solid", f"{bare[0].mass.mass_g:.0f} g"))
+    for parts, head, row in rows:
         write_guide(tmp_path, made.device, parts, made.components)
         text = (tmp_path / "guide.md").read_text(encoding="utf-8")
         assert f"| number | part | file | {head} |" in text
-        assert f"(parts/{parts[0].name}.3mf) | {mass} g |" in text
+        assert f"(parts/{parts[0].name}.3mf) | {row} |" in text
+        assert ("install PrusaSlicer" in text) == (parts is bare)
 
 
 def test_hostile_names_are_text_in_the_guide(made: Made, tmp_path: Path) -> None:

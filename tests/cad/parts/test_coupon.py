@@ -8,6 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from mirrorcam.cad.assembly.catalogue import parts_of, purchased_items
+from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.parts.coupon import (
     GAUGE_WALL_MM,
     GO_DEPTH_MM,
@@ -116,13 +118,30 @@ def test_one_two_and_three_notches_tell_the_gauges_apart(coupon: CouponPlan) -> 
     for count, bore in enumerate(gauges(coupon), start=1):
         edge = np.array([bore.mouth[0], bore.mouth[1] + pitch / 2.0 - 0.5, RIG_FROM_COUPON_MM[2] + 1.0])
         assert notched(coupon, edge, pitch / 2.0) == count
+    lying_top, upright_top = (corners_of((block,))[:, 2].max() - 0.5 for block in blocks(coupon))
     for count, bore in enumerate(thread_holes(coupon), start=1):
-        top = corners_of(coupon.pieces)[:, 2].max() - 0.5
-        assert notched(coupon, np.array([bore.mouth[0], bore.mouth[1] + 1.0, top]), 4.0) == count
+        assert notched(coupon, np.array([bore.mouth[0], bore.mouth[1] + 1.0, lying_top]), 4.0) == count
+    edge_y = corners_of(blocks(coupon)[1:])[:, 1].max() - 0.5
+    for count, bore in enumerate(upright_holes(coupon), start=1):
+        assert notched(coupon, np.array([bore.mouth[0], edge_y, upright_top]), 4.0) == count
+
+
+def blocks(plan: CouponPlan) -> tuple[Frustum, ...]:
+    """The blocks with horizontal and with upright screw holes, after the plate and the four rims."""
+    first, second = plan.pieces[5:7]
+    assert isinstance(first, Frustum)
+    assert isinstance(second, Frustum)
+    return first, second
+
+
+def upright_holes(plan: CouponPlan) -> list[Bore]:
+    """The holes for inserts that are open on the bed, from left to right."""
+    upright = [cut for cut in plan.cuts if isinstance(cut, Bore) and cut.axis[2] == 1.0]
+    return sorted(upright, key=lambda bore: float(bore.mouth[0]))
 
 
 def thread_holes(plan: CouponPlan) -> list[Bore]:
-    """The holes for inserts, from left to right."""
+    """The horizontal holes for inserts, from left to right."""
     level = [cut for cut in plan.cuts if isinstance(cut, Bore) and cut.axis[1] == 1.0]
     return sorted(level, key=lambda bore: float(bore.mouth[0]))
 
@@ -132,12 +151,27 @@ def test_screw_holes_are_those_of_the_parts_and_a_little_less_and_more(
 ) -> None:
     screw = HARDWARE.screw
     expected = [screw.insert_hole_mm + step for step in THREAD_STEPS_MM]
-    assert [2.0 * bore.radius_mm for bore in thread_holes(coupon)] == pytest.approx(expected)
+    for holes in (thread_holes(coupon), upright_holes(coupon)):
+        assert [2.0 * bore.radius_mm for bore in holes] == pytest.approx(expected)
+    for bore in upright_holes(coupon):
+        assert bore.mouth[2] == pytest.approx(RIG_FROM_COUPON_MM[2], abs=0.02)
+        assert within(blocks(coupon)[1:], bore.mouth + np.array([0.0, 0.0, bore.depth_mm])).all()
     for left, right in pairwise(thread_holes(coupon)):
         assert right.mouth[0] - left.mouth[0] - left.radius_mm - right.radius_mm >= screw.insert_wall_mm
     nuts = plan_coupon(default_layout, HARDWARE.replaced(screw=screw.replaced(kind="nut")))
     flats = [cut.flats_mm for cut in nuts.cuts if isinstance(cut, Hexagon)]
-    assert flats == pytest.approx([screw.nut_flats_mm + NUT_FIT_MM + step for step in THREAD_STEPS_MM])
+    assert flats == pytest.approx([screw.nut_flats_mm + NUT_FIT_MM + step for step in THREAD_STEPS_MM for _ in "12"])
+
+
+@pytest.mark.parametrize("back", ["none", "gen2", "monitor"])
+def test_every_insert_is_printed_as_one_of_the_gauges(default_layout: Layout, back: str) -> None:
+    """Open on the bed or on its side; the hole of the clip's corner screw leans by 45 deg, with a roof."""
+    device = plan_device(default_layout, HARDWARE.replaced(back=back_of(back)))
+    parts = {part.name: part for part in parts_of(device)}
+    for item in purchased_items(device):
+        if item.kind == "insert":
+            out = parts[item.joins[-1]].print_from_rig[:3, :3] @ item.rig_from_item[:3, 2]
+            assert -0.1 < out[2] < 0.71 or out[2] < -0.99, (item.joins, out)
 
 
 @pytest.mark.parametrize("height_mm", [28.0, 29.0, 60.0])

@@ -30,6 +30,7 @@ from mirrorcam.optics.geometry.camera_library import read_body
 
 def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
     assert [(line.title, line.count) for line in bom.bought] == [
+        ("PLA filament, 1.75 mm, matt black", None),
         ("Logitech C920", 1),
         ("M3 x 12 screw", 2),
         ("M3 x 8 screw", 5),
@@ -43,9 +44,9 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         ("Also needed: calibration board, printed on paper", None),
         ("Also needed: flat stiff plate of the same size, glass or aluminium", None),
     ]
-    assert [line.standard for line in bom.bought[1:4]] == ["ISO 4762, socket head"] * 2 + ["brass"]
-    assert bom.bought[3].note == "mirror holder; for a hole of 4.0 mm"
-    assert bom.bought[2].note == "adapter cap, mirror holder, mount: at most 0.097 N m"
+    assert [line.standard for line in bom.bought[2:5]] == ["ISO 4762, socket head"] * 2 + ["brass"]
+    assert bom.bought[4].note == "mirror holder; for a hole of 4.0 mm"
+    assert bom.bought[3].note == "adapter cap, mirror holder, mount: at most 0.097 N m"
 
 
 @pytest.mark.parametrize(("name", "ties"), [("c920", 2), ("pi_hq_cs", 3), ("iphone_13", 0)])
@@ -61,6 +62,7 @@ def test_ties_are_bought_for_what_is_tied(
 def test_plastic_and_mirrors_add_up(bom: Bom, device: Device, built_block: BuiltPart) -> None:
     assert bom.sliced
     assert bom.plastic_g == 19.0
+    assert bom.bought[0].note.startswith("19 g as sliced")
     assert bom.printed[0].solid_g == pytest.approx(18.0 * 1.24, abs=0.05)
     (mirrors,) = bom.mirrors
     assert mirrors.count == 9
@@ -80,8 +82,9 @@ def test_every_line_has_its_price_and_the_sum_is_the_devices(bom: Bom, device: D
     assert prices["M3 x 5.7 heat-set insert"] == 0.6
     assert prices["Logitech C920"] == 70.0
     assert {title for title, price in prices.items() if price is None} == {
-        t for t in prices if t.startswith(("Tool: ", "Also needed: "))
+        t for t in prices if t.startswith(("Tool: ", "Also needed: ", "PLA filament"))
     }
+    assert "filament" not in bom.estimate
     # A whole sheet of 300 x 200 mm at 8 EUR per 100 cm2.
     assert bom.mirrors[0].price == 48.0
     assert bom.mirrors[0].to_buy == "1 of 300 x 200 mm"
@@ -139,7 +142,7 @@ def test_a_hostile_name_is_text_in_every_file(
     page = MarkdownIt("commonmark", {"html": True}).enable("table").render(markdown)
     assert "<img" not in page
     # The plastic, the camera, and the camera among the items without a price.
-    assert html.unescape(page).count(name) == 3
+    assert html.unescape(page).count(name) == 4
     rows = list(csv.reader((tmp_path / "bom.csv").read_text(encoding="utf-8").splitlines()))
     assert [row[2] for row in rows if row[9] == "the camera"] == [f"'{name}"]
     assert not [cell for row in rows for cell in row if cell.startswith(("=", "+", "@"))]

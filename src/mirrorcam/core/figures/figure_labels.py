@@ -31,6 +31,7 @@ ASSEMBLY: Mapping[str, str] = {
     "fasteners_loose": "fasteners that hold nothing",
     "screws_without_thread": "screws that engage no thread",
     "tool_clash_mm3": "obstruction of tools",
+    "steps_not_undone": "steps that cannot be undone",
     "insertion_clash_mm3": "obstruction of inserts and nuts",
     "number": "number",
     "part_gap_mm": "smallest gap between parts",
