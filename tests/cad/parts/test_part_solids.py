@@ -40,7 +40,7 @@ def test_a_flat_slot_is_two_half_circles_and_a_rectangle() -> None:
 def test_a_slots_ceiling_is_higher_where_it_would_bridge_too_far() -> None:
     slot = bore_solid(Bore(np.zeros(3), DOWN, 2.0, 5.0, UP, 6.0, ceiling_mm=4.0))
     top = slot.bounding_box().max.X
-    ceiling = next(face for face in slot.faces() if face.center().X == pytest.approx(top))
+    ceiling = next(face for face in slot.faces() if pytest.approx(top) == face.center().X)
     assert top > 2.0
     assert ceiling.area == pytest.approx(4.0 * 5.0)
 
