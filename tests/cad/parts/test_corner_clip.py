@@ -102,6 +102,8 @@ def test_screws_engage_in_the_bodys_threads_with_their_heads_in_the_wall(
     for screw in plan.screws:
         tip = screw.head[1] + screw.length_mm
         assert screw.head[1] > plan.slide_y_mm
+        if abs(screw.head[0]) < 2.0:
+            assert screw.head[1] > plan.slide_y_mm + plan.rib_mm
         assert tip - side == pytest.approx(screw.engaged_mm)
         assert MIN_ENGAGED * thread_of(held_by.thread).diameter_mm <= screw.engaged_mm < held_by.thread_depth_mm
     assert check_nest(plan, default_layout, hardware)["camera_clip.camera_thread"].passed
