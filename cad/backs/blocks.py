@@ -112,7 +112,7 @@ def countersunk_slot(top: FloatArray, size: str, deep_mm: float, travel_mm: floa
     half, head_radius = thread.clearance_mm / 2.0, SUNK_HEAD * thread.diameter_mm / 2.0 + HEAD_FIT_MM
     mouth, mouth_radius = top + OUTSIDE_MM * ABOVE, head_radius + OUTSIDE_MM * np.tan(CONE_RAD)
     return (
-        Bore(mouth, -ABOVE, half, deep_mm + 2.0 * OUTSIDE_MM, ALONG_X, travel_mm, roof_deg=NO_ROOF_DEG, flat=True),
+        Bore(mouth, -ABOVE, half, deep_mm + 2.0 * OUTSIDE_MM, ALONG_X, travel_mm, NO_ROOF_DEG, travel_mm + 2.0 * half),
         Countersink(mouth, -ABOVE, mouth_radius, half, (mouth_radius - half) / np.tan(CONE_RAD), ALONG_X, travel_mm),
     )
 

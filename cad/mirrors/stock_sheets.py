@@ -38,7 +38,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_stock import GLASS_INDEX, Material
+from mirrorcam.optics.geometry.mirror_stock import GLASS_INDEX, Material, narrow_mirror, width_mm
 
 Surface = Literal["first", "second"]
 SURFACES: tuple[Surface, ...] = ("first", "second")
@@ -262,14 +262,11 @@ def offset_outline(outline: FloatArray, distance_mm: float) -> FloatArray:
 
 def require_cuttable(layout: Layout, cutting: Cutting) -> None:
     """Raise InputError if a mirror is larger than a sheet, too narrow for its thickness, or not designed for glass."""
-    for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True):
+    for index, (name, mirror) in enumerate(zip(layout.mirror_names, layout.mirrors, strict=True)):
         outline = outline_from_back(mirror, cutting)
-        width, ratio = _width_mm(outline), cutting.min_width_to_thickness
+        width, ratio = width_mm(outline), cutting.min_width_to_thickness
         if width < ratio * mirror.thickness_mm:
-            limit = "its thickness" if cutting.material == "acrylic" else f"{ratio:g} times its thickness"
-            raise InputError(
-                f"mirror {name} is {width:.2f} mm across, expected at least {limit}, {ratio * mirror.thickness_mm:g} mm"
-            )
+            raise InputError(narrow_mirror(layout, index, width, ratio, cutting.material))
         if cutting.material == "glass" and mirror.is_second_surface and mirror.refractive_index < GLASS_INDEX:
             raise InputError(
                 f"mirror {name} was designed with a refractive index of {mirror.refractive_index:g}, expected glass, "
@@ -334,19 +331,10 @@ def _box_mm(outline: FloatArray) -> tuple[float, float]:
     return float(long), float(short)
 
 
-def _width_mm(outline: FloatArray) -> float:
-    """Width of a convex outline (n, 2): the smallest distance between parallel supporting lines, one on an edge."""
-    corners = np.array(orient(Polygon(outline)).exterior.coords)
-    edges = np.diff(corners, axis=0)
-    inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-    heights = ((corners[None] - corners[:-1, None]) * inward[:, None]).sum(axis=2)
-    return float(heights.max(axis=1).min())
-
-
 def sheet_metrics(sheets: tuple[StockSheet, ...]) -> dict[str, Metric]:
     """Checks of the stock sheets: smallest feature, smallest gap between lines, and use of the sheets."""
     features = [
-        _width_mm(offset_outline(cut.outline, -sheet.cutting.allowance_mm)) / sheet.thickness_mm
+        width_mm(offset_outline(cut.outline, -sheet.cutting.allowance_mm)) / sheet.thickness_mm
         for sheet in sheets
         for cut in sheet.cuts
         if cut.name != TEST

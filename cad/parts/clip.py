@@ -30,6 +30,8 @@ PLUG_RADIUS_MM = 4.0
 # centre: within them is a gap for protrusions of the barrel, and outside them are the screws of the board.
 REST_DEG = 35.0
 REST_FROM_MM, REST_TO_MM = 6.0, 12.4
+# Step of the search for the height of the slide's screws.
+ROW_STEP_MM = 0.25
 # Clearance of a ribbon, which bends, on both sides in its slot.
 RIBBON_FREE_MM = 1.0
 
@@ -223,7 +225,7 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
     outer_y = cradle.inner_y_mm - slide.wall_mm
     low_x, high_x = min(cradle.x_mm[0], -half_width), max(cradle.x_mm[1], half_width)
     wall = box((low_x, outer_y, bottom), (high_x, cradle.inner_y_mm, top))
-    slide_z = _slide_z_mm(cradle, (bottom + boss, top - boss), hardware)
+    slide_z = _slide_z_mm(cradle, (bottom + boss, top - boss), slide_x, hardware)
     cuts = list(cradle.cuts)
     for mouth in np.array([(x, outer_y, z) for z in slide_z for x in (-slide_x, slide_x)]):
         # The clip is printed on this face, so round holes need no roof.
@@ -292,19 +294,36 @@ def _slide_x_mm(cradle: Cradle, hardware: Hardware) -> float:
     return max(nominal, float(np.ceil(max(np.abs(cradle.x_mm)) + nut_clearance)))
 
 
-def _slide_z_mm(cradle: Cradle, ends_mm: tuple[float, float], hardware: Hardware) -> tuple[float, ...]:
+def _slide_z_mm(
+    cradle: Cradle, ends_mm: tuple[float, float], slide_x_mm: float, hardware: Hardware
+) -> tuple[float, ...]:
     """z of the slide's screws, between `ends_mm`: two rows, so that the camera's weight does not bend the skin.
 
-    They are symmetric about the pads at a body's sides, as far as the wall allows. A wall too low for the screwdriver
-    holes of two rows has one row, halfway between its ends or at these pads.
+    They are symmetric about the pads at a body's sides, as far as the wall and the hollows of ties round the body
+    allow. A wall too low for the screwdriver holes of two rows has one row, halfway between its ends or at these pads.
     """
     low, high = ends_mm
     centre = (low + high) / 2.0 if cradle.nest is None else float(cradle.nest.points[5, 2])
-    half_spacing = min(hardware.clip.screws_above_mm, high - low) / 2.0
-    if 2.0 * half_spacing < _min_row_spacing_mm(hardware) - 1e-9:
+    closest = _min_row_spacing_mm(hardware)
+    half_spacing = min(max(hardware.clip.screws_above_mm, closest), high - low) / 2.0
+    if 2.0 * half_spacing < closest - 1e-9:
         return (centre,)
-    centre = min(max(centre, low + half_spacing), high - half_spacing)
-    return (centre - half_spacing, centre + half_spacing)
+    centres = np.arange(low + half_spacing, high - half_spacing + 1e-9, ROW_STEP_MM)
+    centres = np.array([min(max(centre, low + half_spacing), high - half_spacing), *centres])
+    rows = centres[:, None] + [-half_spacing, half_spacing]
+    # A screw through the hollow of a tie would cut it.
+    crossing = [z for left, right, z in cradle.straps_mm if left < slide_x_mm < right or left < -slide_x_mm < right]
+    room = tie_slot_mm(hardware)[0] + hardware.screw.insert_hole_mm / 2.0 + hardware.printer.wall_mm
+    clear = (np.abs(rows[:, :, None] - crossing) >= room - 1e-9).all(axis=(1, 2))
+    if not clear.any():
+        raise InputError(
+            "camera clip's ties round the body cross the screws of its slide, which are "
+            f'{2.0 * slide_x_mm:g} mm apart: give the body\'s threads (held_by.kind = "threads"), or screws_apart_mm '
+            "under [clip] of at least "
+            f"{2.0 * (float(np.abs(cradle.straps_mm[:, :2]).max()) + room):.0f}"
+        )
+    below, above = rows[clear][np.abs(centres[clear] - centre).argmin()]
+    return (float(below), float(above))
 
 
 def _min_row_spacing_mm(hardware: Hardware) -> float:

@@ -47,6 +47,8 @@ MAX_TIES, TIE_EDGE_MM = 3, 1.0
 MIN_ENGAGED, ENGAGED, BELOW_TIP_MM = 0.8, 1.5, 0.3
 # Plastic between a countersunk head and the body, at least, and depth of the head below the wall's outer face.
 HEAD_FLOOR_MM, SINK_MM = 1.6, 0.2
+# How much higher a plateau may be for the screws on sale.
+MAX_HIGHER_MM = 4.0
 
 
 def hold_by_straps(camera: CameraBody, hardware: Hardware) -> Cradle:
@@ -99,9 +101,18 @@ def hold_by_threads(camera: CameraBody, threads: Threads, wall_mm: float, hardwa
     head_radius = SUNK_HEAD * thread.diameter_mm / 2.0
     head_mm = (SUNK_HEAD - 1.0) * thread.diameter_mm / 2.0
     # The plateau makes the wall thick enough for the head.
-    plateau = max(PAD_MM, head_mm + SINK_MM + HEAD_FLOOR_MM - wall_mm)
+    # A head over the mount's rib, such as that of a tripod's thread below the lens, is deeper than the rib's groove.
+    groove = hardware.clip.rib_mm + 2.0 * hardware.fit.slide_mm
+    over_rib = any(abs(x) < head_radius + groove for x, _ in threads.threads_mm)
+    min_sink = max(SINK_MM, groove) if over_rib else SINK_MM
+    plateau = max(PAD_MM, head_mm + min_sink + HEAD_FLOOR_MM - wall_mm)
+    # A screw that would be too long engages as far as it may through a higher plateau.
+    deepest = _most_mm(threads)
+    exact = [length + min_sink - deepest - wall_mm for length in sunk_lengths_mm(threads.thread)]
+    if over_rib:
+        plateau = min((mm for mm in exact if plateau <= mm <= plateau + MAX_HIGHER_MM), default=plateau)
     through = wall_mm + plateau
-    length, engaged = _screw(threads, through, through - head_mm - HEAD_FLOOR_MM)
+    length, engaged = _screw(threads, through, (min_sink, through - head_mm - HEAD_FLOOR_MM))
     sink = engaged + through - length
     inner_y = float(body.low[1]) - plateau
     outer_y = inner_y - wall_mm
@@ -130,15 +141,21 @@ def hold_by_threads(camera: CameraBody, threads: Threads, wall_mm: float, hardwa
     )
 
 
-def _screw(threads: Threads, through_mm: float, max_sink_mm: float) -> tuple[float, float]:
-    """Length of a screw for a wall of `through_mm`, and its engagement; its head is at most `max_sink_mm` deep."""
+def _most_mm(threads: Threads) -> float:
+    """The largest engagement of a screw in a body's thread."""
+    return min(threads.thread_depth_mm - BELOW_TIP_MM, ENGAGED * thread_of(threads.thread).diameter_mm)
+
+
+def _screw(threads: Threads, through_mm: float, sink_mm: tuple[float, float]) -> tuple[float, float]:
+    """Length of a screw for a wall of `through_mm`, and its engagement; its head is from .. to `sink_mm` deep."""
+    min_sink_mm, max_sink_mm = sink_mm
     thread = thread_of(threads.thread)
-    most = min(threads.thread_depth_mm - BELOW_TIP_MM, ENGAGED * thread.diameter_mm)
+    most = _most_mm(threads)
     least = MIN_ENGAGED * thread.diameter_mm
     fits = [
         (min(most, length + max_sink_mm - through_mm), length)
         for length in sunk_lengths_mm(threads.thread)
-        if min(most, length + max_sink_mm - through_mm) >= max(least, length + SINK_MM - through_mm)
+        if min(most, length + max_sink_mm - through_mm) >= max(least, length + min_sink_mm - through_mm) - 1e-9
     ]
     if not fits:
         raise InputError(

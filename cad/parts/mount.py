@@ -172,7 +172,7 @@ WEB_DEG = 36.0
 GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
 # Steps of the candidate widths and depths, and candidate factors of the thicknesses.
-WIDTH_STEP_MM, DEPTH_STEP_MM = 8.0, 2.0
+WIDTH_STEP_MM, DEPTH_STEP_MM = 2.0, 2.0
 THICKNESS_FACTORS = (1.0, 1.5, 2.0)
 # Number of candidate heights of the bend; a mount with a higher bend leans further back.
 BEND_HEIGHTS = 4
@@ -327,14 +327,14 @@ def profiles(holder: HolderPlan, clip: ClipPlan, lean: float, hardware: Hardware
     min_half = max(float(np.abs(screws[:, 0]).max()), clip.slide_x_mm, FOOT_X_MM) + head_margin
     min_half = max(min_half, cable_half_width_mm(hardware))
     max_half = min(max(min_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
+    # The inner line depends on the width only where the holder's back is rotated sideways.
+    path = cache(partial(inner_path, holder, clip, hardware=hardware))
+    is_skew = abs(float(holder.rig_from_mount[0, 2])) > 1e-12
     for half_width in np.arange(min_half, max_half + 0.1, WIDTH_STEP_MM).tolist():
         for factor in THICKNESS_FACTORS:
             skin, web = factor * mount.skin_mm, factor * mount.web_mm
             end = head_end_mm(holder, half_width, web, hardware)
-            # All depths share the inner line from a given top of the slide.
-            line_from = cache(
-                partial(inner_path, holder, clip, half_width_mm=half_width, head_end_mm=end, hardware=hardware)
-            )
+            line_from = partial(path, half_width_mm=half_width if is_skew else 0.0, head_end_mm=end)
             for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEPTH_STEP_MM).tolist():
                 lines = _lines(line_from, clip, depth, lean, hardware)
                 if lines is None:

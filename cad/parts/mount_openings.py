@@ -36,6 +36,8 @@ LONGEST_MARK_MM = 14.0
 TIE_GAP_MM = 3.0
 # Slicers detect overhangs slightly before the printer's limit.
 ROUNDING_DEG = 2.0
+# How much shorter than the printer's longest bridge the ceilings of slots are.
+BRIDGE_MARGIN_MM = 0.1
 # Length of a screwdriver's axis, beyond any mount.
 BEYOND_MOUNT_MM = 1e3
 
@@ -60,7 +62,8 @@ def openings(
     cuts += _carrier_driver_cuts(holder, up, half_width, 2.0 * depth, hardware)
     for screw_point in clip.slide_points:
         start, through = screw_point + SCENE, clip.slide.grip_mm + 2.0
-        cuts.append(Bore(start, -SCENE, screw.clearance_hole_mm / 2.0, through, UP, 2.0 * clip.travel_mm, flat=True))
+        radius, ceiling = screw.clearance_hole_mm / 2.0, hardware.printer.bridge_mm - BRIDGE_MARGIN_MM
+        cuts.append(Bore(start, -SCENE, radius, through, UP, 2.0 * clip.travel_mm, ceiling_mm=ceiling))
         start = screw_point - clip.slide.grip_mm * SCENE
         cuts.append(Bore(start, -SCENE, driver_radius, 2.0 * depth, UP, 2.0 * clip.travel_mm, ROOF_IN_WEBS_DEG))
     for screw_point in foot.screws_in_rig:

@@ -21,14 +21,17 @@ from mirrorcam.cad.plan.prisms import prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.stand import rig_from_stand
 from mirrorcam.cad.plan.stiffness import Section
+from mirrorcam.cad.plan.threads import SUNK_HEAD, thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 
-# The adapter's screws in the mount's foot: +-x, and distances behind its front. In a clamp, these distances leave walls
-# around the self-supporting roofs of the holes for the screws' heads.
-FOOT_X_MM = 17.0
-FOOT_Y_MM = (4.5, 14.0)
+# The adapter's screws in the mount's foot: +-x, distance of the front ones behind its front, and from these to the rear
+# ones, at least. In a clamp, these distances leave walls around the self-supporting roofs of the holes for the screws'
+# heads.
+FOOT_X_MM, FOOT_FRONT_MM, FOOT_ROWS_MM = 17.0, 4.5, 9.5
 FOOT_DEPTH_MM = 20.0
+# Widening of the hole for a countersunk head in an adapter (backs/blocks.py).
+WIDER_MM = 0.7
 # The foot's plate transmits the full moment of the mirrors from the outer skin to the screws near the inner one. At
 # this ratio of the mount's depth to the plate's thickness, the plate bends less than the truss above it.
 DEPTH_TO_PLATE_RATIO = 3.0
@@ -96,9 +99,12 @@ def foot_of(line: FloatArray, half_width_mm: float, hardware: Hardware) -> Foot 
     (edge, z), (back, _) = line @ rotation[1:, 1:]
     slope, depth = float(np.tan(np.deg2rad(lean))), float(line[0, 0] - line[1, 0])
     front = edge - foot_plate_mm(depth, hardware) * max(slope, 0.0)
-    if front - back < FOOT_DEPTH_MM - 1e-9:
+    # A wall remains between the countersunk heads of the adapter's screws.
+    head = SUNK_HEAD * thread_of(hardware.screw.thread).diameter_mm + WIDER_MM
+    rows = max(FOOT_ROWS_MM, head + hardware.printer.wall_mm)
+    if front - back < FOOT_DEPTH_MM - FOOT_ROWS_MM + rows - 1e-9:
         return None
-    screws = np.array([(x, front - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in FOOT_Y_MM])
+    screws = np.array([(x, front - FOOT_FRONT_MM - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in (0.0, rows)])
     return Foot(rotation, screws, float(edge), float(front), float(back), half_width_mm)
 
 

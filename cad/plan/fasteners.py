@@ -30,8 +30,9 @@ class Bore:
     """A round hole from the centre of its mouth (3,) along an axis (3,), in the rig frame, mm.
 
     A bore that is horizontal on the bed has `up` (3,), normal to the axis: its ceiling is then a roof, `roof_deg` from
-    upright. `travel_mm` makes it a slot along up x axis, with that distance between the centres of its ends. A `flat`
-    slot has a level ceiling, printed as a bridge, so that a screw's head rests on both sides of the slot.
+    upright. `travel_mm` makes it a slot along up x axis, with that distance between the centres of its ends.
+    `ceiling_mm` gives a slot a level ceiling of at most that width, printed as a bridge, so that a screw's head rests
+    on both sides of the slot.
     """
 
     mouth: FloatArray
@@ -41,15 +42,14 @@ class Bore:
     up: FloatArray | None = None
     travel_mm: float = 0.0
     roof_deg: float = ROOF_DEG
-    flat: bool = False
+    ceiling_mm: float = 0.0
 
     @property
     def roof_mm(self) -> float:
-        """Height of the roof's ridge, where the tangents of both ends meet, over the centre."""
+        """Height over the centre of the roof's ridge, where the tangents of both ends meet, or of its ceiling."""
         angle = np.deg2rad(self.roof_deg)
-        if self.flat:
-            return self.radius_mm
-        return float((self.radius_mm + self.travel_mm / 2.0 * np.cos(angle)) / np.sin(angle))
+        half_mm = (self.travel_mm - self.ceiling_mm) / 2.0
+        return max(self.radius_mm, float((self.radius_mm + half_mm * np.cos(angle)) / np.sin(angle)))
 
 
 @dataclass(frozen=True)

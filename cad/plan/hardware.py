@@ -25,7 +25,7 @@ from mirrorcam.optics.geometry.camera_body import CameraBody
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
-from mirrorcam.optics.geometry.mirror_stock import Material, material_of
+from mirrorcam.optics.geometry.mirror_stock import WIDTH_TO_THICKNESS, Material, material_of
 
 # Relative difference of the tangents of the half fields of view up to which two cameras count as the same model.
 SAME_CAMERA_TOLERANCE = 0.1
@@ -339,8 +339,8 @@ class Cutting(Value):
 
     @property
     def min_width_to_thickness(self) -> float:
-        """Smallest ratio of a mirror's width to its thickness: narrower scored glass does not break along the line."""
-        return 1.0 if self.material == "acrylic" else 4.0
+        """Smallest ratio of a mirror's width to its thickness."""
+        return WIDTH_TO_THICKNESS[self.material]
 
 
 def field_of_view(camera: Camera) -> str:

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Literal
 
+import numpy as np
+
 from mirrorcam.core.bounds import LENGTH_MM
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 
 Material = Literal["acrylic", "glass"]
 INDICES: dict[Material, float] = {"acrylic": 1.49, "glass": 1.52}
 """Refractive index of each material (float glass)."""
+WIDTH_TO_THICKNESS: dict[Material, float] = {"acrylic": 1.0, "glass": 4.0}
+"""Smallest ratio of a mirror's width to its thickness: narrower scored glass does not break along the line."""
+SOLD_MM = (3.0, 2.0, 1.0)
+"""Thicknesses of glass mirrors that shops sell, below the thickest, in mm."""
+# How much larger than the smallest layout the suggested one is, since outlines do not grow in proportion.
+SCALE_RESERVE = 1.05
 GLASS_INDEX = sum(INDICES.values()) / 2.0
 """Refractive index from which a mirror counts as glass."""
 _NAME = re.compile(r"(first|second)-(acrylic|glass)-(\d+(?:\.\d+)?)")
@@ -35,3 +45,41 @@ def stock_fields(name: str) -> dict[str, str | float]:
 def material_of(layout: Layout) -> Material:
     """The material of a layout's mirrors, by their refractive index."""
     return "glass" if all(mirror.refractive_index >= GLASS_INDEX for mirror in layout.mirrors) else "acrylic"
+
+
+def width_mm(outline: FloatArray) -> float:
+    """Width of a convex outline (n, 2): the smallest distance between parallel supporting lines, one on an edge."""
+    edges = np.roll(outline, -1, axis=0) - outline
+    normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    return float(np.ptp(outline @ normals.T, axis=0).min())
+
+
+def too_narrow(layout: Layout) -> str:
+    """Advice if a mirror is too narrow to be cut from its stock; "" if none is."""
+    material = material_of(layout)
+    ratio = WIDTH_TO_THICKNESS[material]
+    widths = [width_mm(mirror.outline_in_plane_mm) / mirror.thickness_mm for mirror in layout.mirrors]
+    index = int(np.argmin(widths))
+    if widths[index] >= ratio:
+        return ""
+    return narrow_mirror(layout, index, widths[index] * layout.mirrors[index].thickness_mm, ratio, material)
+
+
+def narrow_mirror(layout: Layout, index: int, across_mm: float, ratio: float, material: Material) -> str:
+    """The message for a mirror less than `ratio` thicknesses across, with stock or a scale that avoids it."""
+    mirror = layout.mirrors[index]
+    needed = ratio * mirror.thickness_mm
+    limit = "its thickness" if ratio == 1.0 else f"{ratio:g} times its thickness"
+    thinner = [sold for sold in SOLD_MM if sold < mirror.thickness_mm and ratio * sold <= across_mm]
+    stocks = [f"{mirror.surface}-glass-{thinner[0]:g}"] if material == "glass" and thinner else []
+    if mirror.thickness_mm > 1.0 or material == "glass":
+        stocks.append("first-acrylic-1")
+    ways = [f"--mirror {stock}" for stock in stocks]
+    factor = SCALE_RESERVE * needed / across_mm
+    ways.append(
+        f"--scale-mm {math.ceil(factor * layout.spec.scale_mm)}" if layout.spec else f"{factor:.2f} times the scale"
+    )
+    return (
+        f"mirror {layout.mirror_names[index]} is {across_mm:.2f} mm across, expected at least {limit}, {needed:g} mm: "
+        f"design with {' or '.join(ways)}"
+    )

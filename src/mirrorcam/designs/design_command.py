@@ -170,6 +170,7 @@ def print_design(comparison: DesignComparison, *, best_fold: bool) -> None:
     `best_fold` states that the optimiser chose the fold.
     """
     from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
+    from mirrorcam.optics.geometry.mirror_stock import too_narrow
 
     spec = comparison.optimised.spec
     if best_fold and spec is not None:
@@ -188,8 +189,9 @@ def print_design(comparison: DesignComparison, *, best_fold: bool) -> None:
     print_metrics({name: layout.verdict for name, layout in columns.items()}, {"verdict": ("",)})
     if comparison.no_parabola:
         say("design", f"no faceted parabola to compare with: {comparison.no_parabola}")
-    if remark := out_of_focus(comparison.optimised):
-        say("design", remark)
+    for remark in (out_of_focus(comparison.optimised), too_narrow(comparison.optimised)):
+        if remark:
+            say("design", remark)
 
 
 def print_tolerance(study: Study) -> None:

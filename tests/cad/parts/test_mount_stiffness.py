@@ -26,7 +26,7 @@ ALONG_Y, UP = np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 
 
 def hole(z_mm: float, *, travel_mm: float = 0.0, flat: bool = True) -> Bore:
-    return Bore(np.array([0.0, 0.0, z_mm]), ALONG_Y, 3.0, 10.0, UP, travel_mm, flat=flat)
+    return Bore(np.array([0.0, 0.0, z_mm]), ALONG_Y, 3.0, 10.0, UP, travel_mm, ceiling_mm=20.0 if flat else 0.0)
 
 
 def test_a_round_hole_adds_three_times_its_fraction_of_the_area() -> None:
@@ -64,7 +64,7 @@ def test_an_oblique_strip_is_cut_over_more_of_its_length() -> None:
     """At 45 deg a round bore is an ellipse with its long axis along the stress."""
     start, end = np.array([0.0, 0.0]), np.array([10.0, 10.0])
     expected = 1.0 + np.pi * 9.0 * np.sqrt(2.0) / (np.hypot(10.0, 10.0) * 50.0) * (1.0 + 2.0 / np.sqrt(2.0))
-    assert softening(start, end, HALF, [Bore(np.array([0.0, -1.0, 5.0]), ALONG_Y, 3.0, 20.0, UP, flat=True)]) == (
+    assert softening(start, end, HALF, [Bore(np.array([0.0, -1.0, 5.0]), ALONG_Y, 3.0, 20.0, UP, ceiling_mm=20.0)]) == (
         pytest.approx(expected, rel=1e-3)
     )
 

@@ -29,12 +29,20 @@ def test_a_horizontal_bore_is_a_teardrop_with_its_ridge_up() -> None:
 
 
 def test_a_flat_slot_is_two_half_circles_and_a_rectangle() -> None:
-    slot = bore_solid(Bore(np.zeros(3), DOWN, 2.0, 5.0, UP, 6.0, flat=True))
+    slot = bore_solid(Bore(np.zeros(3), DOWN, 2.0, 5.0, UP, 6.0, ceiling_mm=20.0))
     assert np.ptp([slot.bounding_box().min.Y, slot.bounding_box().max.Y]) == pytest.approx(10.0)
     # Above its upper quarters the ceiling is level: corners replace the arcs between the steep tangents.
     assert slot.volume > (math.pi * 4.0 + 6.0 * 4.0) * 5.0
     assert slot.volume < 10.0 * 4.0 * 5.0
     assert pytest.approx(2.0) == slot.bounding_box().max.X
+
+
+def test_a_slots_ceiling_is_higher_where_it_would_bridge_too_far() -> None:
+    slot = bore_solid(Bore(np.zeros(3), DOWN, 2.0, 5.0, UP, 6.0, ceiling_mm=4.0))
+    top = slot.bounding_box().max.X
+    ceiling = next(face for face in slot.faces() if pytest.approx(top) == face.center().X)
+    assert top > 2.0
+    assert ceiling.area == pytest.approx(4.0 * 5.0)
 
 
 def test_a_groove_is_the_volume_swept_by_a_countersunk_head() -> None:

@@ -149,7 +149,7 @@ def test_a_slot_is_as_long_as_its_travel() -> None:
 
 def test_a_flat_slot_is_no_wider_than_its_screw() -> None:
     """A head rests on both sides; the ceiling ends where 42 deg tangents meet it."""
-    slot = bore_solid(Bore(np.zeros(3), Y, 1.7, 3.0, X, travel_mm=8.0, flat=True)).bounding_box()
+    slot = bore_solid(Bore(np.zeros(3), Y, 1.7, 3.0, X, travel_mm=8.0, ceiling_mm=20.0)).bounding_box()
     assert pytest.approx((-1.7, 1.7)) == (slot.min.X, slot.max.X)
 
 
