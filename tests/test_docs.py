@@ -20,7 +20,12 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS]
 def command_lines(text: str) -> list[str]:
     """The `mirrorcam` command lines of a page's shell blocks, without comments and what stands for something else."""
     blocks = re.findall(r"^```sh\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
-    parts = [part.strip() for block in blocks for line in block.splitlines() for part in line.split("#")[0].split("&&")]
+    parts = [
+        part.strip()
+        for block in blocks
+        for line in block.splitlines()
+        for part in re.split(r"(?:^|\s)#", line)[0].split("&&")
+    ]
     return [part for part in parts if part.startswith("mirrorcam ") and "…" not in part]
 
 
