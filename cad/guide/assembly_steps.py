@@ -169,7 +169,7 @@ def order_text(seats: SeatOrder) -> str:
     """The order of the mirrors and how to centre the loose ones; "" if there is no order."""
     if not seats.order:
         return ""
-    text = f"Put the mirrors in in this order: {', '.join(seats.order)}."
+    text = f"Lay the mirrors into their seats in this order: {', '.join(seats.order)}."
     if not seats.loose_mm:
         return f"{text} Rims or mirrors that are in already hold each of them."
     names, plays = zip(*seats.loose_mm, strict=True)
