@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +27,6 @@ from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.render_scenes.sets.render_set import render_set
-from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.render_scenes.settings import SENSORS, SensorModel
 from mirrorcam.run.pipeline import full_recipe
 
@@ -82,15 +82,7 @@ def fringes(layout: Layout, frames: Path) -> dict[str, Figure]:
 def rendered_again(layout: Layout, sensor: SensorModel, folder: Path) -> Validation:
     """Render the set of the default run with another sensor, and calibrate and decode it."""
     recipe = full_recipe(0)
-    request = SetRequest(
-        layout=layout,
-        board=recipe.board,
-        frames=recipe.frames,
-        base_frames=recipe.base_frames,
-        seed=recipe.seed,
-        settings=recipe.settings.replaced(sensor=sensor),
-    )
-    render_set(request, folder)
+    render_set(replace(recipe, settings=recipe.settings.replaced(sensor=sensor)).set_request(layout), folder)
     return validate(folder)
 
 

@@ -17,7 +17,6 @@ from mirrorcam.core.processes.worker_pool import in_two_processes
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.mirror_stock import stock_fields
 from mirrorcam.render_scenes.sets.render_set import render_set
-from mirrorcam.render_scenes.sets.set_request import SetRequest
 from mirrorcam.run.pipeline import full_recipe
 
 STOCKS = (
@@ -51,25 +50,13 @@ def main() -> None:
         spec = recipe.spec.replaced(shape=arguments.shape, **stock_fields(stock))
         with in_two_processes(["mirrorcam.optics.design.optimise"]) as calls:
             layout = design(spec, calls)
-        request = SetRequest(
-            layout=layout,
-            board=recipe.board,
-            frames=recipe.frames,
-            base_frames=recipe.base_frames,
-            seed=recipe.seed,
-            settings=recipe.settings,
-        )
         with tempfile.TemporaryDirectory() as folder:
-            render_set(request, Path(folder) / "set")
+            render_set(recipe.set_request(layout), Path(folder) / "set")
             found = validate(Path(folder) / "set")
         values = {name: found.metrics[name].value for name in SHOWN}
         figures |= {f"{stock}_{name}": value for name, value in values.items()}
-        figures[f"{stock}_usable_efficiency"] = usable_efficiency(layout)
-        rows.add(
-            stock,
-            f"{usable_efficiency(layout):.3f}",
-            *(text.format(values[name]) for name, (_, text) in SHOWN.items()),
-        )
+        usable = figures[f"{stock}_usable_efficiency"] = usable_efficiency(layout)
+        rows.add(stock, f"{usable:.3f}", *(text.format(values[name]) for name, (_, text) in SHOWN.items()))
     write_record(arguments.json, "mirror_stocks", figures, rows.table)
 
 

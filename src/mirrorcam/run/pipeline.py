@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from mirrorcam.calibration.validation import validate, write_validation
 from mirrorcam.core.console.reporter import SILENT, Reporter
@@ -26,6 +26,9 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings
 from mirrorcam.run.run_page import read_metrics, write_page, write_pictures
+
+if TYPE_CHECKING:
+    from mirrorcam.render_scenes.sets.set_request import SetRequest
 
 # Index of the frame that the page shows decoded.
 SHOWN_FRAME = 0
@@ -48,6 +51,19 @@ class Recipe:
     """Kind of the back to which the device is attached."""
     mounting: Literal["glue", "tape", "screws"] = "glue"
     """How the mirrors are mounted."""
+
+    def set_request(self, layout: Layout) -> SetRequest:
+        """The request for the synthetic set of a layout."""
+        from mirrorcam.render_scenes.sets.set_request import SetRequest
+
+        return SetRequest(
+            layout=layout,
+            board=self.board,
+            frames=self.frames,
+            base_frames=self.base_frames,
+            seed=self.seed,
+            settings=self.settings,
+        )
 
 
 def full_recipe(seed: int) -> Recipe:
@@ -88,17 +104,8 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
 
     def render(folder: Path, progress: Progress) -> None:
         from mirrorcam.render_scenes.sets.render_set import render_set
-        from mirrorcam.render_scenes.sets.set_request import SetRequest
 
-        request = SetRequest(
-            layout=Layout.load(nominal),
-            board=recipe.board,
-            frames=recipe.frames,
-            base_frames=recipe.base_frames,
-            seed=recipe.seed,
-            settings=recipe.settings,
-        )
-        render_set(request, folder, progress=progress)
+        render_set(recipe.set_request(Layout.load(nominal)), folder, progress=progress)
 
     def check(folder: Path, progress: Progress) -> None:
         write_validation(validate(synthetic, progress), folder, command="mirrorcam run")
