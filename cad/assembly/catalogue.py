@@ -21,7 +21,7 @@ from mirrorcam.cad.holder.holder_solid import make_holder, make_screwed_holder
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.mount import rotation_2d
 from mirrorcam.cad.parts.part_solids import make_carrier, make_clip, make_coupon, make_cover, make_mount
-from mirrorcam.cad.parts.truss import foot_plate_mm
+from mirrorcam.cad.parts.truss import NUT_RISE, foot_plate_mm
 from mirrorcam.cad.plan.device_names import CAMERA, CLIP, COUPON, COVER, HOLDER, MOUNT, carrier_name
 from mirrorcam.cad.plan.fasteners import X_AXIS, Stack, exit_move, frame_along
 from mirrorcam.cad.plan.part_plan import NamedFace, PartPlan, PurchasedItem, Rgb
@@ -332,6 +332,6 @@ def foot_nut_exits_mm(device: Device, seats: FloatArray) -> FloatArray:
     corners, screw, foot = corners_of(device.mount.pieces), device.hardware.screw, device.mount.foot
     plate, up = foot.z_mm + foot_plate_mm(device.mount.section.depth_mm, device.hardware), foot.up_in_rig
     # The origin of a nut is at its face towards the screw.
-    off_plate = [(plate - seat @ up + screw.nut_height_mm / 4.0) * up for seat in seats]
+    off_plate = [(plate - seat @ up + (NUT_RISE - 1.0) * screw.nut_height_mm) * up for seat in seats]
     sides = [exit_move(corners, seat, np.sign(seat[0]) * RIGHT) for seat in seats]
     return np.stack([off_plate, sides], axis=1)

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from build123d import BuildPart, BuildSketch, Circle, Locations, Mode, Part, Plane, Rectangle, Solid, extrude, insert
+from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
 
 from mirrorcam.cad.backs.back import Back, RotatedPlan, carried_load, in_rig
 from mirrorcam.cad.backs.blocks import ALONG_Y, BlocksPlan
@@ -71,7 +72,9 @@ def make_adapter(plan: RotatedPlan) -> Part:
     """A part of an adapter in the rig frame."""
     part = MAKERS[type(plan.plan)](plan.plan)
     x_axis, _, z_axis = (tuple(axis) for axis in plan.rig_from_stand.T)
-    return part.moved(Plane(origin=(0.0, 0.0, 0.0), x_dir=x_axis, z_dir=z_axis).location)
+    location = Plane(origin=(0.0, 0.0, 0.0), x_dir=x_axis, z_dir=z_axis).location
+    # Baked into the geometry, as in other parts: a location would make the STEP file an assembly of one part.
+    return Part(BRepBuilderAPI_Transform(part.wrapped, location.wrapped.Transformation(), theCopyGeom=True).Shape())
 
 
 PLANNERS: dict[str, Any] = {

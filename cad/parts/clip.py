@@ -10,12 +10,22 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.parts.body_clip import hold_body
+from mirrorcam.cad.parts.body_clip import FILLET_MM, hold_body
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, CameraScrew, Cradle, Nest, body_box, tie_height_mm
 from mirrorcam.cad.parts.corner_clip import hold_by_straps, hold_by_threads
 from mirrorcam.cad.parts.ties import tie_slot_mm, tie_slots
 from mirrorcam.cad.plan.dimension import Hole, Length, holes, length
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Countersink, Hexagon, Stack, head_space_mm, stack, thread
+from mirrorcam.cad.plan.fasteners import (
+    NUT_FIT_MM,
+    OUTSIDE_MM,
+    Bore,
+    Countersink,
+    Hexagon,
+    Stack,
+    head_space_mm,
+    stack,
+    thread,
+)
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.part_plan import FORMING
 from mirrorcam.cad.plan.prisms import box, corners_of, prism_along_x, prism_along_z
@@ -231,6 +241,12 @@ def plan_clip(hardware: Hardware) -> ClipPlan:
         # The clip is printed on this face, so round holes need no roof.
         threaded = thread(mouth, SCENE, UP, slide, slide.wall_mm, screw)
         cuts += [replace(cut, up=None) if isinstance(cut, Bore) else cut for cut in threaded]
+        if screw.kind == "nut":
+            # The nut enters from the scene, past the fillet of a leaf beside its pocket.
+            half_z = (screw.nut_flats_mm + NUT_FIT_MM) / 2.0
+            half_x, inner = half_z * 2.0 / np.sqrt(3.0), cradle.inner_y_mm
+            x, _, z = mouth
+            cuts.append(box((x - half_x, inner, z - half_z), (x + half_x, inner + FILLET_MM, z + half_z)))
     depth = clip.rib_mm + hardware.fit.slide_mm
     groove = np.array(
         [

@@ -15,7 +15,7 @@ from shapely.ops import substring
 
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.parts.clip import ClipPlan
-from mirrorcam.cad.plan.fasteners import Stack, head_space_mm, stack
+from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, Stack, head_space_mm, stack
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import prism_along_x
 from mirrorcam.cad.plan.seats import Frustum
@@ -30,6 +30,8 @@ from mirrorcam.core.values import FloatArray
 # heads.
 FOOT_X_MM, FOOT_FRONT_MM, FOOT_ROWS_MM = 17.0, 4.5, 9.5
 FOOT_DEPTH_MM = 20.0
+# Height above its foot's plate at which a nut leaves it, relative to its thickness.
+NUT_RISE = 1.25
 # Widening of the hole for a countersunk head in an adapter (backs/blocks.py).
 WIDER_MM = 0.7
 # The foot's plate transmits the full moment of the mirrors from the outer skin to the screws near the inner one. At
@@ -99,12 +101,19 @@ def foot_of(line: FloatArray, half_width_mm: float, hardware: Hardware) -> Foot 
     (edge, z), (back, _) = line @ rotation[1:, 1:]
     slope, depth = float(np.tan(np.deg2rad(lean))), float(line[0, 0] - line[1, 0])
     front = edge - foot_plate_mm(depth, hardware) * max(slope, 0.0)
+    screws_mm = FOOT_FRONT_MM
+    if (screw := hardware.screw).kind == "nut":
+        # Nuts get into the foot from the side, above its plate and behind the skin that carries the slide.
+        skin_mm = hardware.mount.slide_skin_mm * float(np.hypot(1.0, slope)) + NUT_RISE * screw.nut_height_mm * max(
+            slope, 0.0
+        )
+        screws_mm = max(screws_mm, skin_mm + screw.nut_flats_mm / 2.0 + NUT_FIT_MM)
     # A wall remains between the countersunk heads of the adapter's screws.
     head = SUNK_HEAD * thread_of(hardware.screw.thread).diameter_mm + WIDER_MM
     rows = max(FOOT_ROWS_MM, head + hardware.printer.wall_mm)
-    if front - back < FOOT_DEPTH_MM - FOOT_ROWS_MM + rows - 1e-9:
+    if front - back < FOOT_DEPTH_MM - FOOT_ROWS_MM - FOOT_FRONT_MM + screws_mm + rows - 1e-9:
         return None
-    screws = np.array([(x, front - FOOT_FRONT_MM - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in (0.0, rows)])
+    screws = np.array([(x, front - screws_mm - y, z) for x in (-FOOT_X_MM, FOOT_X_MM) for y in (0.0, rows)])
     return Foot(rotation, screws, float(edge), float(front), float(back), half_width_mm)
 
 
