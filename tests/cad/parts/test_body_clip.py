@@ -5,6 +5,7 @@ Bodies in their trays: six points on the body's solid, also on round ends, and f
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import manifold3d
@@ -61,7 +62,14 @@ def test_a_tray_prints_on_its_slide_with_nothing_to_support_it(name: str, kind: 
 @pytest.mark.parametrize("turn_deg", [0.0, 35.0])
 def test_a_slicer_puts_no_support_into_an_oblique_nut_s_pocket(turn_deg: float, tmp_path: Path) -> None:
     plan = plan_clip(hardware_of("c920", "nut"))
-    write_stl(tmp_path / "clip.stl", make_clip(plan))
+    # The hollow for the cable's tie is bridged, which the slicer does not see at every rotation.
+    tie_z = plan.tie_mm[2]
+    at_tie = [cut for cut in plan.cuts if isinstance(cut, Frustum) and abs(cut.base[:, 2].mean() - tie_z) < 1.0]
+    assert len(at_tie) == 3
+    write_stl(
+        tmp_path / "clip.stl",
+        make_clip(replace(plan, cuts=tuple(cut for cut in plan.cuts if all(cut is not each for each in at_tie)))),
+    )
     mesh = trimesh.load_mesh(tmp_path / "clip.stl")
     mesh.apply_transform(with_base_at(Y_UP, plan.slide_y_mm))
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.deg2rad(turn_deg), [0.0, 0.0, 1.0]))
