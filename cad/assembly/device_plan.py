@@ -24,7 +24,7 @@ from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.fasteners import with_holes_for_screws
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
 from mirrorcam.cad.plan.part_plan import Connection
-from mirrorcam.cad.plan.prisms import box, overlap_mm, require_clear_of_light, shifted
+from mirrorcam.cad.plan.prisms import box, overlap_mm, prism_along_z, require_clear_of_light, shifted
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.cad.plan.threads import THREADS
 from mirrorcam.core.errors import InputError
@@ -35,6 +35,13 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 # Number of steps of each move of the dust cover at which clashes with the camera are tested.
 COVER_STEPS = 8
+# Number of sides of the prism around a round lens.
+BARREL_SIDES = 24
+# What to do where a camera stands in the light of a layout.
+OTHER_LAYOUT = (
+    "design for this camera, which keeps its body and lens clear (mirrorcam design --camera NAME|FILE), with mirrors "
+    "farther from it (--scale-mm) if that does not suffice"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,8 +103,9 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     light = keep_outs(layout, hardware)
     # The camera's cones end in the pupil, inside the camera.
     beams = [[pocket, beam] for pocket, _, beam in light]
-    require_clear_of_light("camera", camera_boxes(hardware), layout, beams)
-    require_clear_of_light("camera clip", over_travel(clip.pieces, clip.travel_mm), layout, light)
+    require_clear_of_light("camera", camera_boxes(hardware), layout, beams, OTHER_LAYOUT)
+    require_clear_of_light("camera's lens", lens_barrels(hardware), layout, beams, OTHER_LAYOUT)
+    require_clear_of_light("camera clip", over_travel(clip.pieces, clip.travel_mm), layout, light, OTHER_LAYOUT)
     # The holder is planned last among these, since it takes longest: a minute for large layouts.
     screwed = hardware.holder.mirrors == "screws"
     holder = plan_screwed_holder(layout, hardware) if screwed else plan_holder(layout, hardware)
@@ -142,7 +150,7 @@ def _cover(
     clashes = (
         overlap_mm(shifted(cover.outer, shift), solid) > 0.0
         for shift in shifts
-        for solid in (*camera, *lens_boxes(hardware))
+        for solid in (*camera, *lens_barrels(hardware))
     )
     return None if any(clashes) else cover
 
@@ -162,13 +170,15 @@ def camera_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
     return tuple(boxes)
 
 
-def lens_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
-    """A box around the camera's lens ring or barrel in front of its body; none if nothing protrudes."""
+def lens_barrels(hardware: Hardware) -> tuple[Frustum, ...]:
+    """A prism around the camera's lens ring or barrel in front of its body; none if nothing protrudes."""
     camera = hardware.camera
-    half, front = camera.lens_ring_mm / 2.0, camera.pupil_behind_front_mm
     if not camera.lens_protrusion_mm:
         return ()
-    return (box((-half, -half, front), (half, half, front + camera.lens_protrusion_mm)),)
+    angles = 2.0 * np.pi * np.arange(BARREL_SIDES) / BARREL_SIDES
+    radius, front = camera.lens_ring_mm / 2.0 / np.cos(np.pi / BARREL_SIDES), camera.pupil_behind_front_mm
+    circle = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    return (prism_along_z(circle, front, front + camera.lens_protrusion_mm),)
 
 
 def over_travel(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:
