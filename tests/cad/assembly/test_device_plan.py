@@ -8,17 +8,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from build123d import Box, Location, RigidJoint
+from manifold3d import Manifold
 
 from benchmarks.devices import CAMERA_700
 from mirrorcam.cad.assembly.device_plan import Device, connections, lens_barrels, plan_device
 from mirrorcam.cad.backs.back import Back, Support
 from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.holder.holder_body import HolderPlan, body_of
+from mirrorcam.cad.holder.holder_plan import plan_holder
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
+from mirrorcam.cad.holder.stray_light import MAX_STRAY_LIGHT, stray_light
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.prisms import box, overlap_mm
-from mirrorcam.cad.plan.seats import Frustum, keep_outs
+from mirrorcam.cad.plan.seats import Frustum, keep_outs, mirror_prism
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.camera_body import BoardHoles
@@ -76,6 +81,17 @@ def test_a_lens_that_stands_in_the_light_is_refused_until_the_layout_is_designed
     (barrel,) = lens_barrels(hardware)
     beams = [volumes[2] for volumes in keep_outs(layout, hardware)]
     assert -5.0 < max(overlap_mm(barrel, beam) for beam in beams) < 0.0
+
+
+def test_the_baffle_stands_farther_outside_where_the_camera_would_see_past_it() -> None:
+    layout = design(DesignSpec(rows=1, cols=2))
+    mirrors = [Manifold.hull_points(np.vstack([solid.base, solid.top])) for solid in map(mirror_prism, layout.mirrors)]
+
+    def seen_past(holder: HolderPlan) -> float:
+        return stray_light(layout, body_of(PlanarCsg(), holder), mirrors)
+
+    assert seen_past(plan_holder(layout, HARDWARE)) > MAX_STRAY_LIGHT
+    assert seen_past(plan_device(layout, HARDWARE).holder) <= MAX_STRAY_LIGHT
 
 
 def test_a_clip_that_would_slide_into_the_light_is_refused(default_layout: Layout) -> None:
