@@ -26,8 +26,9 @@ from mirrorcam.core.values import Metric
 from mirrorcam.device.hardware_choice import HardwareChoice
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.arrangement import Pattern
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
-from mirrorcam.optics.geometry.camera_library import named_camera
+from mirrorcam.optics.geometry.camera_library import CameraProfile, named_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_stock import stock_fields
@@ -71,6 +72,8 @@ BODY_700 = CameraBody.model_validate(
         },
     }
 )
+# The lens of the default camera in the large body.
+CAMERA_700 = CameraProfile(name=BODY_700.name, optics=Camera.c920().replaced(body_mm=None), body=BODY_700)
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,7 @@ DEVICES = {
     "pi_camera_3, vesa": Variant({"camera": named_camera("pi_camera_3")}, {"adapter": "vesa"}),
     "gen3": Variant(choice={"adapter": "gen3"}),
     "29 mm cube": Variant(body=CUBE_29),
-    "700 g body": Variant(body=BODY_700),
+    "700 g body": Variant({"camera": CAMERA_700.camera}, body=BODY_700),
 }
 
 

@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from manifold3d import Manifold
 
 from mirrorcam.cad.backs.back import Back
 from mirrorcam.cad.backs.own_back import require_own
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.holder.carriers import CarrierPlan
-from mirrorcam.cad.holder.holder_body import HolderPlan
+from mirrorcam.cad.holder.holder_body import HolderPlan, body_of
 from mirrorcam.cad.holder.holder_plan import plan_holder
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan, plan_screwed_holder
+from mirrorcam.cad.holder.stray_light import MAX_STRAY_LIGHT, stray_light
 from mirrorcam.cad.mirrors.stock_sheets import require_cuttable
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
@@ -24,8 +27,8 @@ from mirrorcam.cad.plan.device_names import CLIP, HOLDER, MOUNT
 from mirrorcam.cad.plan.fasteners import with_holes_for_screws
 from mirrorcam.cad.plan.hardware import Hardware, require_same_camera
 from mirrorcam.cad.plan.part_plan import Connection
-from mirrorcam.cad.plan.prisms import box, overlap_mm, require_clear_of_light, shifted
-from mirrorcam.cad.plan.seats import Frustum, keep_outs
+from mirrorcam.cad.plan.prisms import box, overlap_mm, prism_along_z, require_clear_of_light, shifted
+from mirrorcam.cad.plan.seats import Frustum, keep_outs, mirror_prism
 from mirrorcam.cad.plan.threads import THREADS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
@@ -35,6 +38,15 @@ from mirrorcam.optics.geometry.transforms import rigid
 
 # Number of steps of each move of the dust cover at which clashes with the camera are tested.
 COVER_STEPS = 8
+# How far the baffle may stand outside its place in the table, in the order in which they are tried.
+BAFFLE_SHIFTS_MM = (0.0, 0.8, 1.8, 3.3)
+# Number of sides of the prism around a round lens.
+BARREL_SIDES = 24
+# What to do where a camera stands in the light of a layout.
+OTHER_LAYOUT = (
+    "design for this camera, which keeps its body and lens clear (mirrorcam design --camera NAME|FILE), with mirrors "
+    "farther from it (--scale-mm) if that does not suffice"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,11 +108,11 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
     light = keep_outs(layout, hardware)
     # The camera's cones end in the pupil, inside the camera.
     beams = [[pocket, beam] for pocket, _, beam in light]
-    require_clear_of_light("camera", camera_boxes(hardware), layout, beams)
-    require_clear_of_light("camera clip", over_travel(clip.pieces, clip.travel_mm), layout, light)
+    require_clear_of_light("camera", camera_boxes(hardware), layout, beams, OTHER_LAYOUT)
+    require_clear_of_light("camera's lens", lens_barrels(hardware), layout, beams, OTHER_LAYOUT)
+    require_clear_of_light("camera clip", over_travel(clip.pieces, clip.travel_mm), layout, light, OTHER_LAYOUT)
     # The holder is planned last among these, since it takes longest: a minute for large layouts.
-    screwed = hardware.holder.mirrors == "screws"
-    holder = plan_screwed_holder(layout, hardware) if screwed else plan_holder(layout, hardware)
+    holder = _plan_dark_holder(layout, hardware)
     mount = plan_mount(layout, holder, clip, hardware)
     back = plan_back(clip, mount, hardware, tuple(volume for volumes in light for volume in volumes))
     for part in back.parts:
@@ -117,6 +129,22 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         coupon=plan_coupon(layout, hardware, holder.adjuster.gap_mm if isinstance(holder, ScrewedHolderPlan) else 0.0),
         cover=_cover(layout, holder, mount, (*camera_boxes(hardware), *clip.pieces), hardware),
     )
+
+
+def _plan_dark_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
+    """The holder whose baffle stands only as far outside the mirrors as it must, to hide the surroundings.
+
+    The farther outside, the higher it can be below the light that leaves the mirrors, and the less the camera sees past
+    it.
+    """
+    plan = plan_screwed_holder if hardware.holder.mirrors == "screws" else plan_holder
+    mirrors = [Manifold.hull_points(np.vstack([solid.base, solid.top])) for solid in map(mirror_prism, layout.mirrors)]
+    for shift_mm in BAFFLE_SHIFTS_MM:
+        out_mm = hardware.holder.shade_out_mm + shift_mm
+        holder = plan(layout, hardware.replaced(holder=hardware.holder.replaced(shade_out_mm=out_mm)))
+        if stray_light(layout, body_of(PlanarCsg(), holder), mirrors) <= MAX_STRAY_LIGHT:
+            break
+    return holder
 
 
 def _require_known_screws(hardware: Hardware) -> None:
@@ -142,7 +170,7 @@ def _cover(
     clashes = (
         overlap_mm(shifted(cover.outer, shift), solid) > 0.0
         for shift in shifts
-        for solid in (*camera, *lens_boxes(hardware))
+        for solid in (*camera, *lens_barrels(hardware))
     )
     return None if any(clashes) else cover
 
@@ -162,13 +190,15 @@ def camera_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
     return tuple(boxes)
 
 
-def lens_boxes(hardware: Hardware) -> tuple[Frustum, ...]:
-    """A box around the camera's lens ring or barrel in front of its body; none if nothing protrudes."""
+def lens_barrels(hardware: Hardware) -> tuple[Frustum, ...]:
+    """A prism around the camera's lens ring or barrel in front of its body; none if nothing protrudes."""
     camera = hardware.camera
-    half, front = camera.lens_ring_mm / 2.0, camera.pupil_behind_front_mm
     if not camera.lens_protrusion_mm:
         return ()
-    return (box((-half, -half, front), (half, half, front + camera.lens_protrusion_mm)),)
+    angles = 2.0 * np.pi * np.arange(BARREL_SIDES) / BARREL_SIDES
+    radius, front = camera.lens_ring_mm / 2.0 / np.cos(np.pi / BARREL_SIDES), camera.pupil_behind_front_mm
+    circle = radius * np.column_stack([np.cos(angles), np.sin(angles)])
+    return (prism_along_z(circle, front, front + camera.lens_protrusion_mm),)
 
 
 def over_travel(solids: tuple[Frustum, ...], travel_mm: float) -> tuple[Frustum, ...]:

@@ -42,7 +42,7 @@ from mirrorcam.cad.checks.load_checks import check_aim, check_back, check_nest, 
 from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
 from mirrorcam.cad.checks.seat_checks import check_seats, flat_faces
 from mirrorcam.cad.checks.tape_mounting import check_tape
-from mirrorcam.cad.holder.stray_light import stray_light
+from mirrorcam.cad.holder.stray_light import MAX_STRAY_LIGHT, stray_light
 from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, COVER, HOLDER, UNMOUNTED
 from mirrorcam.cad.plan.hardware import MIRROR_DENSITIES, Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties
@@ -50,10 +50,6 @@ from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
 ASSEMBLY = "assembly.glb"
-# Limit of the fraction of pixels that see the surroundings past all parts. Their veiling glare is at most one of 255
-# grey levels if they are five times as bright as the scene, and the lens scatters 3 % of the light over the picture
-# (ISO 9358).
-MAX_STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
 # Height above its seat from which a mirror is lowered, as a multiple of its thickness.
 DROP_HEIGHT_RATIO = 4.0
 # Reduction of the tested clearance around a mirror, so that walls exactly at the clearance do not clash.

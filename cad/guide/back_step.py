@@ -5,6 +5,7 @@ from __future__ import annotations
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back import Back, carried_load, in_sentence
 from mirrorcam.cad.backs.blocks import TRIPOD
+from mirrorcam.cad.checks.load_checks import LOAD_FACTOR
 from mirrorcam.cad.plan.part_plan import PurchasedItem
 
 
@@ -34,6 +35,12 @@ def back_sentences(device: Device) -> list[str]:
         sentences.append(
             f"{tripod_sentence(back, nut)} The device is heavier towards the {heavier}: turn a leg of the tripod that "
             "way."
+        )
+    if back.table.not_checked:
+        load_kg = LOAD_FACTOR * carried_load(device.mount, device.clip, device.hardware).mass_g / 1000.0
+        sentences.append(
+            f"Not checked by the program: {back.table.not_checked}. Load the part with {load_kg:.1f} kg before you "
+            "trust it with the camera."
         )
     if back.robot:
         sentences += [

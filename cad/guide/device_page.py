@@ -64,6 +64,7 @@ def write_page(
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
     failed = [name for name, metric in checks.items() if not metric.passed]
     limited = sum(metric.limit is not None for metric in checks.values())
+    not_checked = device.hardware.back.not_checked
     rays = [central_ray(layout, i).round(3).tolist() for i in range(len(layout.mirrors))]
     page = render(
         WEB,
@@ -87,7 +88,7 @@ def write_page(
         verdict=(
             f"{len(failed)} of {limited} checks failed: do not make this device"
             if failed
-            else f"all {limited} checks pass"
+            else f"all {limited} checks pass" + (f"; not checked: {not_checked}" if not_checked else "")
         ),
         check_groups=_groups(checks, parts),
         data=Markup(json.dumps({"rays_mm": rays, "not_shown": _not_shown(parts)})),

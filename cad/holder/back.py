@@ -47,7 +47,7 @@ def hole_mm(screw: Fastening) -> float:
 
 
 def tip_mm(screw: Fastening) -> float:
-    """Height of the cone at the end of a screw hole: a flat ceiling next to a hollow's slope would need support."""
+    """Height of the cone at the end of a screw hole: a flat ceiling would be a round bridge."""
     return float((hole_mm(screw) / 2.0 - BLUNT_RADIUS_MM) / np.tan(np.deg2rad(ROOF_DEG)))
 
 

@@ -10,7 +10,6 @@ from manifold3d import Manifold
 from mirrorcam.cad.holder.pads import PADS
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
 from mirrorcam.cad.holder.stray_light import Baffle
-from mirrorcam.cad.holder.webs import Hollow
 from mirrorcam.cad.plan.cuts import Cuts
 from mirrorcam.cad.plan.hardware import Fastening
 from mirrorcam.cad.plan.seats import Frustum
@@ -36,12 +35,12 @@ class HolderPlan:
     - `walls` on the flange: the baffle against stray light.
 
     Cuts, which spare the pads: the `keep_outs` (each mirror's pocket, camera cone and reflected beam), the `grooves` of
-    the seats, the `hollows` and, for nuts, the `slots` through which they slide in.
+    the seats and, for nuts, the `slots` through which they slide in.
 
     `rig_from_mount` (4, 4) is the frame of the flat back: origin in the centre of the mount holes, x along the rig's x,
     z out of the back. `holes_in_mount_mm` (4, 2) are in its plane, with threads at depths `thread_mm` (from, to) and
-    the depth `hole_depth_mm`. `size_mm` is the part's size along x, y and z of that frame, `volume_mm3` its volume
-    before it is grooved and drilled. `cuts_mm` are the positions
+    the depth `hole_depth_mm`. `size_mm` is the part's size along x, y and z of that frame, `printed_mm3` its plastic
+    before it is grooved and drilled, with infill. `cuts_mm` are the positions
     along its x and y at which the part is cut to fit the bed. `planned_cover` is, for every mirror, the fraction of its
     back that its seat covers, and `glue_mm3` the volume of the gap between them.
     """
@@ -55,14 +54,13 @@ class HolderPlan:
     walls: Baffle
     keep_outs: tuple[tuple[Frustum, ...], ...]
     grooves: tuple[Frustum, ...]
-    hollows: tuple[Hollow, ...]
     slots: tuple[Frustum, ...]
     rig_from_mount: FloatArray
     holes_in_mount_mm: FloatArray
     thread_mm: tuple[float, float]
     hole_depth_mm: float
     size_mm: tuple[float, float, float]
-    volume_mm3: float
+    printed_mm3: float
     cuts_mm: Cuts
     planned_cover: tuple[float, ...]
     glue_mm3: tuple[float, ...]
@@ -76,6 +74,11 @@ class HolderPlan:
         solids = (self.slab, self.flange, *self.cores, *self.pads, *self.fillers, *self.rims)
         walls = (self.walls.outer_foot, self.walls.inner_foot, self.walls.outer_crest, self.walls.inner_crest)
         return np.vstack([*(np.vstack([solid.base, solid.top]) for solid in solids), *walls])
+
+    @property
+    def screws_mm3(self) -> float:
+        """Volume of the shanks of the screws that hold the mirrors."""
+        return 0.0
 
     @property
     def pads_of_mirrors(self) -> tuple[tuple[Frustum, ...], ...]:
@@ -95,7 +98,7 @@ class HolderPlan:
 
 
 def body_of(csg: PlanarCsg, plan: HolderPlan) -> Manifold:
-    """The holder without hollows, grooves and holes: all material outside the light."""
+    """The holder without grooves and holes: all material outside the light."""
     normal = plan.rig_from_mount[:3, 2]
     down, up, zero = OVERLAP_MM * normal, -OVERLAP_MM * normal, np.zeros(3)
     body = csg.joined(

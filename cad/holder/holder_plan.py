@@ -1,4 +1,4 @@
-"""Plan the mirror holder as plain numbers: its solids, and the light, grooves and hollows cut out of them.
+"""Plan the mirror holder as plain numbers: its solids, and the light and grooves cut out of them.
 
 The slab's back is flat and is printed on the bed, so every seat faces up and nothing needs support. The mount is
 screwed to it.
@@ -35,9 +35,9 @@ from mirrorcam.cad.holder.glue import (
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.pads import pad_shapes, pad_solid, plan_pads
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
+from mirrorcam.cad.holder.printed_volume import printed_mm3
 from mirrorcam.cad.holder.rims import RELIEF_MM, cut_zones, plan_rims
 from mirrorcam.cad.holder.stray_light import Baffle, plan_baffle
-from mirrorcam.cad.holder.webs import plan_hollows
 from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, require_height
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
@@ -93,9 +93,8 @@ def plan_holder(layout: Layout, hardware: Hardware) -> HolderPlan:
     points = np.asarray(body.to_mesh64().vert_properties)[:, :3] @ plan.rig_from_mount[:3, :3]
     size = tuple(np.ptp(points, axis=0).tolist())
     require_height("mirror holder", size[2], hardware)
-    in_mount = Polygon(get_coordinates(front.border) - plan.rig_from_mount[:3, 3] @ front.axes[:2].T)
-    hollows = plan_hollows(body, plan.rig_from_mount, in_mount, plan.holes_in_mount_mm, plan.cuts_mm, hardware)
-    return replace(plan, size_mm=size, volume_mm3=float(csg.cut(body, hollows).volume()), hollows=hollows)
+    lying = body.transform(np.linalg.inv(plan.rig_from_mount)[:3])
+    return replace(plan, size_mm=size, printed_mm3=printed_mm3(lying, plan.wall_mm))
 
 
 def _front(layout: Layout, hardware: Hardware) -> _Front:
@@ -112,7 +111,7 @@ def _front(layout: Layout, hardware: Hardware) -> _Front:
 
 
 def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardware) -> HolderPlan:
-    """A holder without rims, grooves and hollows; `cuts` are coordinates along the mount's x and y from the pupil."""
+    """A holder without rims and grooves; `cuts` are coordinates along the mount's x and y from the pupil."""
     axes, normal = front.axes, front.axes[2]
     column = partial(column_to_back, mount=mount, normal=normal)
     rig_from_mount = rigid(axes.T, mount.centre_mm @ axes[:2] + mount.back_mm * normal)
@@ -138,7 +137,6 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
         ),
         keep_outs=tuple(tuple(group) for group in front.keep_outs),
         grooves=(),
-        hollows=(),
         slots=nut_slots(mount.holes_mm, front.surface.footprint, mount.centre_mm, rig_from_mount, hardware)
         if nuts
         else (),
@@ -147,7 +145,7 @@ def _without_rims(front: _Front, mount: MountFace, cuts: Cuts, hardware: Hardwar
         thread_mm=(thread_from, thread_to),
         hole_depth_mm=hole_depth,
         size_mm=(0.0, 0.0, 0.0),
-        volume_mm3=0.0,
+        printed_mm3=0.0,
         cuts_mm=(
             tuple(cut - float(mount.centre_mm[0]) for cut in cuts[0]),
             tuple(cut - float(mount.centre_mm[1]) for cut in cuts[1]),

@@ -47,12 +47,12 @@ def check_gaps(layout: Layout, hardware: Hardware) -> None:
 
 @recipe("cad.holder.solid.make_holder")
 def make_holder(plan: HolderPlan) -> Part:
-    """The holder as one B-rep: the union of its solids, minus light, pockets, grooves, hollows and holes."""
+    """The holder as one B-rep: the union of its solids, minus light, pockets, grooves and holes."""
     csg = PlanarCsg()
     solid = one_piece(body_of(csg, plan), plan.wall_mm)
     # No groove cuts the baffle right behind the rims, where it would have a ceiling.
     grooved = csg.cut(solid, plan.grooves) + (solid ^ csg.solid(plan.walls))
-    body = one_piece(csg.cut(grooved, [*plan.hollows, *plan.slots]), plan.wall_mm)
+    body = one_piece(csg.cut(grooved, plan.slots), plan.wall_mm)
     with BuildPart() as holder:
         insert(brep(csg, body))
         with Locations(back_plane(plan)):

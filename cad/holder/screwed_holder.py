@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from manifold3d import Manifold
 from shapely import MultiPoint, Point, Polygon, get_coordinates, unary_union
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
@@ -32,11 +33,11 @@ from mirrorcam.cad.holder.carriers import CarrierPlan, min_level_mm, plan_areas,
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, column_to_back
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
+from mirrorcam.cad.holder.printed_volume import printed_mm3
 from mirrorcam.cad.plan.cuts import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.dimension import Datum, Hole
 from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.prisms import volume_mm3
 from mirrorcam.cad.plan.seats import keep_outs, outline_at, seat_height_mm
 from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.errors import InputError
@@ -47,7 +48,7 @@ from mirrorcam.optics.geometry.transforms import inverse, rigid, transform
 
 @dataclass(frozen=True)
 class ScrewedHolderPlan(HolderPlan):
-    """A holder that is a level plate with a baffle, without cores, pads, rims, grooves or hollows.
+    """A holder that is a level plate with a baffle, without cores, pads, rims or grooves.
 
     `carriers` are in the order of `mirror_names`, each with three screws as in `adjuster`.
     """
@@ -60,6 +61,12 @@ class ScrewedHolderPlan(HolderPlan):
         """Corners (n, 3) of the plate, its baffle, and the carriers."""
         carriers = (np.vstack([carrier.body.base, carrier.body.top]) for carrier in self.carriers)
         return np.vstack([super().corners_in_rig, *carriers])
+
+    @property
+    def screws_mm3(self) -> float:
+        """Volume of the shanks of the carriers' screws, three for each."""
+        radius = thread_of(self.adjuster.thread).diameter_mm / 2.0
+        return float(3 * len(self.carriers) * np.pi * radius**2 * self.adjuster.length_mm)
 
     @property
     def screws_in_mount_mm(self) -> FloatArray:
@@ -198,14 +205,13 @@ def _plan(
         walls=baffle_of(layout, border, light, extent, mount, rig_from_mount, hardware),
         keep_outs=tuple(tuple(group) for group in light),
         grooves=(),
-        hollows=(),
         slots=nut_slots(mount.holes_mm, footprint, mount.centre_mm, rig_from_mount, hardware) if nuts else (),
         rig_from_mount=rig_from_mount,
         holes_in_mount_mm=mount.holes_mm,
         thread_mm=(thread_from, thread_to),
         hole_depth_mm=hole_depth,
         size_mm=(0.0, 0.0, 0.0),
-        volume_mm3=0.0,
+        printed_mm3=0.0,
         cuts_mm=((), ()),
         planned_cover=tuple(carrier.planned_cover for carrier in carriers),
         glue_mm3=tuple(carrier.glue_mm3 for carrier in carriers),
@@ -225,5 +231,7 @@ def _sized(plan: ScrewedHolderPlan, hardware: Hardware) -> ScrewedHolderPlan:
     points = np.asarray(body.to_mesh64().vert_properties)[:, :3] @ plan.rig_from_mount[:3, :3]
     size = tuple(np.ptp(points, axis=0).tolist())
     require_height("mirror holder", size[2], hardware)
-    volume = float(body.volume()) + sum(volume_mm3(carrier.body) for carrier in plan.carriers)
-    return replace(plan, size_mm=size, volume_mm3=volume)
+    mount_from_rig = inverse(plan.rig_from_mount)[:3]
+    carriers = (Manifold.hull_points(np.vstack([carrier.body.base, carrier.body.top])) for carrier in plan.carriers)
+    volume = sum(printed_mm3(solid.transform(mount_from_rig), plan.wall_mm) for solid in (body, *carriers))
+    return replace(plan, size_mm=size, printed_mm3=volume)

@@ -18,6 +18,10 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 
+# Limit of the fraction of pixels that see the surroundings past all parts. Their veiling glare is at most one of 255
+# grey levels if they are five times as bright as the scene, and the lens scatters 3 % of the light over the picture
+# (ISO 9358).
+MAX_STRAY_LIGHT = 1.0 / 255.0 / (5.0 * 0.03)
 STEP_PX = 24
 FAR_MM = 2000.0
 

@@ -42,7 +42,7 @@ from mirrorcam.cad.parts.truss import (
 from mirrorcam.cad.plan.cuts import clearance_around_pin_mm
 from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_space_mm, stack_into
-from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware
 from mirrorcam.cad.plan.prisms import overlap_mm, prism_along_x
 from mirrorcam.cad.plan.seats import Frustum, keep_outs
 from mirrorcam.cad.plan.stand import lean_deg
@@ -171,8 +171,12 @@ def _block_mm(cut_points: FloatArray, direction: FloatArray, hardware: Hardware)
 WEB_DEG = 36.0
 GRAVITY_N_PER_KG = 9.80665
 GLASS_G_PER_CM3 = 2.5
+# Mass of a carrier's screw with head, insert and spring, over the mass of its shank.
+SCREW_RATIO, STEEL_G_PER_CM3 = 2.0, 7.85
+# Largest mass of a holder over its estimate: of the estimate itself, or with infill of 20 %.
+PLASTIC_MARGIN = 1.2
 # Steps of the candidate widths and depths, and candidate factors of the thicknesses.
-WIDTH_STEP_MM, DEPTH_STEP_MM = 2.0, 2.0
+WIDTH_STEP_MM, DEPTH_STEP_MM = 2.0, 1.0
 THICKNESS_FACTORS = (1.0, 1.5, 2.0)
 # Number of candidate heights of the bend; a mount with a higher bend leans further back.
 BEND_HEIGHTS = 4
@@ -287,13 +291,10 @@ def _lightest(
     """The lightest profile that is stiff enough and fits the bed; raises InputError if there is none."""
     limit = hardware.mount.tilt_deg
     candidates = sorted(profiles(holder, clip, lean, hardware), key=lambda profile: profile.volume_mm3)
-    if not candidates:
-        raise InputError("mirror holder is too low over the camera's clip for the mount's bend, but must be higher")
-    # The beam has no openings and is stiffer: if it tilts too far, so do the plates.
-    beam_tilts = [beam_tilt_deg(profile, load_g, load_at) for profile in candidates]
     stiff: Profile | None = None
-    for profile, beam_tilt in zip(candidates, beam_tilts, strict=True):
-        if beam_tilt > limit:
+    for profile in candidates:
+        # The beam has no openings and is stiffer: if it tilts too far, so do the plates.
+        if beam_tilt_deg(profile, load_g, load_at) > limit or not prints(profile, holder, hardware):
             continue
         placement = place_on_bed(profile.inner, profile.outer, hardware)
         if placement is None and stiff is not None:
@@ -303,7 +304,10 @@ def _lightest(
                 return profile, placement
             stiff = profile
     if stiff is None:
-        stiffest = candidates[int(np.argmin(beam_tilts))]
+        printable = [profile for profile in candidates if prints(profile, holder, hardware)]
+        if not printable:
+            raise InputError("mirror holder is too low over the camera's clip for the mount's bend, but must be higher")
+        stiffest = min(printable, key=lambda profile: beam_tilt_deg(profile, load_g, load_at))
         tilt = bending(stiffest, holder, clip, load_g, load_at, hardware)[0]
         raise InputError(
             f"mirrors tilt by {tilt:.3f} deg under their holder's {load_g:.0f} g on the stiffest mount, "
@@ -344,14 +348,19 @@ def profiles(holder: HolderPlan, clip: ClipPlan, lean: float, hardware: Hardware
                 if foot is None:
                     continue
                 section = Section(depth, 2.0 * half_width, skin, web, WEB_DEG, hardware.printer.plastic_mpa)
-                if leaves_unprintable_web_ends(
-                    holder, webs_between(inner, outer, section, hardware), section, hardware
-                ):
-                    continue
                 centre_line = (inner + outer) / 2.0
-                foot_mm3 = depth * foot_plate_mm(depth, hardware) / np.cos(np.deg2rad(lean)) * section.width_mm
-                volume = LineString(centre_line).length * section.plastic_mm2 + foot_mm3
+                plate = PRINT_SETTINGS.plastic_mm(foot_plate_mm(depth, hardware), hardware.printer.wall_mm)
+                foot_mm3 = depth * plate / np.cos(np.deg2rad(lean)) * section.width_mm
+                # The webs across the truss at the foot and at both ends of every straight piece.
+                across_mm3 = len(inner) * depth * section.web_mm * section.width_mm
+                volume = LineString(centre_line).length * section.plastic_mm2 + across_mm3 + foot_mm3
                 yield Profile(section, foot, inner, outer, up_to_head(centre_line, holder), volume)
+
+
+def prints(profile: Profile, holder: HolderPlan, hardware: Hardware) -> bool:
+    """Return whether the webs of a profile print where the holes for screwdrivers cut them."""
+    webs = webs_between(profile.inner, profile.outer, profile.section, hardware)
+    return not leaves_unprintable_web_ends(holder, webs, profile.section, hardware)
 
 
 def _lines(
@@ -410,9 +419,11 @@ def bending(
 
 
 def _load(layout: Layout, holder: HolderPlan, hardware: Hardware) -> tuple[float, FloatArray]:
-    """Mass in g, and centre (3,), of the mirrors and the holder as if printed without infill; an upper bound."""
+    """Mass in g, and centre (3,), of the mirrors and the holder as printed; an upper bound."""
     glass = sum(Polygon(m.outline_in_plane_mm).area * m.thickness_mm for m in layout.mirrors)
-    mass = (hardware.printer.plastic_g_per_cm3 * holder.volume_mm3 + GLASS_G_PER_CM3 * glass) / 1000.0
+    plastic = PLASTIC_MARGIN * hardware.printer.plastic_g_per_cm3 * holder.printed_mm3
+    screws = SCREW_RATIO * STEEL_G_PER_CM3 * holder.screws_mm3
+    mass = (plastic + GLASS_G_PER_CM3 * glass + screws) / 1000.0
     return mass, np.asarray(holder.corners_in_rig.mean(axis=0))
 
 

@@ -107,7 +107,7 @@ def _bore_outline(radius_mm: float, travel_mm: float, roof_mm: float) -> Polygon
 # A screw at the mount's top clamps its skin this far to either side: about the radius of the screw's head.
 CLAMPED_MM = 3.0
 # Extent of the thicker skin round the rows of the holder's screws, to either side.
-HEAD_MM = 18.0
+HEAD_MM = 8.0
 # A screw of the foot clamps the plastic on a disc of this radius, over which its pressure spreads in the adapter.
 DISC_MM = 6.0
 # Solid finite elements tilt up to 1.28 times as far about x as these plates, and .96 to 1.05 times about the other

@@ -49,6 +49,11 @@ class BackTable(Value):
         return None
 
     @property
+    def not_checked(self) -> str:
+        """What no check covers; "" if it is only what every device leaves open."""
+        return ""
+
+    @property
     def ring_gauge(self) -> RingGauge | None:
         """The ring of an adapter that clamps, for the fit coupon; None for others."""
         return None
@@ -250,6 +255,10 @@ class FileBack(BackTable):
     @property
     def source(self) -> Path | None:
         return self.file
+
+    @property
+    def not_checked(self) -> str:
+        return "the stress in your part, and whether the device clashes with what it is fastened to"
 
     @field_validator("file", mode="before")
     @classmethod

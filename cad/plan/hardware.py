@@ -230,13 +230,6 @@ class HolderDimensions(Value):
         lt=1,
         description="largest width of this rectangle per width of the holder: narrow mounts are light",
     )
-    cell_mm: float = _positive(
-        36.0,
-        "widest hollow behind the mirrors: the webs between narrower hollows need more plastic than the slicer's "
-        "infill in their place",
-    )
-    ceiling_mm: float = _positive(6.0, "width of the flat top of a hollow, which bridges")
-    web_mm: float = _positive(0.9, "thickness of the webs between hollows, and of the outer wall")
     bond_mm: float = Bounds(0.02, 1.0).field(
         0.2,
         "height of a seat's three pads, which is the thickness of the glue, if any: at least one layer of the printer",
@@ -432,6 +425,11 @@ class PrintSettings:
     layer_mm: float = 0.2
     perimeters: int = 2
     infill_percent: int = 10
+
+    def plastic_mm(self, thickness_mm: float, wall_mm: float) -> float:
+        """Thickness of plastic in an upright plate, which has a wall on either side and infill between them."""
+        inside = max(thickness_mm - 2.0 * wall_mm, 0.0)
+        return thickness_mm - (1.0 - self.infill_percent / 100.0) * inside
 
 
 PRINT_SETTINGS = PrintSettings()

@@ -103,10 +103,13 @@ def _edges(solid: Frustum) -> FloatArray:
     return unique
 
 
-def require_clear_of_light(name: str, solids: Iterable[Frustum], layout: Layout, light: list[list[Frustum]]) -> None:
+def require_clear_of_light(
+    name: str, solids: Iterable[Frustum], layout: Layout, light: list[list[Frustum]], remedy: str = ""
+) -> None:
     """Raise InputError if a mirror's light enters a solid; the message gives the mirror, the solid and the depth in mm.
 
-    `light` is the result of `plan.seats.keep_outs` for the layout; a mirror's pocket counts as its light.
+    `light` is the result of `plan.seats.keep_outs` for the layout; a mirror's pocket counts as its light. `remedy`
+    states what to do.
     """
     worst = (1e-6, 0)
     for solid in solids:
@@ -119,4 +122,5 @@ def require_clear_of_light(name: str, solids: Iterable[Frustum], layout: Layout,
                     worst = max(worst, (overlap_mm(solid, volume), index))
     if worst[0] > 1e-6:
         mirror = layout.mirror_names[worst[1]]
-        raise InputError(f"light of mirror {mirror} enters the {name} by {worst[0]:.1f} mm, but must not touch it")
+        finding = f"light of mirror {mirror} enters the {name} by {worst[0]:.1f} mm, but must not touch it"
+        raise InputError(f"{finding}: {remedy}" if remedy else finding)

@@ -33,6 +33,8 @@ LAYERS = {
     # Equivalent to Arachne for walls of several lines, in half the time.
     "perimeter_generator": "classic",
     "fill_density": f"{PRINT_SETTINGS.infill_percent}%",
+    # Sparser far from walls: 4 g less in the default device than the default, `stars`.
+    "fill_pattern": "adaptivecubic",
     # The default of 70 mm2 fills most bosses and thick walls.
     "solid_infill_below_area": "10",
 }
@@ -122,6 +124,7 @@ def orca_profile(printer: Printer) -> str:
         "wall_loops": common["perimeters"],
         "wall_generator": common["perimeter_generator"],
         "sparse_infill_density": common["fill_density"],
+        "sparse_infill_pattern": common["fill_pattern"],
         "minimum_sparse_infill_area": common["solid_infill_below_area"],
         "enable_support": "0",
         "inner_wall_speed": common["perimeter_speed"],

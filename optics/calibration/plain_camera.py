@@ -158,7 +158,11 @@ def _unknown_camera(pictures: Sequence[Grey | Path]) -> Camera:
 
 def _with_body(camera: Camera, nominal: Camera) -> Camera:
     return camera.replaced(
-        name=nominal.name, aperture_mm=nominal.aperture_mm, focus_mm=nominal.focus_mm, body_mm=nominal.body_mm
+        name=nominal.name,
+        aperture_mm=nominal.aperture_mm,
+        focus_mm=nominal.focus_mm,
+        body_mm=nominal.body_mm,
+        lens_mm=nominal.lens_mm,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import shapely
@@ -143,9 +143,9 @@ def _beam(face: Mirror) -> FloatArray:
 
 
 def _body(spec: DesignSpec, mirrors: tuple[Mirror, ...]) -> list[Violation]:
-    """Mirrors, or beams leaving them, inside the box around the camera's body and its clip, with closest points."""
-    violations, box = [], spec.keep_out_in_rig_mm
-    for k, mirror in enumerate(mirrors):
+    """Mirrors, or beams leaving them, inside a box around the camera's body or lens, with closest points."""
+    violations = []
+    for (k, mirror), box in product(enumerate(mirrors), spec.keep_outs_in_rig_mm):
         face = mirror.apparent
         rays = face.outline_in_rig_mm - face.virtual_centre_in_rig_mm
         sides = np.cross(rays, np.roll(rays, -1, axis=0))

@@ -74,6 +74,8 @@ class Camera(Value):
         Displacements of red and blue; the lens is that of grey pictures. None: not known, or none.
     body_mm : tuple, optional
         Bounding box of the body: minimum and maximum corner, (x, y, z) each, with the pupil at the origin.
+    lens_mm : tuple, optional
+        Likewise the bounding box of a lens that stands out of the body.
     """
 
     name: Name = "camera"
@@ -98,6 +100,7 @@ class Camera(Value):
     )
     lateral_colour: LateralColour | None = Field(default=None, exclude_if=lambda colour: colour is None)
     body_mm: tuple[Corner, Corner] | None = Field(default=None, exclude_if=lambda box: box is None)
+    lens_mm: tuple[Corner, Corner] | None = Field(default=None, exclude_if=lambda box: box is None)
 
     @field_validator("distortion")
     @classmethod
@@ -108,8 +111,9 @@ class Camera(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.body_mm is not None and not all(low < high for low, high in zip(*self.body_mm, strict=True)):
-            raise ValueError(f"body_mm {self.body_mm}, expected the box's minimum corner, then its maximum corner")
+        for name, box in (("body_mm", self.body_mm), ("lens_mm", self.lens_mm)):
+            if box is not None and not all(low < high for low, high in zip(*box, strict=True)):
+                raise ValueError(f"{name} {box}, expected the box's minimum corner, then its maximum corner")
         if self.width_px * self.height_px > LARGEST_PICTURE_PX:
             megapixels = LARGEST_PICTURE_PX // 1_000_000
             raise ValueError(f"{self.width_px}x{self.height_px} px, expected {megapixels} megapixels or fewer")

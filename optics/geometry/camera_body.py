@@ -14,6 +14,8 @@ _Size = Annotated[float, PART_MM.limits]
 _Offset = Annotated[float, PART_OFFSET_MM.limits]
 ViewAngle = Annotated[float, Field(gt=1, lt=179)]
 Box = tuple[tuple[float, float, float], tuple[float, float, float]]
+# Height of a lens ring up to which it lies well within the clearance that a layout keeps around the body.
+LOW_RING_MM = 3.0
 
 
 class Lips(Value):
@@ -154,3 +156,11 @@ class CameraBody(Value):
         x, y, front = -self.lens_x_mm, -self.lens_y_mm, self.pupil_behind_front_mm
         half_x, half_y = self.width_mm / 2.0, self.height_mm / 2.0
         return (x - half_x, y - half_y, front - self.depth_mm), (x + half_x, y + half_y, front)
+
+    @property
+    def lens_box_mm(self) -> Box | None:
+        """Bounding box of the lens as in `box_mm`; None for a ring of at most `LOW_RING_MM`."""
+        half, front = self.lens_ring_mm / 2.0, self.pupil_behind_front_mm
+        if self.lens_protrusion_mm <= LOW_RING_MM:
+            return None
+        return (-half, -half, front), (half, half, front + self.lens_protrusion_mm)

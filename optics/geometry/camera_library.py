@@ -118,8 +118,9 @@ class CameraProfile(Value):
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if self.optics is not None and self.optics.body_mm is not None:
-            raise ValueError("optics.body_mm is given, but it follows from [body]")
+        for name in ("body_mm", "lens_mm"):
+            if getattr(self.optics, name, None) is not None:
+                raise ValueError(f"optics.{name} is given, but it follows from [body]")
         if unknown := [name for name in self.guessed if self.optics is None or name not in Camera.model_fields]:
             raise ValueError(f"guessed: {unknown[0]} is not a field of the optics")
         if unknown := [name for name in self.set_aside if getattr(self.published, name, None) is None]:
@@ -128,10 +129,10 @@ class CameraProfile(Value):
 
     @property
     def camera(self) -> Camera:
-        """The camera to design a layout for, with the box around its body; raises InputError without optics."""
+        """The camera with the boxes around its body and lens, to design a layout for; InputError without optics."""
         if self.optics is None:
             raise InputError(f"camera {self.name}: the focal length is unknown, expected a camera with [optics]")
-        return self.optics.replaced(body_mm=self.body.box_mm)
+        return self.optics.replaced(body_mm=self.body.box_mm, lens_mm=self.body.lens_box_mm)
 
     @property
     def disagreements(self) -> dict[str, float]:

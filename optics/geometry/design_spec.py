@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from mirrorcam.optics.geometry.violation import LeastViolation
 
 MAX_DEPTHS = 10
+LENS_CLEARANCE_MM = 1.0
+"""Clearance around the lens, to which no clip reaches, from mirrors and their light."""
 FIRST_FOLD_DEG = 110.0
 """Start of the search for the best fold."""
 
@@ -171,12 +173,11 @@ class DesignSpec(Value):
         return written if self.pattern is None else {k: v for k, v in written.items() if k not in ("rows", "cols")}
 
     @cached_property
-    def keep_out_in_rig_mm(self) -> FloatArray:
-        """Corners (8, 3) of the box around the camera and its clip; (0, 3) if the camera's body is unknown."""
-        if self.camera.body_mm is None:
-            return np.zeros((0, 3))
-        low, high = np.array(self.camera.body_mm) + np.array([[-1.0], [1.0]]) * self.body_clearance_mm
-        return box_corners(low, high)
+    def keep_outs_in_rig_mm(self) -> tuple[FloatArray, ...]:
+        """Corners (8, 3) of the boxes around the camera with its clip, and around a lens; none if they are unknown."""
+        boxes = ((self.camera.body_mm, self.body_clearance_mm), (self.camera.lens_mm, LENS_CLEARANCE_MM))
+        sides = np.array([[-1.0], [1.0]])
+        return tuple(box_corners(*(np.array(box) + sides * clearance)) for box, clearance in boxes if box is not None)
 
     @model_validator(mode="after")
     def _check(self) -> Self:

@@ -32,7 +32,7 @@ FINDINGS = {
     "beyond_depth_mm": ("depth", "the mirrors reach {value:.3g} mm past the nearest depth"),
     "common_area": ("overlap", "only {value:.3g} mm² are visible in all views at {depth}"),
     "blocked_light": ("occlusion", "a mirror blocks {value:.2%} of the light of another"),
-    "light_on_body": ("body", "the camera's body with its clip blocks {value:.2%} of the light of a mirror"),
+    "light_on_body": ("body", "the camera with its clip blocks {value:.2%} of the light of a mirror"),
     "smallest_body_gap_mm": ("body", "a mirror is {value:.4g} mm from the camera's body, {missing:.3g} mm too close"),
     "shortest_edge_mm": ("edge", "a mirror has an edge of {value:.4g} mm, {missing:.3g} mm too short"),
     "smallest_area_mm2": ("area", "a mirror has {value:.4g} mm², {missing:.3g} mm² too little"),
@@ -146,17 +146,20 @@ def _rectangles(mirrors: tuple[Mirror, ...], spec: DesignSpec) -> dict[str, Metr
 
 
 def _clear_of_body(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
-    """Fraction of rays that meet the box around the camera and its clip, and the smallest gap of a mirror from it."""
-    box, body = spec.keep_out_in_rig_mm, spec.camera.body_mm
+    """Fraction of rays that meet a box around the camera, and the smallest gap of a mirror from the camera's body."""
+    body = spec.camera.body_mm
     if body is None:
         return {}
     faces = np.concatenate([np.eye(3), -np.eye(3)])
-    offsets = np.concatenate([box.max(axis=0), -box.min(axis=0)]) - LENGTH_TOLERANCE_MM
+    offsets = [
+        np.concatenate([box.max(axis=0), -box.min(axis=0)]) - LENGTH_TOLERANCE_MM for box in spec.keep_outs_in_rig_mm
+    ]
     fractions, gaps, corners_mm = [0.0], [], box_corners(*body)
     for mirror in layout.mirrors:
         _, _, starts, ends = traced_to(mirror, layout.camera.pupil, max(spec.depths_mm), layout.view_from_rig[2])
         if len(starts):
-            fractions.append(float(np.mean(length_inside_mm(starts, ends, faces, offsets) > TOUCH_MM)))
+            inside_mm = [length_inside_mm(starts, ends, faces, box_offsets) for box_offsets in offsets]
+            fractions.append(float(np.mean(np.max(inside_mm, axis=0) > TOUCH_MM)))
         gaps.append(hull_distance(mirror.solid.corners_in_rig_mm, corners_mm))
     limit = max(spec.body_clearance_mm - LENGTH_TOLERANCE_MM, 0.0)
     return {

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
+from itertools import combinations, product
 from typing import Literal, Self
 
 import casadi as ca
@@ -195,12 +195,11 @@ def neighbour_pairs(arrangement: Arrangement) -> tuple[PairConstraint, ...]:
 
 
 def add_body(draft: Draft) -> None:
-    """Add constraints that keep mirrors and their light out of the box around the camera's body."""
+    """Add constraints that keep mirrors and their light out of the boxes around the camera's body and lens."""
     spec = draft.spec
-    box = (spec.keep_out_in_rig_mm / spec.scale_mm).ravel()
-    if box.size == 0:
-        return
-    for mirror, point in zip(draft.mirrors, draft.seed.chief_points(spec.view_from_rig), strict=True):
+    points = draft.seed.chief_points(spec.view_from_rig)
+    for box_mm, (mirror, point) in product(spec.keep_outs_in_rig_mm, zip(draft.mirrors, points, strict=True)):
+        box = (box_mm / spec.scale_mm).ravel()
         lateral = -_unit(point * [1.0, 1.0, 0.0])
         for term, normal in (
             (body_gap_term(draft.kind), -_unit(point)),

@@ -91,6 +91,8 @@ def cad(
     verdict = f"{len(failed)} of {limited} checks failed" if failed else f"{limited} checks passed"
     figures = count_text(len(checks) - limited, "figure")
     say("cad", f"{summary_of(checks)}; prices are estimates, see {out / 'bom.md'}")
+    if hardware.back.not_checked:
+        say("cad", f"not checked: {hardware.back.not_checked}")
     say("cad", f"{verdict}, {figures} without a limit; open {out / 'index.html'}")
     return 1 if failed else 0
 

@@ -87,7 +87,7 @@ def violation_drawing(spec: DesignSpec, where: LeastViolation) -> ViolationDrawi
     """Return the drawing of an infeasible request: its mirrors, whose sub-images may overlap, and the violations."""
     rotation, camera = spec.view_from_rig.T, spec.camera
     beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in where.mirrors)
-    body = np.zeros((0, 3)) if camera.body_mm is None else spec.keep_out_in_rig_mm
+    body = next(iter(spec.keep_outs_in_rig_mm), np.zeros((0, 3)))
     return ViolationDrawing(
         sensor_px=(camera.width_px, camera.height_px),
         body_mm=_rounded(body @ rotation, MM_DECIMALS),

@@ -8,19 +8,27 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from build123d import Box, Location, RigidJoint
+from manifold3d import Manifold
 
-from mirrorcam.cad.assembly.device_plan import Device, connections, lens_boxes, plan_device
+from benchmarks.devices import CAMERA_700
+from mirrorcam.cad.assembly.device_plan import Device, connections, lens_barrels, plan_device
 from mirrorcam.cad.backs.back import Back, Support
 from mirrorcam.cad.backs.plan_backs import plan_back
+from mirrorcam.cad.holder.holder_body import HolderPlan, body_of
+from mirrorcam.cad.holder.holder_plan import plan_holder
+from mirrorcam.cad.holder.planar_csg import PlanarCsg
+from mirrorcam.cad.holder.stray_light import MAX_STRAY_LIGHT, stray_light
 from mirrorcam.cad.parts.clip import ClipPlan
 from mirrorcam.cad.parts.mount import MountPlan
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.cad.plan.prisms import box
-from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.prisms import box, overlap_mm
+from mirrorcam.cad.plan.seats import Frustum, keep_outs, mirror_prism
 from mirrorcam.core.errors import InputError
+from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.camera_library import read_body
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 
 
@@ -61,6 +69,29 @@ def test_a_camera_that_stands_in_the_light_is_refused(default_layout: Layout) ->
     camera = HARDWARE.camera.replaced(pupil_behind_front_mm=45.0)
     with pytest.raises(InputError, match=r"light of mirror \d-\d enters the camera by \d+\.\d mm"):
         plan_device(default_layout, HARDWARE.replaced(camera=camera))
+
+
+def test_a_lens_that_stands_in_the_light_is_refused_until_the_layout_is_designed_for_it(
+    default_layout: Layout,
+) -> None:
+    hardware = HARDWARE.replaced(camera=CAMERA_700.body)
+    with pytest.raises(InputError, match=r"enters the camera's lens by 8\.\d mm.*: design for this camera"):
+        plan_device(default_layout, hardware)
+    layout = design(DesignSpec(camera=CAMERA_700.camera))
+    (barrel,) = lens_barrels(hardware)
+    beams = [volumes[2] for volumes in keep_outs(layout, hardware)]
+    assert -5.0 < max(overlap_mm(barrel, beam) for beam in beams) < 0.0
+
+
+def test_the_baffle_stands_farther_outside_where_the_camera_would_see_past_it() -> None:
+    layout = design(DesignSpec(rows=1, cols=2))
+    mirrors = [Manifold.hull_points(np.vstack([solid.base, solid.top])) for solid in map(mirror_prism, layout.mirrors)]
+
+    def seen_past(holder: HolderPlan) -> float:
+        return stray_light(layout, body_of(PlanarCsg(), holder), mirrors)
+
+    assert seen_past(plan_holder(layout, HARDWARE)) > MAX_STRAY_LIGHT
+    assert seen_past(plan_device(layout, HARDWARE).holder) <= MAX_STRAY_LIGHT
 
 
 def test_a_clip_that_would_slide_into_the_light_is_refused(default_layout: Layout) -> None:
@@ -117,7 +148,7 @@ def test_a_cover_that_would_be_drawn_into_a_lens_barrel_is_left_out(default_layo
     assert plan_device(default_layout, covered.replaced(camera=body.replaced(lens_protrusion_mm=0.0))).cover
     tall = body.replaced(lens_protrusion_mm=body.pupil_behind_front_mm + 30.0)
     assert plan_device(default_layout, covered.replaced(camera=tall)).cover is None
-    assert lens_boxes(HARDWARE.replaced(camera=body.replaced(lens_protrusion_mm=0.0))) == ()
+    assert lens_barrels(HARDWARE.replaced(camera=body.replaced(lens_protrusion_mm=0.0))) == ()
 
 
 def test_screws_of_an_unknown_thread_are_refused_with_those_that_are_known(default_layout: Layout) -> None:

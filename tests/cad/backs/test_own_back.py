@@ -77,6 +77,7 @@ def test_a_device_stands_on_the_wedge_and_looks_up(device: Device, face: MountFa
     sentences = back_sentences(replace(device, back=back))
     assert sentences[0] == "Screw the wedge to the foot of the mount from below, its longer end towards the back."
     assert "rubber feet" in sentences[1]
+    assert re.search(r"^Not checked by the program: the stress .* Load the part with 1\.\d kg", sentences[-1])
 
 
 def test_fasteners_are_items_in_their_place(device: Device, tmp_path: Path) -> None:
@@ -196,4 +197,5 @@ def test_the_device_on_the_wedge_is_built_and_passes(default_layout: Layout, tmp
     assert checks["device.look_deg"].value == pytest.approx(15.0)
     assert checks["device.tips_at_deg"].value > 10.0
     assert (tmp_path / "source" / "wedge.py").read_bytes() == WEDGE.read_bytes()
+    assert "; not checked: the stress in your part" in (tmp_path / "index.html").read_text(encoding="utf-8")
     assert "| MC-04 | Wedge |" in (tmp_path / "bom.md").read_text(encoding="utf-8")

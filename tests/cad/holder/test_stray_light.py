@@ -9,12 +9,11 @@ import pytest
 from manifold3d import Manifold
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.checks.device_checks import MAX_STRAY_LIGHT
 from mirrorcam.cad.checks.part_checks import polygons
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of
 from mirrorcam.cad.holder.holder_plan import plan_holder
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.cad.holder.stray_light import STEP_PX, rays_past_mirrors, stray_light, viewing_rays
+from mirrorcam.cad.holder.stray_light import MAX_STRAY_LIGHT, STEP_PX, rays_past_mirrors, stray_light, viewing_rays
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.seats import keep_outs, mirror_prism
 from mirrorcam.optics.geometry.layout import Layout

@@ -29,6 +29,7 @@ from mirrorcam.cad.parts.mount import (
     joint_blocks,
     place_on_bed,
     plan_mount,
+    prints,
     profiles,
 )
 from mirrorcam.cad.parts.part_solids import make_mount
@@ -229,7 +230,9 @@ def test_the_lightest_stiff_mount_is_chosen(planned: Planned) -> None:
     assert len({section.width_mm for section in volumes}) > 3
     # No lighter one is stiff enough.
     lighter = [
-        profile for profile in profiles(holder, clip, 30.0, strict) if profile.volume_mm3 < volumes[taken.section]
+        profile
+        for profile in profiles(holder, clip, 30.0, strict)
+        if profile.volume_mm3 < volumes[taken.section] and prints(profile, holder, strict)
     ]
     limit = strict.mount.tilt_deg
     as_beams = [profile for profile in lighter if beam_tilt_deg(profile, mount.load_g, mount.load_at) <= limit]

@@ -50,6 +50,7 @@ ORCA_TYPES = {
     "wall_loops": "int",
     "wall_generator": "enum",
     "sparse_infill_density": "percent",
+    "sparse_infill_pattern": "pattern",
     "enable_support": "bool",
     "inner_wall_speed": "float",
     "outer_wall_speed": "float",
@@ -61,13 +62,15 @@ ORCA_TYPES = {
     "default_acceleration": "float",
     "minimum_sparse_infill_area": "float",
 }
-# `percent` as the presets of OrcaSlicer have it; the names of the enumeration are those of the wall generators.
+# `percent` as the presets of OrcaSlicer have it; the names of the enumerations are those of the wall generators, and
+# some of the patterns of infill.
 ORCA_VALUES = {
     "float": r"\d+(\.\d+)?",
     "int": r"\d+",
     "percent": r"\d+(\.\d+)?%",
     "bool": r"[01]",
     "enum": "classic|arachne",
+    "pattern": "adaptivecubic|cubic|grid|gyroid|lightning|supportcubic",
 }
 # `import_json_presets` of PresetBundle.cpp refuses a file without a version of two to four numbers
 # (src/semver/semver.c), and knows by the name of this setting that it holds a process, not by the type.

@@ -97,7 +97,7 @@ def test_mirrors_in_the_box_around_the_camera_are_met_in_it() -> None:
     spec = ROW.replaced(body_clearance_mm=70.0)
     at = found(spec, "body")
     assert {violation.mirrors for violation in at.violations} == {(0,), (1,), (2,)}
-    low, high = spec.keep_out_in_rig_mm.min(axis=0), spec.keep_out_in_rig_mm.max(axis=0)
+    low, high = spec.keep_outs_in_rig_mm[0].min(axis=0), spec.keep_outs_in_rig_mm[0].max(axis=0)
     for violation in at.violations:
         assert (violation.place_in_rig_mm >= low - 1e-6).all()
         assert (violation.place_in_rig_mm <= high + 1e-6).all()

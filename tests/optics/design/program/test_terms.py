@@ -96,7 +96,7 @@ def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
     centres, corners = seeded(spec)
     optics, lens = np.array(optics_of(spec)), lens_of(spec)
     plane = np.array([0.5, -0.7, 0.3, 0.6])
-    fold, box = fold_of(spec), spec.keep_out_in_rig_mm.ravel() / 80.0
+    fold, box = fold_of(spec), spec.keep_outs_in_rig_mm[0].ravel() / 80.0
     pair = [fold, centres[0], corners[0], centres[3], corners[3], plane]
     region = (constraints.region_directions() * [0.11, 0.08] + rng.normal(0.0, 0.01, (8, 2))).ravel()
     uses: dict[str, tuple[Term, list[FloatArray], list[FloatArray]]] = {
