@@ -13,7 +13,6 @@ import numpy as np
 from build123d import Part
 
 from mirrorcam.cad.guide.annotation import (
-    NOTES_MM,
     RESERVED_MM,
     annotate,
     draw_frames,
@@ -21,11 +20,9 @@ from mirrorcam.cad.guide.annotation import (
     holder_tolerances,
     tolerance_notes,
 )
-from mirrorcam.cad.guide.dimension_lines import TIERS_MM
 from mirrorcam.cad.guide.drawing_sheet import (
     A3_MM,
-    BLOCK_MM,
-    BORDER_MM,
+    FIELD_MM,
     GAUGE_TOLERANCE,
     GENERAL_TOLERANCE,
     SOFT,
@@ -144,6 +141,9 @@ CLEAR_MM = 4.0
 LABEL_MM = 8.0
 """Space for a section's label above it."""
 
+MARK_MM = 16.0
+"""Space for the end of a cutting-plane line beside a view."""
+
 
 def write_drawing(
     folder: Path, solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDWARE.screw
@@ -171,7 +171,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
         table_low = draw_frames(
             sheet, table_left + 7.5, table_low, holder_tolerances(plan, as_built), tolerance_notes(as_built)
         )
-    placed, scale, free_mm = _arrange(top, front, right, table_left)
+    placed, scale, free_mm = _arrange(views, dimensions, table_left)
     section = _section_of(part, solid, dimensions)
     for view in placed:
         _draw_view(sheet, view, VISIBLE_MM if view.scale >= 1.0 else SMALL_MM)
@@ -184,7 +184,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
         (index, line.constant_axis, float(line.ends[0, line.constant_axis])) for index, line in cutting_lines.items()
     ]
     annotate(sheet, placed, dimensions, free_mm, line_positions)
-    free = _free_rectangles(sheet, placed, table_left, table_low)
+    free = _free_rectangles(sheet, placed, free_mm[2], table_left, table_low)
     section_view, corner_low, corner_high = _place_section(section, free, scale)
     _draw_view(sheet, _isometric(isometric, placed, corner_low, corner_high), SMALL_MM)
     if section and section_view:
@@ -233,32 +233,35 @@ def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length
 
 
 def _arrange(
-    top: PartView, front: PartView, right: PartView, right_end: float
-) -> tuple[tuple[PlacedView, PlacedView, PlacedView], float, tuple[float, float]]:
+    views: Sequence[PartView], dimensions: Sequence[Length | Hole], right_end: float
+) -> tuple[tuple[PlacedView, ...], float, tuple[float, float, float]]:
     """Place the views at the largest standard scale that leaves space for their dimensions.
 
-    Returns the views, the scale, and the free space left of and below each view, mm.
+    Returns the views, the scale, and the free space left of, below and above each view, mm.
     """
-    bottom = BORDER_MM + BLOCK_MM
-    free = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
+    top, front, _ = views
+    free = np.array([right_end, FIELD_MM[1, 1]]) - FIELD_MM[0]
     width, depth = np.ptp(top.box, axis=0)
-    height = float(np.ptp(front.box, axis=0)[1])
-    space = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * NOTES_MM)
-    scale = next(
-        (s for s in SCALES if s * (width + depth) <= space[0] and s * (depth + height) <= space[1]), SCALES[-1]
-    )
+    size = np.array([width + depth, depth + np.ptp(front.box, axis=0)[1]])
+    for scale in SCALES:
+        at_origin = [PlacedView(view, scale, np.zeros(2)) for view in views]
+        if (scale * size > free).any() and scale > SCALES[-1]:
+            continue
+        needed = np.maximum(annotate(DrawingSheet(*A3_MM), at_origin, dimensions).max(axis=0), MARK_MM)
+        left, below, above = needed
+        surplus = free - scale * size - 2.0 * np.array([left + 6.0, below + above])
+        if (surplus >= 0.0).all():
+            break
     # Distribute the remaining space equally around the views.
-    surplus = np.maximum(space - scale * np.array([width + depth, depth + height]), 0.0) / 3.0
-    free_mm = (TIERS_MM + min(float(surplus[0]), 30.0), TIERS_MM + min(float(surplus[1]), 20.0))
-    left_x = BORDER_MM + free_mm[0]
-    bottom_y = bottom + free_mm[1]
-    top_y = bottom_y + scale * height + NOTES_MM + free_mm[1]
-    right_x = left_x + scale * width + free_mm[0] + 4.0
-
-    def place(view: PartView, x: float, y: float) -> PlacedView:
-        return PlacedView(view, scale, np.array([x, y]) - view.box[0] * scale)
-
-    return (place(top, left_x, top_y), place(front, left_x, bottom_y), place(right, right_x, bottom_y)), scale, free_mm
+    left, below, above = needed + np.clip(surplus / 3.0, 0.0, (30.0, 20.0))[[0, 1, 1]] * (1.0, 0.5, 0.5)
+    left_x, bottom_y = FIELD_MM[0] + (left, below)
+    top_y = bottom_y + scale * float(np.ptp(front.box, axis=0)[1]) + above + below
+    right_x = left_x + scale * width + left + 4.0
+    corners = np.array([(left_x, top_y), (left_x, bottom_y), (right_x, bottom_y)])
+    placed = tuple(
+        PlacedView(view, scale, corner - view.box[0] * scale) for view, corner in zip(views, corners, strict=True)
+    )
+    return placed, scale, (float(left), float(below), float(above))
 
 
 def _isometric(view: PartView, placed: Sequence[PlacedView], low: FloatArray, high: FloatArray) -> PlacedView:
@@ -276,15 +279,15 @@ def _section_of(part: PartPlan, solid: Part, dimensions: Sequence[Length | Hole]
 
 
 def _free_rectangles(
-    sheet: DrawingSheet, placed: Sequence[PlacedView], right_end: float, table_low: float
+    sheet: DrawingSheet, placed: Sequence[PlacedView], free_above: float, right_end: float, table_low: float
 ) -> tuple[FloatArray, ...]:
     """Free rectangles (2, 2): above the view from the right, right of it, and below the tables, clear of text."""
     top, _, right = placed
-    high_y = A3_MM[1] - BORDER_MM - 8.0
-    area_above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + NOTES_MM + 4.0), (right_end - 6.0, high_y)])
-    low_y = BORDER_MM + BLOCK_MM + 8.0
-    area_right = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + NOTES_MM - 8.0)])
-    area_below = np.array([(right_end + 4.0, low_y), (A3_MM[0] - BORDER_MM - 4.0, table_low - 4.0)])
+    high_y = FIELD_MM[1, 1]
+    area_above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + free_above + 4.0), (right_end - 6.0, high_y)])
+    low_y = FIELD_MM[0, 1] + 4.0
+    area_right = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + free_above - 8.0)])
+    area_below = np.array([(right_end + 4.0, low_y), (FIELD_MM[1, 0], table_low - 4.0)])
     return _clear_of_text(sheet, area_above), _clear_of_text(sheet, area_right), area_below
 
 
@@ -342,11 +345,11 @@ def _draw_section_marks(
 
 def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm: float) -> tuple[float, float]:
     """Draw tables in the upper right corner, one below the other; returns their left and lower limits."""
-    right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
+    right, top = FIELD_MM[1]
     left = right
     for table in tables:
         cells = [table.header, *table.rows]
-        pitch = min(ROW_MM, (top - BORDER_MM - BLOCK_MM - 16.0 - reserved_mm) / (len(cells) + 1))
+        pitch = min(ROW_MM, (top - FIELD_MM[0, 1] - 12.0 - reserved_mm) / (len(cells) + 1))
         height = min(TEXT_MM, 0.6 * pitch)
         widths = [max(text_width_mm(row[i], height) for row in cells) + 4.0 for i in range(len(table.header))]
         lines = [
@@ -370,5 +373,5 @@ def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm
         left, top = min(left, start), y - 6.0
     if tables:
         left -= 6.0
-        sheet.lines([np.array([(left, BORDER_MM + BLOCK_MM), (left, A3_MM[1] - BORDER_MM)])], 0.1, SOFT)
+        sheet.lines([np.array([(left, FIELD_MM[0, 1]), (left, FIELD_MM[1, 1])])], 0.1, SOFT)
     return left, top
