@@ -40,6 +40,7 @@ from mirrorcam.cad.guide.hole_callouts import (
     oblique_lengths,
 )
 from mirrorcam.cad.guide.part_views import PlacedView
+from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.core.values import FloatArray
@@ -67,21 +68,13 @@ class Note:
     text: str
 
 
-@dataclass(frozen=True)
-class AlignedDimension:
-    """An aligned dimension, parallel to the measured distance: both ends (2, 2) on paper, and its text."""
-
-    ends: FloatArray
-    text: str
-
-
 @dataclass
 class Annotations:
     """All annotations of one view: dimensions below, left and aligned, and notes."""
 
     below: list[LinearDimension]
     left: list[LinearDimension]
-    aligned: list[AlignedDimension]
+    aligned: list[Length]
     notes: list[Note]
 
 
@@ -127,7 +120,7 @@ def annotate(
         below = draw_tiers(sheet, view.box, view_annotations.below, free_mm[1], vertical=False, cutting_lines=lines_x)
         needed[index] = left, below, _draw_notes(sheet, view.box, view_annotations.notes, free_mm[2])
         for aligned in view_annotations.aligned:
-            _draw_aligned(sheet, view, aligned)
+            draw_aligned(sheet, view, aligned)
     return needed
 
 
@@ -144,9 +137,8 @@ def _add_overall(placed: Sequence[PlacedView], per_view: Sequence[Annotations]) 
 
 def _place_length(placed: Sequence[PlacedView], per_view: Sequence[Annotations], dimension: Length) -> None:
     """Place a length in the first view that shows its true length, as an aligned dimension if it is oblique there."""
-    span = dimension.span_in_rig
+    span, text = dimension.span_in_rig, text_of(dimension)
     true_length = float(np.linalg.norm(span))
-    text = f"{dimension.before}{number(true_length)}{dimension.tolerance} {dimension.text}".strip()
     depths = [abs(float(view.view.axes_in_rig[2] @ span)) for view in placed]
     index = int(np.argmin(np.round(depths, 3)))
     view, annotations = placed[index], per_view[index]
@@ -157,8 +149,13 @@ def _place_length(placed: Sequence[PlacedView], per_view: Sequence[Annotations],
     elif extents[0] <= PARALLEL * true_length:
         _add(annotations.left, LinearDimension(points[:, 1], points[:, 0], text))
     else:
-        start = dimension.points_in_rig[0]
-        annotations.aligned.append(AlignedDimension(view.paper(np.array([start, start + span])), text))
+        annotations.aligned.append(dimension)
+
+
+def text_of(dimension: Length) -> str:
+    """The text of a length with its tolerance."""
+    value = number(float(np.linalg.norm(dimension.span_in_rig)))
+    return f"{dimension.before}{value}{dimension.tolerance} {dimension.text}".strip()
 
 
 def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
@@ -241,12 +238,16 @@ def _draw_axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, value: flo
     sheet.lines([ends], AXIS_MM, INK, CENTRE_DASHES_MM)
 
 
-def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimension) -> None:
-    """Draw an aligned dimension on the side where it crosses fewer edges; a narrow one across the feature itself."""
-    if not text_fits(float(np.linalg.norm(np.ptp(aligned.ends, axis=0))), aligned.text):
-        _draw_narrow(sheet, aligned)
+def draw_aligned(sheet: DrawingSheet, placed: PlacedView, dimension: Length) -> None:
+    """Draw a length parallel to itself, where it crosses fewer edges; a narrow one across the feature."""
+    text, (start, _) = text_of(dimension), dimension.points_in_rig
+    start, end = placed.paper(np.array([start, start + dimension.span_in_rig]))
+    if not text_fits(float(np.linalg.norm(end - start)), text):
+        _draw_narrow(sheet, start, end, text)
         return
-    start, end = aligned.ends if aligned.ends[1, 0] >= aligned.ends[0, 0] else aligned.ends[::-1]
+    # Its text reads from below or, if it is vertical, from the right.
+    if (round(float(end[0] - start[0]), 3), end[1]) < (0.0, start[1]):
+        start, end = end, start
     direction = (end - start) / np.linalg.norm(end - start)
     normal = np.array([-direction[1], direction[0]])
     edges = MultiLineString([line * placed.scale + placed.shift for line in placed.view.visible])
@@ -265,15 +266,14 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
     sheet.arrow_head(ends[0], -direction)
     sheet.arrow_head(ends[1], direction)
     bases = [ends[0] + fraction * (end - start) + 0.9 * normal for fraction in TEXT_POSITIONS]
-    _draw_along(sheet, bases, direction, aligned.text)
+    _draw_along(sheet, bases, direction, text)
 
 
-def _draw_narrow(sheet: DrawingSheet, aligned: AlignedDimension) -> None:
+def _draw_narrow(sheet: DrawingSheet, first: FloatArray, second: FloatArray, label: str) -> None:
     """Draw an aligned dimension with its arrows outside, or one arrow for a radius, and its text on a shelf."""
-    is_radius = "R" in aligned.text
-    first, second = aligned.ends
+    is_radius = "R" in label
     inward = (second - first) / np.linalg.norm(second - first)
-    width = text_width_mm(aligned.text, TEXT_MM) + 2.0
+    width = text_width_mm(label, TEXT_MM) + 2.0
     boxes = [Polygon(box.corners) for box in sheet.text_boxes]
     lines = [LineString(line) for line, _ in sheet.drawn_lines]
     # A radius has its text on the side of its centre, a wall on either side.
@@ -300,7 +300,7 @@ def _draw_narrow(sheet: DrawingSheet, aligned: AlignedDimension) -> None:
         sheet.lines([np.array([end, end - (ARROW_MM[0] + 1.5) * direction])], LINE_MM)
         sheet.arrow_head(start, -direction)
         sheet.arrow_head(end, direction)
-    sheet.text(shelf.mean(axis=0) + np.array([0.0, 0.8]), aligned.text, TEXT_MM, align="center")
+    sheet.text(shelf.mean(axis=0) + np.array([0.0, 0.8]), label, TEXT_MM, align="center")
 
 
 def _draw_along(sheet: DrawingSheet, bases: Sequence[FloatArray], direction: FloatArray, text: str) -> None:
@@ -363,11 +363,9 @@ def holder_tolerances(plan: HolderPlan, built: Tolerances) -> tuple[GeometricalT
     """The tolerances of a holder's seats that correspond to the tolerances `built` of an as-built layout.
 
     Datum A is the flat back, B the holes in it for the mount's screws. The profile zone of a seat is the mirror's
-    tolerance along its normal, plus or minus. The zone of angularity, which includes flatness, is the step that tilts
-    the smallest mirror by its tilt tolerance. The back is as flat as the seats.
+    tolerance along its normal, plus or minus. The back is as flat as the seats.
     """
-    side = float(np.sqrt(min(_area_mm2(core.top) for core in plan.cores)))
-    flat = round(side * float(np.tan(np.deg2rad(built.tilt_deg))), 2)
+    flat = pad_zone_mm(plan, built)
     seats = f"{len(plan.cores)}x seat"
     return (
         GeometricalTolerance("back (A)", "flatness", flat),
@@ -376,9 +374,17 @@ def holder_tolerances(plan: HolderPlan, built: Tolerances) -> tuple[GeometricalT
     )
 
 
-def _area_mm2(loop: FloatArray) -> float:
-    """Area of a flat loop (n, 3)."""
-    return float(np.linalg.norm(np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0)) / 2.0)
+def pad_zone_mm(plan: HolderPlan | CarrierPlan, built: Tolerances) -> float:
+    """The zone of the pads' tops that tilts no mirror by more than its tolerance, an even number of hundredths.
+
+    Half the zone is the tolerance of a pad's height. The tilt is at most the zone over the smallest altitude of the
+    triangle of a mirror's pads.
+    """
+    pads = np.array([pad.top.mean(axis=0) for pad in plan.pads]).reshape(-1, 3, 3)
+    sides = np.linalg.norm(pads - np.roll(pads, 1, axis=1), axis=2)
+    doubled_area = np.linalg.norm(np.cross(pads[:, 1] - pads[:, 0], pads[:, 2] - pads[:, 0]), axis=1)
+    altitude = float((doubled_area / sides.max(axis=1)).min())
+    return float(np.floor(50.0 * altitude * np.tan(np.deg2rad(built.tilt_deg))) / 50.0)
 
 
 def tolerance_notes(built: Tolerances) -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from mirrorcam.cad.guide.annotation import (
     draw_frames,
     draw_holder_datums,
     holder_tolerances,
+    pad_zone_mm,
     tolerance_notes,
 )
 from mirrorcam.cad.guide.drawing_sheet import (
@@ -43,6 +44,7 @@ from mirrorcam.cad.guide.hole_callouts import (
     with_callouts,
 )
 from mirrorcam.cad.guide.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
+from mirrorcam.cad.guide.seat_detail import draw_detail, place_detail, seat_detail
 from mirrorcam.cad.guide.sections import (
     LETTER_MM,
     CuttingPlaneLine,
@@ -58,7 +60,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.coupon import CouponPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
-from mirrorcam.cad.plan.dimension import Dimensioned, DrawingTable, Hole, Length
+from mirrorcam.cad.plan.dimension import Dimensioned, DrawingTable, Hole, Length, length
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.plan.seats import newell_normal
@@ -77,6 +79,21 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
     return tuple(
         Hole(origin + rotation[:, :2] @ hole, rotation[:, 2], diameter, text) for hole in plan.holes_in_mount_mm
     )
+
+
+def baffle_length(plan: HolderPlan) -> Length:
+    """The thickness of the baffle, at its highest piece that is oblique to the sheet."""
+    foot, inner, crest = plan.walls.outer_foot, plan.walls.inner_foot, plan.walls.outer_crest
+    x_axis, y_axis, back = plan.rig_from_mount[:3, :3].T
+    along = np.roll(foot, -1, axis=0) - foot
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    is_oblique = np.minimum(np.abs(along @ x_axis), np.abs(along @ y_axis)) > MIN_OBLIQUE
+    heights = (foot - crest) @ back
+    heights = np.minimum(heights, np.roll(heights, -1))
+    piece = int(np.argmax(np.where(is_oblique, heights, heights - heights.max())))
+    inward = np.cross(back, along[piece])
+    start = (foot[piece] + foot[(piece + 1) % len(foot)]) / 2.0
+    return length(start, start + inward * ((inner[piece] - foot[piece]) @ inward), "wall")
 
 
 def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
@@ -127,7 +144,8 @@ def dimensions_in_plan(plan: Any) -> tuple[Length | Hole, ...]:
     if isinstance(plan, PiecePlan):
         return dimensions_in_plan(plan.whole)
     if isinstance(plan, HolderPlan):
-        return (*holder_holes(plan), *(plan.screw_holes if isinstance(plan, ScrewedHolderPlan) else ()))
+        screw_holes = plan.screw_holes if isinstance(plan, ScrewedHolderPlan) else ()
+        return (*holder_holes(plan), *screw_holes, baffle_length(plan))
     return plan.dimensions if isinstance(plan, Dimensioned) else ()
 
 
@@ -140,6 +158,9 @@ ROW_MM = 4.4
 CLEAR_MM = 4.0
 LABEL_MM = 8.0
 """Space for a section's label above it."""
+
+MIN_OBLIQUE = 0.1
+"""Sine of the angle from which a wall is oblique to the sheet, so that its thickness is dimensioned where it is."""
 
 MARK_MM = 16.0
 """Space for the end of a cutting-plane line beside a view."""
@@ -186,6 +207,10 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     annotate(sheet, placed, dimensions, free_mm, line_positions)
     free = _free_rectangles(sheet, placed, free_mm[2], table_left, table_low)
     section_view, corner_low, corner_high = _place_section(section, free, scale)
+    detail = seat_detail(plan, solid, pad_zone_mm(plan, Tolerances()) / 2.0) if seat_tables else None
+    if detail:
+        detail_scale, detail_centre, corner_low, corner_high = place_detail(detail, corner_low, corner_high)
+        draw_detail(sheet, detail, detail_scale, detail_centre, placed[0])
     _draw_view(sheet, _isometric(isometric, placed, corner_low, corner_high), SMALL_MM)
     if section and section_view:
         hatch(sheet, section.faces, section_view.scale, section_view.shift)

@@ -86,7 +86,7 @@ def cut(solid: Part, axis: int, position_mm: float, bed_from_rig: FloatArray) ->
         for body in solids
         for face in body.faces()
         if _lies_on(face, to_viewer, float(origin @ to_viewer))
-        for area in _areas(face, axes)
+        for area in areas_of(face, axes)
     ]
     if not faces:
         return None
@@ -100,7 +100,7 @@ def _lies_on(face: Face, normal: FloatArray, offset_mm: float) -> bool:
     return all(abs(np.array(tuple(corner)) @ normal - offset_mm) < ON_PLANE_MM for corner in face.vertices())
 
 
-def _areas(face: Face, axes: FloatArray) -> list[Polygon]:
+def areas_of(face: Face, axes: FloatArray) -> list[Polygon]:
     """The areas of a face of the cut in the view."""
     lines = [line @ axes[:2].T for line in polylines(face.edges())]
     # Merge coincident ends to 1e-4.

@@ -38,7 +38,7 @@ class Length:
             return ""
         if self.minus_mm == self.plus_mm:
             return f" ±{self.plus_mm:g}"
-        return f" +{self.plus_mm:g}/-{self.minus_mm:g}"
+        return f" +{self.plus_mm:g}/{-self.minus_mm or 0.0:g}"
 
     @property
     def span_in_rig(self) -> FloatArray:
