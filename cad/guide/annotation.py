@@ -12,6 +12,7 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
+import shapely
 from shapely import LineString, MultiLineString, MultiPoint, Polygon
 
 from mirrorcam.cad.guide.dimension_lines import (
@@ -19,13 +20,12 @@ from mirrorcam.cad.guide.dimension_lines import (
     GAP_MM,
     LINE_MM,
     TEXT_MM,
-    TIERS_MM,
     LinearDimension,
     draw_tiers,
     number,
     text_fits,
 )
-from mirrorcam.cad.guide.drawing_sheet import INK, DrawingSheet, text_width_mm
+from mirrorcam.cad.guide.drawing_sheet import ARROW_MM, INK, DrawingSheet, text_width_mm
 from mirrorcam.cad.guide.hole_callouts import (
     AXIS_MM,
     CENTRE_DASHES_MM,
@@ -40,12 +40,13 @@ from mirrorcam.cad.guide.hole_callouts import (
     oblique_lengths,
 )
 from mirrorcam.cad.guide.part_views import PlacedView
+from mirrorcam.cad.holder.carriers import CarrierPlan
 from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.plan.dimension import Hole, Length
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.tolerances import Tolerances
 
-FIRST_NOTE_MM, NOTE_PITCH_MM, NOTES_MM = 5.0, 5.0, 26.0
+FIRST_NOTE_MM, NOTE_PITCH_MM, MIN_NOTE_PITCH_MM = 5.0, 5.0, 4.3
 # Slope of leaders (x / y), so that they differ from edges of the part.
 LEADER_SLOPE = 0.27
 # Fraction of its area by which a symmetric outline may differ from its mirror image.
@@ -54,6 +55,8 @@ MAX_ASYMMETRY = 0.01
 MIN_EDGE_MM = 1.0
 # Candidate positions of an aligned dimension's text, as fractions of its length, the centre first.
 TEXT_POSITIONS = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
+# Candidate distances of the shelf with the text of a narrow dimension.
+SHELVES_MM = (6.0, 8.0, 11.0, 15.0, 20.0, 26.0, 33.0, 41.0)
 
 
 @dataclass(frozen=True)
@@ -65,21 +68,13 @@ class Note:
     text: str
 
 
-@dataclass(frozen=True)
-class AlignedDimension:
-    """An aligned dimension, parallel to the measured distance: both ends (2, 2) on paper, and its text."""
-
-    ends: FloatArray
-    text: str
-
-
 @dataclass
 class Annotations:
     """All annotations of one view: dimensions below, left and aligned, and notes."""
 
     below: list[LinearDimension]
     left: list[LinearDimension]
-    aligned: list[AlignedDimension]
+    aligned: list[Length]
     notes: list[Note]
 
 
@@ -87,14 +82,14 @@ def annotate(
     sheet: DrawingSheet,
     placed: Sequence[PlacedView],
     dimensions: Iterable[Length | Hole],
-    free_mm: tuple[float, float] = (TIERS_MM, TIERS_MM),
+    free_mm: tuple[float, float, float] = (np.inf, np.inf, np.inf),
     cutting_lines: Sequence[tuple[int, int, float]] = (),
-) -> None:
+) -> FloatArray:
     """Draw the overall dimensions and those of the plan, each in the view that shows it best.
 
-    `free_mm` is the free space left of and below the views. `cutting_lines` are possible cutting-plane lines of a
-    section: the index of the view, the coordinate, x (0) or y (1), that is constant along the line, and its value on
-    paper.
+    `free_mm` is the free space left of, below and above the views. `cutting_lines` are possible cutting-plane lines of
+    a section: the index of the view, the coordinate, x (0) or y (1), that is constant along the line, and its value
+    on paper. Returns the space (n, 3) that the annotations need left of, below and above each view.
     """
     per_view = [Annotations([], [], [], []) for _ in placed]
     _add_overall(placed, per_view)
@@ -112,15 +107,21 @@ def annotate(
         ):
             _add(tier, linear)
         draw_oblique(sheet, placed[index], hole)
+    needed = np.zeros((len(placed), 3))
     for index, (view, view_annotations) in enumerate(zip(placed, per_view, strict=True)):
         lines_x, lines_y = (
             [value for view_index, axis, value in cutting_lines if (view_index, axis) == (index, k)] for k in (0, 1)
         )
-        draw_tiers(sheet, view.box, view_annotations.below, free_mm[1], vertical=False, cutting_lines=lines_x)
-        draw_tiers(sheet, view.box, view_annotations.left, free_mm[0], vertical=True, cutting_lines=lines_y)
+        left = draw_tiers(sheet, view.box, view_annotations.left, free_mm[0], vertical=True, cutting_lines=lines_y)
+        low_x, low_y = view.box[0] - FIRST_TIER_MM / 2.0
+        if any((box.corners < (low_x, low_y)).all(axis=1).any() for box in sheet.text_boxes):
+            # Texts of the vertical dimensions are in the corner left of and below the view.
+            lines_x.append(float(low_x))
+        below = draw_tiers(sheet, view.box, view_annotations.below, free_mm[1], vertical=False, cutting_lines=lines_x)
+        needed[index] = left, below, _draw_notes(sheet, view.box, view_annotations.notes, free_mm[2])
         for aligned in view_annotations.aligned:
-            _draw_aligned(sheet, view, aligned)
-        _draw_notes(sheet, view.box, view_annotations.notes)
+            draw_aligned(sheet, view, aligned)
+    return needed
 
 
 def _add_overall(placed: Sequence[PlacedView], per_view: Sequence[Annotations]) -> None:
@@ -136,9 +137,8 @@ def _add_overall(placed: Sequence[PlacedView], per_view: Sequence[Annotations]) 
 
 def _place_length(placed: Sequence[PlacedView], per_view: Sequence[Annotations], dimension: Length) -> None:
     """Place a length in the first view that shows its true length, as an aligned dimension if it is oblique there."""
-    span = dimension.span_in_rig
+    span, text = dimension.span_in_rig, text_of(dimension)
     true_length = float(np.linalg.norm(span))
-    text = f"{dimension.before}{number(true_length)} {dimension.text}".strip()
     depths = [abs(float(view.view.axes_in_rig[2] @ span)) for view in placed]
     index = int(np.argmin(np.round(depths, 3)))
     view, annotations = placed[index], per_view[index]
@@ -149,8 +149,13 @@ def _place_length(placed: Sequence[PlacedView], per_view: Sequence[Annotations],
     elif extents[0] <= PARALLEL * true_length:
         _add(annotations.left, LinearDimension(points[:, 1], points[:, 0], text))
     else:
-        start = dimension.points_in_rig[0]
-        annotations.aligned.append(AlignedDimension(view.paper(np.array([start, start + span])), text))
+        annotations.aligned.append(dimension)
+
+
+def text_of(dimension: Length) -> str:
+    """The text of a length with its tolerance."""
+    value = number(float(np.linalg.norm(dimension.span_in_rig)))
+    return f"{dimension.before}{value}{dimension.tolerance} {dimension.text}".strip()
 
 
 def _add(tier: list[LinearDimension], new: LinearDimension) -> None:
@@ -233,9 +238,16 @@ def _draw_axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, value: flo
     sheet.lines([ends], AXIS_MM, INK, CENTRE_DASHES_MM)
 
 
-def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimension) -> None:
-    """Draw an aligned dimension on the side where it crosses fewer edges."""
-    start, end = aligned.ends if aligned.ends[1, 0] >= aligned.ends[0, 0] else aligned.ends[::-1]
+def draw_aligned(sheet: DrawingSheet, placed: PlacedView, dimension: Length) -> None:
+    """Draw a length parallel to itself, where it crosses fewer edges; a narrow one across the feature."""
+    text, (start, _) = text_of(dimension), dimension.points_in_rig
+    start, end = placed.paper(np.array([start, start + dimension.span_in_rig]))
+    if not text_fits(float(np.linalg.norm(end - start)), text):
+        _draw_narrow(sheet, start, end, text)
+        return
+    # Its text reads from below or, if it is vertical, from the right.
+    if (round(float(end[0] - start[0]), 3), end[1]) < (0.0, start[1]):
+        start, end = end, start
     direction = (end - start) / np.linalg.norm(end - start)
     normal = np.array([-direction[1], direction[0]])
     edges = MultiLineString([line * placed.scale + placed.shift for line in placed.view.visible])
@@ -253,23 +265,66 @@ def _draw_aligned(sheet: DrawingSheet, placed: PlacedView, aligned: AlignedDimen
     sheet.lines([ends, *(np.array([point + gap, point + offset + overshoot]) for point in (start, end))], LINE_MM)
     sheet.arrow_head(ends[0], -direction)
     sheet.arrow_head(ends[1], direction)
-    angle = float(np.degrees(np.arctan2(direction[1], direction[0])))
-    half = text_width_mm(aligned.text, TEXT_MM) / 2.0 * direction
-    lines = [line for line, _ in sheet.drawn_lines]
+    bases = [ends[0] + fraction * (end - start) + 0.9 * normal for fraction in TEXT_POSITIONS]
+    _draw_along(sheet, bases, direction, text)
+
+
+def _draw_narrow(sheet: DrawingSheet, first: FloatArray, second: FloatArray, label: str) -> None:
+    """Draw an aligned dimension with its arrows outside, or one arrow for a radius, and its text on a shelf."""
+    is_radius = "R" in label
+    inward = (second - first) / np.linalg.norm(second - first)
+    width = text_width_mm(label, TEXT_MM) + 2.0
+    boxes = [Polygon(box.corners) for box in sheet.text_boxes]
+    lines = [LineString(line) for line, _ in sheet.drawn_lines]
+    # A radius has its text on the side of its centre, a wall on either side.
+    sides = [(first, second, -inward)] if is_radius else [(first, second, -inward), (second, first, inward)]
+    places = [(start, end, direction, distance) for distance in SHELVES_MM for start, end, direction in sides]
+
+    def shelf_of(start: FloatArray, direction: FloatArray, distance: float) -> FloatArray:
+        knee = start + distance * direction
+        return np.array([knee, knee + np.array([width if direction[0] >= -PARALLEL else -width, 0.0])])
+
+    def overlaps(place: tuple[FloatArray, FloatArray, FloatArray, float]) -> tuple[int, int]:
+        start, _, direction, distance = place
+        shelf = shelf_of(start, direction, distance)
+        area = shapely.box(*shelf.min(axis=0), *(shelf.max(axis=0) + np.array([0.0, 1.4 * TEXT_MM]))).buffer(1.0)
+        covered = shapely.union(area, LineString([start, shelf[0]]))
+        return sum(covered.intersects(text) for text in boxes), sum(area.intersects(line) for line in lines)
+
+    start, end, direction, distance = min(places, key=overlaps)
+    shelf = shelf_of(start, direction, distance)
+    sheet.lines([np.array([end if is_radius else start, *shelf])], LINE_MM)
+    if is_radius:
+        sheet.arrow_head(end, -direction)
+    else:
+        sheet.lines([np.array([end, end - (ARROW_MM[0] + 1.5) * direction])], LINE_MM)
+        sheet.arrow_head(start, -direction)
+        sheet.arrow_head(end, direction)
+    sheet.text(shelf.mean(axis=0) + np.array([0.0, 0.8]), label, TEXT_MM, align="center")
+
+
+def _draw_along(sheet: DrawingSheet, bases: Sequence[FloatArray], direction: FloatArray, text: str) -> None:
+    """Draw a text along a direction (2,), its base centred at the candidate (2,) that crosses the fewest lines."""
+    half, normal = text_width_mm(text, TEXT_MM) / 2.0 * direction, np.array([-direction[1], direction[0]])
+    lines = [LineString(line) for line, _ in sheet.drawn_lines]
 
     def crossings(centre: FloatArray) -> int:
         box = Polygon(
             [centre - half, centre + half, centre + half + TEXT_MM * normal, centre - half + TEXT_MM * normal]
         )
-        return sum(box.intersects(LineString(line)) for line in lines)
+        return sum(box.intersects(line) for line in lines)
 
-    candidates = [start + offset + fraction * (end - start) + 0.9 * normal for fraction in TEXT_POSITIONS]
-    sheet.text(min(candidates, key=crossings), aligned.text, TEXT_MM, align="center", rotation_deg=angle)
+    angle = float(np.degrees(np.arctan2(direction[1], direction[0])))
+    sheet.text(min(bases, key=crossings), text, TEXT_MM, align="center", rotation_deg=angle)
 
 
-def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> None:
-    """Draw notes above the view, the rightmost lowest, so that no leader crosses text or another leader."""
-    pitch = min(NOTE_PITCH_MM, (NOTES_MM - FIRST_NOTE_MM - TEXT_MM - 1.5) / max(len(notes) - 1, 1))
+def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note], free_mm: float) -> float:
+    """Draw notes above the view, the rightmost lowest, so that no leader crosses text or another leader.
+
+    Returns the space that they need, mm, of which `free_mm` is there.
+    """
+    outside, gaps = FIRST_NOTE_MM + TEXT_MM + 1.5, max(len(notes) - 1, 0)
+    pitch = min(NOTE_PITCH_MM, (free_mm - outside) / max(gaps, 1))
     ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEADER_SLOPE * note.point[1]), note.text))
     leader_direction = np.array([LEADER_SLOPE, 1.0]) / np.hypot(LEADER_SLOPE, 1.0)
     for row, note in enumerate(ordered):
@@ -280,6 +335,7 @@ def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note]) -> 
         sheet.lines([np.array([tip, knee, knee + np.array([width + 1.5, 0.0])])], LINE_MM)
         sheet.arrow_head(tip, -leader_direction)
         sheet.text(knee + np.array([1.0, 0.8]), note.text, TEXT_MM)
+    return outside + gaps * MIN_NOTE_PITCH_MM if notes else 0.0
 
 
 Characteristic = Literal["flatness", "angularity", "profile"]
@@ -307,11 +363,9 @@ def holder_tolerances(plan: HolderPlan, built: Tolerances) -> tuple[GeometricalT
     """The tolerances of a holder's seats that correspond to the tolerances `built` of an as-built layout.
 
     Datum A is the flat back, B the holes in it for the mount's screws. The profile zone of a seat is the mirror's
-    tolerance along its normal, plus or minus. The zone of angularity, which includes flatness, is the step that tilts
-    the smallest mirror by its tilt tolerance. The back is as flat as the seats.
+    tolerance along its normal, plus or minus. The back is as flat as the seats.
     """
-    side = float(np.sqrt(min(_area_mm2(core.top) for core in plan.cores)))
-    flat = round(side * float(np.tan(np.deg2rad(built.tilt_deg))), 2)
+    flat = pad_zone_mm(plan, built)
     seats = f"{len(plan.cores)}x seat"
     return (
         GeometricalTolerance("back (A)", "flatness", flat),
@@ -320,9 +374,17 @@ def holder_tolerances(plan: HolderPlan, built: Tolerances) -> tuple[GeometricalT
     )
 
 
-def _area_mm2(loop: FloatArray) -> float:
-    """Area of a flat loop (n, 3)."""
-    return float(np.linalg.norm(np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0)) / 2.0)
+def pad_zone_mm(plan: HolderPlan | CarrierPlan, built: Tolerances) -> float:
+    """The zone of the pads' tops that tilts no mirror by more than its tolerance, an even number of hundredths.
+
+    Half the zone is the tolerance of a pad's height. The tilt is at most the zone over the smallest altitude of the
+    triangle of a mirror's pads.
+    """
+    pads = np.array([pad.top.mean(axis=0) for pad in plan.pads]).reshape(-1, 3, 3)
+    sides = np.linalg.norm(pads - np.roll(pads, 1, axis=1), axis=2)
+    doubled_area = np.linalg.norm(np.cross(pads[:, 1] - pads[:, 0], pads[:, 2] - pads[:, 0]), axis=1)
+    altitude = float((doubled_area / sides.max(axis=1)).min())
+    return float(np.floor(50.0 * altitude * np.tan(np.deg2rad(built.tilt_deg))) / 50.0)
 
 
 def tolerance_notes(built: Tolerances) -> tuple[str, ...]:

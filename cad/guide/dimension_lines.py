@@ -12,7 +12,7 @@ from mirrorcam.core.values import FloatArray
 
 LINE_MM = 0.15
 TEXT_MM = 2.5
-FIRST_TIER_MM, TIER_PITCH_MM, TIERS_MM = 7.5, 6.5, 27.0
+FIRST_TIER_MM, TIER_PITCH_MM, MIN_PITCH_MM = 7.5, 6.5, 5.0
 GAP_MM = 1.0
 # Gap between text and its dimension line, and projection of extension lines past a dimension line.
 TEXT_OFFSET_MM, EXTENSION_MM = 0.9, 1.5
@@ -45,8 +45,22 @@ def number(value_mm: float) -> str:
 
 
 def text_fits(span: float, text: str) -> bool:
-    """Return whether the text of a dimension fits between its arrows."""
+    """Return whether the text of a dimension and its arrows fit between its ends."""
     return span >= text_width_mm(text, TEXT_MM) + 2.0 * ARROW_MM[0] + 1.0
+
+
+@dataclass(frozen=True)
+class _Tiered:
+    """A dimension in a tier; its text is centred at `text_centre`, outside the arrows if it does not fit between."""
+
+    dimension: LinearDimension
+    level: int
+    text_centre: float
+
+    @property
+    def text_range(self) -> tuple[float, float]:
+        half = text_width_mm(self.dimension.text, TEXT_MM) / 2.0
+        return self.text_centre - half, self.text_centre + half
 
 
 def draw_tiers(
@@ -57,90 +71,117 @@ def draw_tiers(
     *,
     vertical: bool,
     cutting_lines: Sequence[float] = (),
-) -> None:
+) -> float:
     """Draw dimensions in tiers, shorter ones closer to the part, so that extension lines cross no dimension line.
 
-    Consecutive dimensions share a line. Dimensions whose text would be crossed by other extension lines are outermost.
-    Text is also kept clear of `cutting_lines`, the coordinates at which cutting-plane lines may cross the tiers.
+    Consecutive dimensions share a line. Where extension lines would cross a text, the order is changed. Text is also
+    kept clear of `cutting_lines`, the coordinates at which cutting-plane lines may cross the tiers. Returns the space
+    that the tiers need, mm, of which `free_mm` is there.
     """
+    tiered = _in_tiers(
+        sorted(dimensions, key=lambda each: (each.span, float(each.ends.min()), each.text)),
+        np.array(cutting_lines, dtype=float),
+    )
+    tiers = max((each.level for each in tiered), default=0)
+    # A vertical dimension has its text outside its line; outside others are only the ends of extension lines.
+    outside = GAP_MM + (TEXT_MM + TEXT_OFFSET_MM if vertical else EXTENSION_MM)
+    pitch = min(TIER_PITCH_MM, (free_mm - FIRST_TIER_MM - outside) / max(tiers, 1))
+    # In narrow tiers, extension lines end before the text of the next tier.
+    extension = max(0.0, min(EXTENSION_MM, pitch - TEXT_OFFSET_MM - TEXT_MM - TEXT_GAP_MM))
+    edge = float(box[0, 0 if vertical else 1])
+    for each in tiered:
+        _draw_linear(sheet, each, edge - FIRST_TIER_MM - each.level * pitch, extension, vertical=vertical)
+    return FIRST_TIER_MM + tiers * MIN_PITCH_MM + outside
+
+
+def _in_tiers(dimensions: Sequence[LinearDimension], cutting_lines: FloatArray) -> list[_Tiered]:
+    """Place dimensions in tiers, in an order that is improved while texts are crossed.
+
+    Candidates move all dimensions with crossed texts outwards, or any single dimension.
+    """
+    best = _in_order(dimensions, cutting_lines)
+    while any(crossed := _crossed_texts(best, cutting_lines)):
+        order = [each.dimension for each in best]
+        outwards = sorted(zip(crossed, order, strict=True), key=lambda pair: pair[0])
+        candidates = [[dimension for _, dimension in outwards]]
+        for index, dimension in enumerate(order):
+            rest = [*order[:index], *order[index + 1 :]]
+            candidates += [[*rest[:target], dimension, *rest[target:]] for target in range(len(order))]
+        found = min(
+            (_in_order(candidate, cutting_lines) for candidate in candidates),
+            key=lambda tiered: _cost(tiered, cutting_lines),
+        )
+        if _cost(found, cutting_lines) >= _cost(best, cutting_lines):
+            break
+        best = found
+    return best
+
+
+def _in_order(dimensions: Sequence[LinearDimension], cutting_lines: FloatArray) -> list[_Tiered]:
+    """Place each dimension in the first tier outside the full ones, its text clear of extension lines if possible."""
     tiers: list[list[tuple[float, float]]] = []
-    placed = []
-    ends = np.concatenate([dimension.ends for dimension in dimensions]) if dimensions else np.zeros(0)
-    widths = {id(dimension): text_width_mm(dimension.text, TEXT_MM) for dimension in dimensions}
-
-    def order(dimension: LinearDimension) -> tuple[bool, float, float, str]:
-        width = widths[id(dimension)]
-        always_crossed = all(_text_is_crossed(dimension, width, ends, low_text=low_text) for low_text in (False, True))
-        return (
-            always_crossed and not text_fits(dimension.span, dimension.text),
-            dimension.span,
-            float(dimension.ends.min()),
-            dimension.text,
-        )
-
-    for dimension in sorted(dimensions, key=order):
-        width = widths[id(dimension)]
-        low_text = _text_is_crossed(dimension, width, ends) and not _text_is_crossed(
-            dimension, width, ends, low_text=True
-        )
-        low, high = _covered_range(dimension, width, low_text=low_text)
+    tiered = []
+    for index, dimension in enumerate(dimensions):
+        crossing = np.concatenate([*(other.ends for other in dimensions[index + 1 :]), cutting_lines])
+        centre = _text_centre(dimension, crossing)
+        half = text_width_mm(dimension.text, TEXT_MM) / 2.0
+        arrow = 0.0 if text_fits(dimension.span, dimension.text) else ARROW_MM[0] + 1.5
+        low = min(float(dimension.ends.min()) - arrow, centre - half - 0.5)
+        high = max(float(dimension.ends.max()) + arrow, centre + half + 0.5)
         full = [k for k, tier in enumerate(tiers) if any(low < b - TOUCH_MM and high > a + TOUCH_MM for a, b in tier)]
         level = max(full) + 1 if full else 0
         if level == len(tiers):
             tiers.append([])
         tiers[level].append((low, high))
-        placed.append((level, dimension, width, low_text))
-    # A vertical dimension has its text outside its line; outside others are only the ends of extension lines.
-    outside = GAP_MM + (TEXT_MM + TEXT_OFFSET_MM if vertical else EXTENSION_MM)
-    pitch = min(TIER_PITCH_MM, (free_mm - FIRST_TIER_MM - outside) / max(len(tiers) - 1, 1))
-    # In narrow tiers, extension lines end before the text of the next tier.
-    extension = max(0.0, min(EXTENSION_MM, pitch - TEXT_OFFSET_MM - TEXT_MM - TEXT_GAP_MM))
-    edge = float(box[0, 0 if vertical else 1])
-    for level, dimension, width, low_text in placed:
-        crossing = [other.ends for outer, other, _, _ in placed if outer > level]
-        centre = _text_centre(dimension, width, np.concatenate([*crossing, np.array(cutting_lines, dtype=float)]))
-        tier = edge - FIRST_TIER_MM - level * pitch
-        _draw_linear(sheet, dimension, tier, width, centre, extension, vertical=vertical, low_text=low_text)
+        tiered.append(_Tiered(dimension, level, centre))
+    return tiered
 
 
-def _text_centre(dimension: LinearDimension, width: float, crossing: FloatArray) -> float:
-    """The centre of a text along its dimension line, clear of crossing extension lines if possible."""
-    centre, slack = float(dimension.ends.mean()), dimension.span - width - 2.0 * ARROW_MM[0] - 1.0
-    positions = [centre + shift * max(slack, 0.0) for shift in SHIFTS]
-    return min(positions, key=lambda position: bool((np.abs(crossing - position) < width / 2.0 + TEXT_GAP_MM).any()))
+def _crossed_texts(tiered: Sequence[_Tiered], cutting_lines: FloatArray) -> list[bool]:
+    """Whether each text is crossed by an extension line of an outer tier, or by a cutting-plane line."""
+    return [
+        _is_crossed(*each.text_range, np.concatenate([cutting_lines, *_outer_ends(each, tiered)])) for each in tiered
+    ]
 
 
-def _covered_range(dimension: LinearDimension, width: float, *, low_text: bool = False) -> tuple[float, float]:
-    """The range of a tier that a dimension line and its text cover; text that does not fit is outside the arrows.
+def _cost(tiered: Sequence[_Tiered], cutting_lines: FloatArray) -> tuple[int, int, int]:
+    """Numbers of crossed texts, of dimension lines that extension lines cross, and of tiers."""
+    lines = sum(
+        float(each.dimension.ends.min()) + TOUCH_MM < end < float(each.dimension.ends.max()) - TOUCH_MM
+        for each in tiered
+        for ends in _outer_ends(each, tiered)
+        for end in ends
+    )
+    return sum(_crossed_texts(tiered, cutting_lines)), lines, max((each.level for each in tiered), default=0)
 
-    It is then at the upper end or, with `low_text`, at the lower end.
+
+def _outer_ends(tiered: _Tiered, others: Sequence[_Tiered]) -> list[FloatArray]:
+    return [other.dimension.ends for other in others if other.level > tiered.level]
+
+
+def _text_centre(dimension: LinearDimension, crossing: FloatArray) -> float:
+    """The centre of a text along its dimension line, clear of crossing lines if possible.
+
+    A text that does not fit between the ends is outside the arrows, at the upper end, or else at the lower one.
     """
-    low, high = float(dimension.ends.min()), float(dimension.ends.max())
-    if text_fits(dimension.span, dimension.text):
-        return low, high
-    arrow, text = ARROW_MM[0] + 1.5, ARROW_MM[0] + width + 2.0
-    return (low - text, high + arrow) if low_text else (low - arrow, high + text)
+    width = text_width_mm(dimension.text, TEXT_MM)
+    arrows = 2.0 * ARROW_MM[0] if text_fits(dimension.span, dimension.text) else 0.0
+    if (slack := dimension.span - width - arrows - 1.0) >= 0.0:
+        positions = [float(dimension.ends.mean()) + shift * slack for shift in SHIFTS]
+    else:
+        outside = ARROW_MM[0] + 1.5 + width / 2.0
+        positions = [float(dimension.ends.max()) + outside, float(dimension.ends.min()) - outside]
+    half = width / 2.0 + TEXT_GAP_MM
+    return min(positions, key=lambda position: _is_crossed(position - half, position + half, crossing))
 
 
-def _text_is_crossed(dimension: LinearDimension, width: float, ends: FloatArray, *, low_text: bool = False) -> bool:
-    """Return whether an extension line, one of `ends`, may cross the text of a dimension outside its arrows."""
-    covered = _covered_range(dimension, width, low_text=low_text)
-    low, high = (covered[0], float(dimension.ends.min())) if low_text else (float(dimension.ends.max()), covered[1])
-    return bool(((ends > low + 1e-3) & (ends < high - 1e-3)).any())
+def _is_crossed(low: float, high: float, crossing: FloatArray) -> bool:
+    return bool(((crossing > low) & (crossing < high)).any())
 
 
-def _draw_linear(
-    sheet: DrawingSheet,
-    dimension: LinearDimension,
-    tier: float,
-    width: float,
-    text_centre: float,
-    extension_mm: float,
-    *,
-    vertical: bool,
-    low_text: bool = False,
-) -> None:
-    """Draw a dimension line at `tier`, with its text centred at `text_centre` if it fits between the arrows."""
+def _draw_linear(sheet: DrawingSheet, tiered: _Tiered, tier: float, extension_mm: float, *, vertical: bool) -> None:
+    """Draw a dimension line at `tier` with its text, which a line outside the arrows underlines."""
+    dimension, centre = tiered.dimension, tiered.text_centre
 
     def on_sheet(points: Sequence[tuple[float, float]]) -> FloatArray:
         array = np.array(points)
@@ -154,15 +195,12 @@ def _draw_linear(
     ]
     inside = text_fits(dimension.span, dimension.text)
     arrow = 0.0 if inside else ARROW_MM[0] + 1.5
-    text = 0.0 if inside else width
-    line = (low - arrow - text, high + arrow) if low_text else (low - arrow, high + arrow + text)
-    lines.append(on_sheet([(line[0], tier), (line[1], tier)]))
+    text_low, text_high = tiered.text_range
+    lines.append(on_sheet([(min(low - arrow, text_low), tier), (max(high + arrow, text_high), tier)]))
     sheet.lines(lines, LINE_MM)
     sign = -1.0 if inside else 1.0
     for tip, direction in ((low, sign), (high, -sign)):
         sheet.arrow_head(on_sheet([(tip, tier)])[0], on_sheet([(direction, 0.0)])[0])
-    outside = low - arrow - width / 2.0 if low_text else high + arrow + width / 2.0
-    centre = text_centre if inside else outside
     if vertical:
         sheet.text((tier - TEXT_OFFSET_MM, centre), dimension.text, TEXT_MM, align="center", rotation_deg=90.0)
     else:

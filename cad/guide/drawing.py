@@ -13,19 +13,17 @@ import numpy as np
 from build123d import Part
 
 from mirrorcam.cad.guide.annotation import (
-    NOTES_MM,
     RESERVED_MM,
     annotate,
     draw_frames,
     draw_holder_datums,
     holder_tolerances,
+    pad_zone_mm,
     tolerance_notes,
 )
-from mirrorcam.cad.guide.dimension_lines import TIERS_MM
 from mirrorcam.cad.guide.drawing_sheet import (
     A3_MM,
-    BLOCK_MM,
-    BORDER_MM,
+    FIELD_MM,
     GAUGE_TOLERANCE,
     GENERAL_TOLERANCE,
     SOFT,
@@ -46,6 +44,7 @@ from mirrorcam.cad.guide.hole_callouts import (
     with_callouts,
 )
 from mirrorcam.cad.guide.part_views import FRONT, ISOMETRIC, RIGHT, TOP, PartView, PlacedView, on_paper, project
+from mirrorcam.cad.guide.seat_detail import draw_detail, place_detail, seat_detail
 from mirrorcam.cad.guide.sections import (
     LETTER_MM,
     CuttingPlaneLine,
@@ -61,7 +60,7 @@ from mirrorcam.cad.holder.holder_body import HolderPlan
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.parts.coupon import CouponPlan
 from mirrorcam.cad.plan.cuts import PiecePlan
-from mirrorcam.cad.plan.dimension import Dimensioned, DrawingTable, Hole, Length
+from mirrorcam.cad.plan.dimension import Dimensioned, DrawingTable, Hole, Length, length
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import PartPlan
 from mirrorcam.cad.plan.seats import newell_normal
@@ -80,6 +79,21 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
     return tuple(
         Hole(origin + rotation[:, :2] @ hole, rotation[:, 2], diameter, text) for hole in plan.holes_in_mount_mm
     )
+
+
+def baffle_length(plan: HolderPlan) -> Length:
+    """The thickness of the baffle, at its highest piece that is oblique to the sheet."""
+    foot, inner, crest = plan.walls.outer_foot, plan.walls.inner_foot, plan.walls.outer_crest
+    x_axis, y_axis, back = plan.rig_from_mount[:3, :3].T
+    along = np.roll(foot, -1, axis=0) - foot
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    is_oblique = np.minimum(np.abs(along @ x_axis), np.abs(along @ y_axis)) > MIN_OBLIQUE
+    heights = (foot - crest) @ back
+    heights = np.minimum(heights, np.roll(heights, -1))
+    piece = int(np.argmax(np.where(is_oblique, heights, heights - heights.max())))
+    inward = np.cross(back, along[piece])
+    start = (foot[piece] + foot[(piece + 1) % len(foot)]) / 2.0
+    return length(start, start + inward * ((inner[piece] - foot[piece]) @ inward), "wall")
 
 
 def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
@@ -130,7 +144,8 @@ def dimensions_in_plan(plan: Any) -> tuple[Length | Hole, ...]:
     if isinstance(plan, PiecePlan):
         return dimensions_in_plan(plan.whole)
     if isinstance(plan, HolderPlan):
-        return (*holder_holes(plan), *(plan.screw_holes if isinstance(plan, ScrewedHolderPlan) else ()))
+        screw_holes = plan.screw_holes if isinstance(plan, ScrewedHolderPlan) else ()
+        return (*holder_holes(plan), *screw_holes, baffle_length(plan))
     return plan.dimensions if isinstance(plan, Dimensioned) else ()
 
 
@@ -143,6 +158,12 @@ ROW_MM = 4.4
 CLEAR_MM = 4.0
 LABEL_MM = 8.0
 """Space for a section's label above it."""
+
+MIN_OBLIQUE = 0.1
+"""Sine of the angle from which a wall is oblique to the sheet, so that its thickness is dimensioned where it is."""
+
+MARK_MM = 16.0
+"""Space for the end of a cutting-plane line beside a view."""
 
 
 def write_drawing(
@@ -171,7 +192,7 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
         table_low = draw_frames(
             sheet, table_left + 7.5, table_low, holder_tolerances(plan, as_built), tolerance_notes(as_built)
         )
-    placed, scale, free_mm = _arrange(top, front, right, table_left)
+    placed, scale, free_mm = _arrange(views, dimensions, table_left)
     section = _section_of(part, solid, dimensions)
     for view in placed:
         _draw_view(sheet, view, VISIBLE_MM if view.scale >= 1.0 else SMALL_MM)
@@ -184,8 +205,12 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
         (index, line.constant_axis, float(line.ends[0, line.constant_axis])) for index, line in cutting_lines.items()
     ]
     annotate(sheet, placed, dimensions, free_mm, line_positions)
-    free = _free_rectangles(sheet, placed, table_left, table_low)
+    free = _free_rectangles(sheet, placed, free_mm[2], table_left, table_low)
     section_view, corner_low, corner_high = _place_section(section, free, scale)
+    detail = seat_detail(plan, solid, pad_zone_mm(plan, Tolerances()) / 2.0) if seat_tables else None
+    if detail:
+        detail_scale, detail_centre, corner_low, corner_high = place_detail(detail, corner_low, corner_high)
+        draw_detail(sheet, detail, detail_scale, detail_centre, placed[0])
     _draw_view(sheet, _isometric(isometric, placed, corner_low, corner_high), SMALL_MM)
     if section and section_view:
         hatch(sheet, section.faces, section_view.scale, section_view.shift)
@@ -233,32 +258,35 @@ def dimensions_of(part: PartPlan, solid: Part, screw: Fastening) -> tuple[Length
 
 
 def _arrange(
-    top: PartView, front: PartView, right: PartView, right_end: float
-) -> tuple[tuple[PlacedView, PlacedView, PlacedView], float, tuple[float, float]]:
+    views: Sequence[PartView], dimensions: Sequence[Length | Hole], right_end: float
+) -> tuple[tuple[PlacedView, ...], float, tuple[float, float, float]]:
     """Place the views at the largest standard scale that leaves space for their dimensions.
 
-    Returns the views, the scale, and the free space left of and below each view, mm.
+    Returns the views, the scale, and the free space left of, below and above each view, mm.
     """
-    bottom = BORDER_MM + BLOCK_MM
-    free = np.array([right_end - BORDER_MM, A3_MM[1] - BORDER_MM - bottom])
+    top, front, _ = views
+    free = np.array([right_end, FIELD_MM[1, 1]]) - FIELD_MM[0]
     width, depth = np.ptp(top.box, axis=0)
-    height = float(np.ptp(front.box, axis=0)[1])
-    space = free - (2 * TIERS_MM + 12.0, 2 * TIERS_MM + 2 * NOTES_MM)
-    scale = next(
-        (s for s in SCALES if s * (width + depth) <= space[0] and s * (depth + height) <= space[1]), SCALES[-1]
-    )
+    size = np.array([width + depth, depth + np.ptp(front.box, axis=0)[1]])
+    for scale in SCALES:
+        at_origin = [PlacedView(view, scale, np.zeros(2)) for view in views]
+        if (scale * size > free).any() and scale > SCALES[-1]:
+            continue
+        needed = np.maximum(annotate(DrawingSheet(*A3_MM), at_origin, dimensions).max(axis=0), MARK_MM)
+        left, below, above = needed
+        surplus = free - scale * size - 2.0 * np.array([left + 6.0, below + above])
+        if (surplus >= 0.0).all():
+            break
     # Distribute the remaining space equally around the views.
-    surplus = np.maximum(space - scale * np.array([width + depth, depth + height]), 0.0) / 3.0
-    free_mm = (TIERS_MM + min(float(surplus[0]), 30.0), TIERS_MM + min(float(surplus[1]), 20.0))
-    left_x = BORDER_MM + free_mm[0]
-    bottom_y = bottom + free_mm[1]
-    top_y = bottom_y + scale * height + NOTES_MM + free_mm[1]
-    right_x = left_x + scale * width + free_mm[0] + 4.0
-
-    def place(view: PartView, x: float, y: float) -> PlacedView:
-        return PlacedView(view, scale, np.array([x, y]) - view.box[0] * scale)
-
-    return (place(top, left_x, top_y), place(front, left_x, bottom_y), place(right, right_x, bottom_y)), scale, free_mm
+    left, below, above = needed + np.clip(surplus / 3.0, 0.0, (30.0, 20.0))[[0, 1, 1]] * (1.0, 0.5, 0.5)
+    left_x, bottom_y = FIELD_MM[0] + (left, below)
+    top_y = bottom_y + scale * float(np.ptp(front.box, axis=0)[1]) + above + below
+    right_x = left_x + scale * width + left + 4.0
+    corners = np.array([(left_x, top_y), (left_x, bottom_y), (right_x, bottom_y)])
+    placed = tuple(
+        PlacedView(view, scale, corner - view.box[0] * scale) for view, corner in zip(views, corners, strict=True)
+    )
+    return placed, scale, (float(left), float(below), float(above))
 
 
 def _isometric(view: PartView, placed: Sequence[PlacedView], low: FloatArray, high: FloatArray) -> PlacedView:
@@ -276,15 +304,15 @@ def _section_of(part: PartPlan, solid: Part, dimensions: Sequence[Length | Hole]
 
 
 def _free_rectangles(
-    sheet: DrawingSheet, placed: Sequence[PlacedView], right_end: float, table_low: float
+    sheet: DrawingSheet, placed: Sequence[PlacedView], free_above: float, right_end: float, table_low: float
 ) -> tuple[FloatArray, ...]:
     """Free rectangles (2, 2): above the view from the right, right of it, and below the tables, clear of text."""
     top, _, right = placed
-    high_y = A3_MM[1] - BORDER_MM - 8.0
-    area_above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + NOTES_MM + 4.0), (right_end - 6.0, high_y)])
-    low_y = BORDER_MM + BLOCK_MM + 8.0
-    area_right = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + NOTES_MM - 8.0)])
-    area_below = np.array([(right_end + 4.0, low_y), (A3_MM[0] - BORDER_MM - 4.0, table_low - 4.0)])
+    high_y = FIELD_MM[1, 1]
+    area_above = np.array([(top.box[1, 0] + 12.0, right.box[1, 1] + free_above + 4.0), (right_end - 6.0, high_y)])
+    low_y = FIELD_MM[0, 1] + 4.0
+    area_right = np.array([(right.box[1, 0] + 12.0, low_y), (right_end - 6.0, right.box[1, 1] + free_above - 8.0)])
+    area_below = np.array([(right_end + 4.0, low_y), (FIELD_MM[1, 0], table_low - 4.0)])
     return _clear_of_text(sheet, area_above), _clear_of_text(sheet, area_right), area_below
 
 
@@ -342,11 +370,11 @@ def _draw_section_marks(
 
 def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm: float) -> tuple[float, float]:
     """Draw tables in the upper right corner, one below the other; returns their left and lower limits."""
-    right, top = A3_MM[0] - BORDER_MM, A3_MM[1] - BORDER_MM
+    right, top = FIELD_MM[1]
     left = right
     for table in tables:
         cells = [table.header, *table.rows]
-        pitch = min(ROW_MM, (top - BORDER_MM - BLOCK_MM - 16.0 - reserved_mm) / (len(cells) + 1))
+        pitch = min(ROW_MM, (top - FIELD_MM[0, 1] - 12.0 - reserved_mm) / (len(cells) + 1))
         height = min(TEXT_MM, 0.6 * pitch)
         widths = [max(text_width_mm(row[i], height) for row in cells) + 4.0 for i in range(len(table.header))]
         lines = [
@@ -370,5 +398,5 @@ def draw_tables(sheet: DrawingSheet, tables: Sequence[DrawingTable], reserved_mm
         left, top = min(left, start), y - 6.0
     if tables:
         left -= 6.0
-        sheet.lines([np.array([(left, BORDER_MM + BLOCK_MM), (left, A3_MM[1] - BORDER_MM)])], 0.1, SOFT)
+        sheet.lines([np.array([(left, FIELD_MM[0, 1]), (left, FIELD_MM[1, 1])])], 0.1, SOFT)
     return left, top

@@ -21,6 +21,7 @@ from matplotlib.font_manager import FontProperties, findfont, get_font
 from matplotlib.patches import Circle, Polygon
 from matplotlib.textpath import TextPath
 
+from mirrorcam.cad.plan.dimension import GENERAL_MM
 from mirrorcam.cad.plan.part_plan import LICENCE
 from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.errors import InputError
@@ -41,10 +42,11 @@ Align = Literal["left", "center", "right"]
 
 @dataclass(frozen=True)
 class TextBox:
-    """A label on the sheet, and the corners (4, 2), mm, of the area that it covers."""
+    """A label on the sheet, and the corners (4, 2), mm, of its area; `over_lines`: it hides the lines under it."""
 
     text: str
     corners: FloatArray
+    over_lines: bool = False
 
 
 def text_width_mm(text: str, height_mm: float, *, bold: bool = False) -> float:
@@ -67,12 +69,16 @@ def _width_of_size_1(text: str, bold: bool) -> float:
 
 
 class DrawingSheet:
-    """A drawing sheet of `width_mm` x `height_mm`, with a record of its labels, and of its lines with their widths."""
+    """A drawing sheet of `width_mm` x `height_mm`.
+
+    It records its labels, its lines with their widths, and the tips and directions (2, 2) of its arrows.
+    """
 
     def __init__(self, width_mm: float, height_mm: float) -> None:
         self.size_mm = (width_mm, height_mm)
         self.text_boxes: list[TextBox] = []
         self.drawn_lines: list[tuple[FloatArray, float]] = []
+        self.arrows: list[FloatArray] = []
         self._figure = Figure(figsize=(width_mm / MM_PER_INCH, height_mm / MM_PER_INCH))
         self._axes = self._figure.add_axes((0.0, 0.0, 1.0, 1.0))
         self._axes.set(xlim=(0.0, width_mm), ylim=(0.0, height_mm))
@@ -103,6 +109,7 @@ class DrawingSheet:
     def arrow_head(self, tip: FloatArray, direction: FloatArray) -> None:
         """Draw a filled arrow head that points along `direction` (2,), with its tip at `tip` (2,)."""
         axis = direction / np.linalg.norm(direction)
+        self.arrows.append(np.array([tip, axis]))
         normal = np.array([-axis[1], axis[0]])
         length, half = ARROW_MM
         corners = [tip, tip - length * axis + half * normal, tip - length * axis - half * normal]
@@ -148,7 +155,7 @@ class DrawingSheet:
         corners = np.array([(left, low), (left + width, low), (left + width, high), (left, high)])
         cosine, sine = np.cos(np.deg2rad(rotation_deg)), np.sin(np.deg2rad(rotation_deg))
         corners = corners @ np.array([(cosine, sine), (-sine, cosine)])
-        self.text_boxes.append(TextBox(text, corners + np.asarray(start)))
+        self.text_boxes.append(TextBox(text, corners + np.asarray(start), over_lines))
 
     def write(self, stem: Path, title: str) -> tuple[Path, Path]:
         """Write STEM.svg and STEM.pdf, and return their paths; the same sheet gives the same bytes."""
@@ -168,13 +175,16 @@ class DrawingSheet:
 A3_MM = (420.0, 297.0)
 BORDER_MM = 10.0
 BLOCK_MM = 26.0
+FIELD_MM = np.array([(0.0, BLOCK_MM), A3_MM]) + np.array([[1.0], [-1.0]]) * (BORDER_MM + 4.0)
+"""Lowest and highest corner (2, 2) of the drawing field, clear of the border and the title block."""
+
 FRAME_MM, OUTLINE_MM, AXIS_MM = 0.5, 0.35, 0.13
 AXIS_COLOUR = "#5d6778"
 VALUE_MM, MODEL_TEXT_MM = 2.8, 2.5
 MATERIAL_MM, TOLERANCE_MM = 56.0, 98.0
 """Widths of the fields of the material and of the general tolerance."""
 
-GENERAL_TOLERANCE = "± 0.2; angles ± 0.5° (ISO 8015)"
+GENERAL_TOLERANCE = f"± {GENERAL_MM:g}; angles ± 0.5° (ISO 8015)"
 """General tolerance of dimensions without their own tolerance, in the title block only."""
 
 GAUGE_TOLERANCE = "none: gauges, used as printed"

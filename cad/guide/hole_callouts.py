@@ -242,9 +242,9 @@ def draw_numbers(sheet: DrawingSheet, placed: PlacedView, holes: Sequence[Hole])
 
 
 def oblique_holes(groups: Groups, views: Sequence[PartView], lengths: Iterable[Length]) -> list[tuple[int, Hole]]:
-    """Holes that are oblique to all views and have no length, with the index of the view parallel to their axes.
+    """Holes that are oblique to all views, with the index of the view parallel to their axes.
 
-    Of holes whose axes coincide in that view, a blind one is preferred.
+    Two lengths to points of an axis locate a hole. Of holes whose axes coincide in that view, a blind one is preferred.
     """
     ends = np.vstack([np.zeros((0, 3)), *(length.points_in_rig for length in lengths)])
     oblique: dict[tuple[float, ...], tuple[int, Hole]] = {}
@@ -257,7 +257,7 @@ def oblique_holes(groups: Groups, views: Sequence[PartView], lengths: Iterable[L
         axes = views[index].axes_in_rig[:2]
         normal = np.array([-(axes[1] @ axis), axes[0] @ axis])
         offset = float(normal @ axes @ hole.centre_in_rig)
-        if (np.abs(ends @ axes.T @ normal - offset) < 1e-2).any():
+        if (np.abs(ends @ axes.T @ normal - offset) < 1e-2).sum() > 1:
             continue
         key = (index, *np.round([*np.abs(normal), offset], 2).tolist())
         if key not in oblique or DEPTH in hole.text:

@@ -12,7 +12,7 @@ import shapely
 from build123d import Compound, Face, GeomType, Keep, Part, Plane
 from shapely import LineString, MultiLineString, Polygon
 
-from mirrorcam.cad.guide.drawing_sheet import BLOCK_MM, BORDER_MM, INK, DrawingSheet
+from mirrorcam.cad.guide.drawing_sheet import FIELD_MM, INK, DrawingSheet
 from mirrorcam.cad.guide.hole_callouts import DEPTH
 from mirrorcam.cad.guide.part_views import FRONT, RIGHT, TOP, PartView, PlacedView, polylines, project
 from mirrorcam.cad.parts.dust_cover import CoverPlan
@@ -86,7 +86,7 @@ def cut(solid: Part, axis: int, position_mm: float, bed_from_rig: FloatArray) ->
         for body in solids
         for face in body.faces()
         if _lies_on(face, to_viewer, float(origin @ to_viewer))
-        for area in _areas(face, axes)
+        for area in areas_of(face, axes)
     ]
     if not faces:
         return None
@@ -100,7 +100,7 @@ def _lies_on(face: Face, normal: FloatArray, offset_mm: float) -> bool:
     return all(abs(np.array(tuple(corner)) @ normal - offset_mm) < ON_PLANE_MM for corner in face.vertices())
 
 
-def _areas(face: Face, axes: FloatArray) -> list[Polygon]:
+def areas_of(face: Face, axes: FloatArray) -> list[Polygon]:
     """The areas of a face of the cut in the view."""
     lines = [line @ axes[:2].T for line in polylines(face.edges())]
     # Merge coincident ends to 1e-4.
@@ -193,7 +193,7 @@ def draw_cutting_plane_line(sheet: DrawingSheet, candidates: Sequence[CuttingPla
             min(
                 (*overlaps(line.extended((extension, extension)), end), extension)
                 for extension in EXTENSIONS_MM
-                if _is_on_sheet(sheet, line, extension)
+                if _is_on_sheet(line, extension)
             )
             for end in (0, 1)
         ]
@@ -209,9 +209,8 @@ def draw_cutting_plane_line(sheet: DrawingSheet, candidates: Sequence[CuttingPla
         sheet.text((centre[0], centre[1] - LETTER_MM / 2.0), letter, LETTER_MM, align="center", bold=True)
 
 
-def _is_on_sheet(sheet: DrawingSheet, line: CuttingPlaneLine, extension_mm: float) -> bool:
-    """Return whether the marks of a line, extended beyond its view, are inside the border and above the title block."""
-    low = np.array([BORDER_MM, BORDER_MM + BLOCK_MM]) + 1.0
-    high = np.array(sheet.size_mm) - BORDER_MM - 1.0
+def _is_on_sheet(line: CuttingPlaneLine, extension_mm: float) -> bool:
+    """Return whether the marks of a line, extended beyond its view, are in the drawing field."""
+    low, high = FIELD_MM
     bounds = np.array([mark.bounds for mark in line.extended((extension_mm, extension_mm)).marks])
     return extension_mm == EXTENSIONS_MM[0] or bool((bounds[:, :2] > low).all() and (bounds[:, 2:] < high).all())

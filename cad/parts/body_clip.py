@@ -16,6 +16,7 @@ import numpy as np
 from mirrorcam.cad.parts.camera_box import (
     ABOVE,
     GRAVITY_N_PER_KG,
+    LEAF_TOLERANCE_MM,
     SCENE,
     UP,
     Cradle,
@@ -26,6 +27,7 @@ from mirrorcam.cad.parts.camera_box import (
     required_forces_n,
     tie_height_mm,
 )
+from mirrorcam.cad.plan.dimension import Length, length
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM, ROOF_IN_SKINS_DEG, Bore, Hexagon
 from mirrorcam.cad.plan.hardware import Fastening, Hardware
 from mirrorcam.cad.plan.prisms import box, corners_of, prism_along_x, prism_along_z
@@ -240,6 +242,24 @@ def far_leaf(tray: Tray, screw: SprungScrew, boss_radius: float) -> list[Frustum
             (level - boss_radius, level + boss_radius),
         ),
     ]
+
+
+def leaf_lengths(screw: SprungScrew, wall_y: float) -> tuple[Length, ...]:
+    """What a leaf's force follows from: its thickness, length from the wall to the thread, width, and fillets."""
+    leaf, way = screw.leaf, screw.leaf_way
+    root = screw.leaf_at + (wall_y - screw.leaf_at[1]) * SCENE
+    end, half = root + (leaf.length_mm + ROOT_MM) * SCENE, leaf.width_mm / 2.0 * np.cross(SCENE, way)
+    centre = root + leaf.thickness_mm * way + FILLET_MM * (way + SCENE)
+    return (
+        replace(
+            length(screw.leaf_at, screw.leaf_at + leaf.thickness_mm * way, "leaf"),
+            minus_mm=LEAF_TOLERANCE_MM,
+            plus_mm=LEAF_TOLERANCE_MM,
+        ),
+        length(root, end),
+        length(root - half, root + half),
+        length(centre, centre - FILLET_MM * (way + SCENE) / np.sqrt(2.0), before="2x R"),
+    )
 
 
 def thread_cuts(screw: SprungScrew, boss_radius: float, hardware: Hardware) -> list[Frustum | Bore | Hexagon]:

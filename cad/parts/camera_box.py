@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from mirrorcam.cad.plan.dimension import GENERAL_MM
 from mirrorcam.cad.plan.fasteners import Bore, Countersink, Hexagon
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.prisms import box
@@ -47,6 +48,16 @@ class Leaf:
     root: float = 1.0
 
     @property
+    def weakest(self) -> Leaf:
+        """The leaf at its limits: thinner by `LEAF_TOLERANCE_MM`, longer and narrower by `GENERAL_MM`."""
+        return replace(
+            self,
+            thickness_mm=self.thickness_mm - LEAF_TOLERANCE_MM,
+            length_mm=self.length_mm + GENERAL_MM,
+            width_mm=self.width_mm - GENERAL_MM,
+        )
+
+    @property
     def _terms(self) -> tuple[float, float]:
         """Deflection per force, times the modulus: the factors of 1 / t^3 and of 1 / t^2.
 
@@ -68,11 +79,10 @@ class Leaf:
     def least_force_n(self, modulus_mpa: float, creep: float) -> float:
         """The smallest force along the screw that is certain after 1000 h.
 
-        The leaf is thinner by its tolerance, the screw turned too little by `TURN_ERROR`, and the plastic has crept by
-        `creep` times its elastic strain.
+        The leaf is the `weakest` within its tolerances, the screw turned too little by `TURN_ERROR`, and the plastic
+        has crept by `creep` times its elastic strain.
         """
-        thin = replace(self, thickness_mm=self.thickness_mm - LEAF_TOLERANCE_MM)
-        return thin.force_n(modulus_mpa, CONTACT_TURNS - TURN_ERROR) / (1.0 + creep)
+        return self.weakest.force_n(modulus_mpa, CONTACT_TURNS - TURN_ERROR) / (1.0 + creep)
 
     def strain(self, modulus_mpa: float) -> float:
         """The largest strain, at the root: 6 F l / (E w t^2), from the moment F l there."""
@@ -81,7 +91,7 @@ class Leaf:
 
     def with_least_force(self, force_n: float, modulus_mpa: float, creep: float) -> Leaf:
         """The leaf whose `least_force_n` is a given force."""
-        bending, root = self._terms
+        bending, root = self.weakest._terms
         advance = (CONTACT_TURNS - TURN_ERROR) * self.pitch_mm
         load = force_n * (1.0 + creep) * self.cosine**2 / (modulus_mpa * advance)
         # load (bending / t^3 + root / t^2) = 1 has one positive root.

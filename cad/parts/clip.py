@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mirrorcam.cad.parts.body_clip import FILLET_MM, hold_body
+from mirrorcam.cad.parts.body_clip import FILLET_MM, hold_body, leaf_lengths
 from mirrorcam.cad.parts.camera_box import ABOVE, SCENE, UP, CameraScrew, Cradle, Nest, body_box, tie_height_mm
 from mirrorcam.cad.parts.corner_clip import hold_by_straps, hold_by_threads
 from mirrorcam.cad.parts.ties import tie_slot_mm, tie_slots
@@ -185,16 +185,14 @@ class ClipPlan:
 
     @property
     def dimensions(self) -> tuple[Length | Hole, ...]:
-        """The holes, the thickness of wall and leaves, and the positions of the nest's six points.
+        """The holes, the thickness of the wall, the leaves, and the positions of the nest's six points.
 
         The points are dimensioned from the lower end, the side, and the face on the mount.
         """
         low, high = (corners_of(self.pieces[:1]).min(axis=0), corners_of(self.pieces[:1]).max(axis=0))
         wall = length(low, low + (high - low) * SCENE, "wall")
-        leaves = (
-            length(screw.leaf_at, screw.leaf_at + screw.leaf.thickness_mm * screw.leaf_way, "leaf")
-            for screw in (self.nest.screws if self.nest is not None else ())
-        )
+        screws = self.nest.screws if self.nest is not None else ()
+        leaves = (each for screw in screws for each in leaf_lengths(screw, float(high[1])))
         return (*holes(self.cuts), wall, *leaves, *self._nest_lengths())
 
     def _nest_lengths(self) -> tuple[Length, ...]:

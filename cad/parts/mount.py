@@ -40,7 +40,7 @@ from mirrorcam.cad.parts.truss import (
     webs_between,
 )
 from mirrorcam.cad.plan.cuts import clearance_around_pin_mm
-from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes, length
+from mirrorcam.cad.plan.dimension import GENERAL_MM, Datum, Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, Stack, head_space_mm, stack_into
 from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware
 from mirrorcam.cad.plan.prisms import overlap_mm, prism_along_x
@@ -190,7 +190,8 @@ class MountPlan:
     screws at `holes_in_head_mm` (4, 2) and their stack `head`. An adapter is screwed to `foot`, whose face has its
     front and rear edges at `foot_corners` (2, 2; y and z); `slide` (3,) is the centre of the clip's travel. `tilt_deg`
     and `shift_um` are the rotation and displacement of the mirrors due to the weight of `load_g` at `load_at` (3,) in
-    the worst direction. `path` (n, 2; y and z) is the centre line of the truss.
+    the worst direction. `path` (n, 2; y and z) is the centre line of the truss, and `walls` are the thicknesses of its
+    skins and webs.
     """
 
     pieces: tuple[Frustum, ...]
@@ -210,6 +211,7 @@ class MountPlan:
     shift_um: float
     bed_turn_deg: float
     bed_cuts_mm: tuple[float, ...]
+    walls: tuple[Length, ...]
 
     @property
     def half_width_mm(self) -> float:
@@ -233,6 +235,7 @@ class MountPlan:
             *(length(corner, row, direction=axis) for row in rows for axis in axes),
             *(dimension for dimension in on_foot if np.linalg.norm(dimension.span_in_rig) > 1e-6),
             length(rows[0], rows[1], "head screws"),
+            *self.walls,
         )
 
 
@@ -282,6 +285,39 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
         shift_um=shift_um,
         bed_turn_deg=placement.rotation_deg,
         bed_cuts_mm=() if placement.cut_mm is None else (placement.cut_mm,),
+        walls=_walls(profile, holder, clip, load_g, load_at, hardware),
+    )
+
+
+def _walls(
+    profile: Profile, holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, hardware: Hardware
+) -> tuple[Length, ...]:
+    """Thicknesses of a skin, of a web, and of the skin round the clip's screws.
+
+    Skins and webs may be thinner together until the mirrors tilt as far as they may. The tilt is convex in the
+    deviation, so interpolation to the general tolerance is on the safe side.
+    """
+    section, limit = profile.section, hardware.mount.tilt_deg
+    thin = replace(
+        profile,
+        section=replace(section, skin_mm=section.skin_mm - GENERAL_MM, web_mm=section.web_mm - GENERAL_MM),
+    )
+    tilt, thin_tilt = (bending(each, holder, clip, load_g, load_at, hardware)[0] for each in (profile, thin))
+    minus = min(GENERAL_MM, float(np.floor(100.0 * GENERAL_MM * (limit - tilt) / (thin_tilt - tilt)) / 100.0))
+
+    def wall(line: FloatArray, thickness: float, text: str, start: float) -> Length:
+        """The thickness at the middle of a line (2, 2; y and z), from `start` on its left."""
+        along = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
+        left = np.array([0.0, -along[1], along[0]])
+        point = np.array([-section.width_mm / 2.0, *line.mean(axis=0)]) + start * left
+        return length(point, point + thickness * left, text)
+
+    webs = webs_between(profile.inner, profile.outer, section, hardware).webs
+    web = webs[int(np.argmax(np.linalg.norm(webs[:, 1] - webs[:, 0], axis=1)))]
+    return (
+        replace(wall(profile.outer[-2:][::-1], section.skin_mm, "skins", 0.0), minus_mm=minus),
+        replace(wall(web, section.web_mm, "webs", -section.web_mm / 2.0), minus_mm=minus),
+        wall(profile.inner[:2], clip.slide.grip_mm, "slide", 0.0),
     )
 
 

@@ -11,19 +11,34 @@ import numpy as np
 from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Countersink, Hexagon
 from mirrorcam.core.values import FloatArray
 
+GENERAL_MM = 0.2
+"""General tolerance of a drawing, plus or minus: the gap between parts and the light (`fit.light_mm`) absorbs it."""
+
 
 @dataclass(frozen=True)
 class Length:
     """The distance between two points (2, 3) in the rig frame, mm, drawn in a view that shows its true length.
 
     `way_in_rig` (3,), a unit vector, selects the component of the distance along that direction. `before` stands
-    before the number ("Ø" for a diameter, "4x " for a repeated length), `text` after it.
+    before the number ("Ø" for a diameter, "4x " for a repeated length, "R" for the radius from a centre to its arc),
+    `text` after it. `minus_mm` and `plus_mm` are the deviations that its function permits.
     """
 
     points_in_rig: FloatArray
     text: str = ""
     way_in_rig: FloatArray | None = None
     before: str = ""
+    minus_mm: float = GENERAL_MM
+    plus_mm: float = GENERAL_MM
+
+    @property
+    def tolerance(self) -> str:
+        """The permitted deviations after the number; empty where the general tolerance is sufficient."""
+        if min(self.minus_mm, self.plus_mm) >= GENERAL_MM:
+            return ""
+        if self.minus_mm == self.plus_mm:
+            return f" ±{self.plus_mm:g}"
+        return f" +{self.plus_mm:g}/{-self.minus_mm or 0.0:g}"
 
     @property
     def span_in_rig(self) -> FloatArray:

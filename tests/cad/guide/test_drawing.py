@@ -39,10 +39,21 @@ from mirrorcam.cad.guide.drawing import (
     seat_names,
     write_drawing,
 )
-from mirrorcam.cad.guide.drawing_sheet import GAUGE_TOLERANCE, GENERAL_TOLERANCE, MATERIAL_MM, MODEL, DrawingSheet
+from mirrorcam.cad.guide.drawing_sheet import (
+    A3_MM,
+    BLOCK_MM,
+    BORDER_MM,
+    GAUGE_TOLERANCE,
+    GENERAL_TOLERANCE,
+    MATERIAL_MM,
+    MODEL,
+    DrawingSheet,
+)
 from mirrorcam.cad.guide.hole_callouts import PRESS_TOLERANCE
 from mirrorcam.cad.guide.sections import CUTTING_LINE_MM, HATCH_LINE_MM
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
+from mirrorcam.cad.parts.body_clip import FILLET_MM, ROOT_MM
+from mirrorcam.cad.parts.camera_box import LEAF_TOLERANCE_MM
 from mirrorcam.cad.plan.back_table import BACKS, back_of
 from mirrorcam.cad.plan.cuts import PiecePlan
 from mirrorcam.cad.plan.dimension import Hole, Length
@@ -63,10 +74,31 @@ def overlaps(sheet: DrawingSheet) -> list[tuple[str, str]]:
     return [(a, b) for (a, first), (b, second) in combinations(boxes, 2) if first.intersects(second)]
 
 
+CLEAR_MM = 3.0
+
+
 def outside(sheet: DrawingSheet) -> list[str]:
-    width, height = sheet.size_mm
-    low, high = np.array([10.0, 10.0]), np.array([width - 10.0, height - 10.0])
-    return [box.text for box in sheet.text_boxes if (box.corners < low).any() or (box.corners > high).any()]
+    """Texts and lines that come near the frame or the title block, which has its own texts and lines."""
+    border = np.array([(BORDER_MM, BORDER_MM), np.array(A3_MM) - BORDER_MM])
+    field = border + CLEAR_MM * np.array([[1.0], [-1.0]]) + np.array([(0.0, BLOCK_MM), (0.0, 0.0)])
+    drawn = [(box.text, box.corners) for box in sheet.text_boxes]
+    drawn += [(f"line from {line[0].round(1)}", np.asarray(line)) for line, _ in sheet.drawn_lines]
+    return [
+        name
+        for name, points in drawn
+        if not ((points >= field[0]) & (points <= field[1])).all()
+        and not ((points >= border[0]) & (points <= (border[1, 0], BORDER_MM + BLOCK_MM))).all()
+        and not (np.ptp(points, axis=0) == np.ptp(border, axis=0)).all()
+    ]
+
+
+def doubled(sheet: DrawingSheet) -> list[str]:
+    """Dimension lines (straight, with an arrow along them) that another dimension or extension line runs along."""
+    heads = [LineString([tip - 0.2 * axis, tip - 1.2 * axis]) for tip, axis in sheet.arrows]
+    lines = [LineString(line) for line, width in sheet.drawn_lines if width == LINE_MM and len(line) == 2]
+    with_arrow = [line for line in lines if any(line.buffer(1e-3).contains(head) for head in heads)]
+    pairs = ((a, b) for a in with_arrow for b in lines if a is not b and a.distance(b) < 1e-3)
+    return [str(a) for a, b in pairs if a.intersection(b.buffer(1e-3)).length > 0.3]
 
 
 def test_the_holder_has_its_seats_in_a_table(make_parabola: Callable[..., Layout]) -> None:
@@ -179,14 +211,18 @@ def crossed(sheet: DrawingSheet) -> list[str]:
     return [
         box.text
         for box in sheet.text_boxes
-        if any(Polygon(box.corners).buffer(-0.1).intersects(edge) for edge in edges)
+        if not box.over_lines and any(Polygon(box.corners).buffer(-0.1).intersects(edge) for edge in edges)
     ]
 
 
 def struck(sheet: DrawingSheet) -> list[str]:
     """Texts crossed by a dimension, extension or leader line, or by the trace of a section."""
     lines = [LineString(line) for line, width in sheet.drawn_lines if width in (LINE_MM, CUTTING_LINE_MM)]
-    return [box.text for box in sheet.text_boxes if any(Polygon(box.corners).buffer(-0.2).intersects(a) for a in lines)]
+    return [
+        box.text
+        for box in sheet.text_boxes
+        if not box.over_lines and any(Polygon(box.corners).buffer(-0.2).intersects(line) for line in lines)
+    ]
 
 
 def test_a_block_says_its_size_holes_and_places(block: Callable[..., PartPlan]) -> None:
@@ -230,13 +266,20 @@ def test_any_name_of_a_plastic_stays_in_its_field(name: str, block: Callable[...
 def test_the_checks_above_see_what_is_wrong(block: Callable[..., PartPlan]) -> None:
     part = block()
     sheet = draw(part.make(part.plan), part, HARDWARE.printer)
-    there = sheet.text_boxes[0].corners[0]
+    there = sheet.text_boxes[0].corners.mean(axis=0)
     sheet.text(there, "over it", 2.5)
     sheet.text((415.0, 100.0), "beyond", 2.5)
     edge = next(line for line, width in sheet.drawn_lines if width == VISIBLE_MM)
     sheet.text(edge[0], "on an edge", 2.5)
     assert len(overlaps(sheet)) > 0
     assert "beyond" in outside(sheet)
+    sheet.text((100.0, BORDER_MM + BLOCK_MM + 1.0), "on the block", 2.5)
+    assert "on the block" in outside(sheet)
+    line = next(line for line, width in sheet.drawn_lines if width == LINE_MM and len(line) == 2)
+    assert doubled(sheet) == []
+    sheet.lines([line, line], LINE_MM)
+    sheet.arrow_head(line[0], line[0] - line[1])
+    assert len(doubled(sheet)) > 0
     assert "on an edge" in crossed(sheet)
 
 
@@ -305,6 +348,7 @@ def test_nothing_lies_over_anything_in_the_drawings_of_the_default(device: Devic
     assert outside(sheet) == []
     assert crossed(sheet) == []
     assert struck(sheet) == []
+    assert doubled(sheet) == []
 
 
 @pytest.mark.parametrize("name", a_few(5, NAMES))
@@ -418,7 +462,9 @@ def test_walls_and_leaves_say_how_thick_they_are(device: Device) -> None:
     texts = [box.text for box in drawn(device, "camera_clip").text_boxes]
     assert device.clip.nest is not None
     for screw in device.clip.nest.screws:
-        assert f"{number(screw.leaf.thickness_mm)} leaf" in texts
+        assert f"{number(screw.leaf.thickness_mm)} ±{LEAF_TOLERANCE_MM:g} leaf" in texts
+        assert {number(screw.leaf.length_mm + ROOT_MM), number(screw.leaf.width_mm)} <= set(texts)
+    assert texts.count(f"2x R{number(FILLET_MM)}") == 2
     wall = np.ptp(np.vstack([device.clip.pieces[0].base, device.clip.pieces[0].top])[:, 1])
     assert f"{number(float(wall))} wall" in texts
     texts = [box.text for box in drawn(device, "dust_cover").text_boxes]

@@ -150,11 +150,12 @@ def test_an_oblique_hole_is_placed_where_its_axis_is_seen_in_true_length() -> No
     placed = PlacedView(VIEWS[1], 2.0, np.array([100.0, 50.0]))
     across, up = oblique_lengths(placed, hole)
     assert (across.text, up.text) == ("20", "30")
-    # A length of the plan that ends on its axis replaces it; one next to the axis does not.
+    # Two lengths of the plan that end on its axis replace it; others do not.
     on_axis = hole.centre_in_rig + 5.0 * hole.axis_in_rig
     for away, left in ((0.0, 0), (1.0, 1)):
         to_axis = Length(np.array([np.zeros(3), on_axis + away * UP]))
-        assert len(oblique_holes(groups, VIEWS, [to_axis])) == left
+        assert len(oblique_holes(groups, VIEWS, [to_axis])) == 1
+        assert len(oblique_holes(groups, VIEWS, [to_axis, to_axis])) == left
     # Holes along a view's direction are dimensioned in that view.
     assert oblique_holes(hole_groups(VIEWS, row_of(3)), VIEWS, []) == []
 
