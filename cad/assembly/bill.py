@@ -232,6 +232,8 @@ def _mirrors(device: Device, sheets: Sequence[StockSheet]) -> tuple[MirrorLine, 
         bought = 0 if pieces else len(group)
         larger = "Larger pieces of the same stock, cut to these sizes."
         source = _source(kind, good_of(kind), (larger,) if pieces else ())
+        if pieces:
+            source["search"] += f", {', '.join(f'{size} mm' for size in pieces)}"
         price = prices.of_mirror_pieces(kind, sum(pieces.values()))
         if not pieces:
             price = prices.of_mirrors(kind, bought * sheet_mm[0] * sheet_mm[1] / 100.0)

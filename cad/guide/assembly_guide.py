@@ -78,13 +78,15 @@ def write_guide(
     hardware, items = device.hardware, purchased_items(device)
     step_of = {step.name: number for number, step in enumerate(STEPS, start=1)}
     coupon = next((part for part in parts if part.name == COUPON), None)
+    strip_mm = spacer_mm(device.layout, hardware)
     thickest_mm = max(mirror.thickness_mm for mirror in device.layout.mirrors)
     text = environment.get_template("guide.md").render(
         layout=device.layout,
         estimate=bill.estimate,
         pages=part_pages(bill, step_of),
         first_off=first_off(components, undone_first),
-        order=order_text(seats, spacer_mm(device.layout, hardware), _narrowest_mm(device.layout)),
+        order=order_text(seats, strip_mm, _narrowest_mm(device.layout)),
+        strip_mm=strip_mm,
         film=has_film(device),
         tied=TIE in action_names(device),
         lasers=laser_settings(thickest_mm),
