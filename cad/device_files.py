@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mirrorcam.cad.assembly.bill import bill_of
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.components import components_of
 from mirrorcam.cad.assembly.device_plan import Device
@@ -11,6 +12,7 @@ from mirrorcam.cad.checks import check_device
 from mirrorcam.cad.checks.elasticity.elasticity_report import write_elasticity
 from mirrorcam.cad.checks.mirror_play import seat_order
 from mirrorcam.cad.checks.taking_apart import check_taking_apart
+from mirrorcam.cad.guide.action_pictures import action_names
 from mirrorcam.cad.guide.assembly_drawing import write_assembly_drawing
 from mirrorcam.cad.guide.assembly_guide import write_guide
 from mirrorcam.cad.guide.device_page import write_page
@@ -23,7 +25,7 @@ from mirrorcam.cad.mirrors.stock_sheets import sheet_metrics
 from mirrorcam.cad.part_files import make_part
 from mirrorcam.cad.plan.device_names import COUPON, PICTURES
 from mirrorcam.cad.write.assembly_files import write_assembly, write_glb
-from mirrorcam.cad.write.bill_of_materials import bill_of, bom_metrics, write_bom
+from mirrorcam.cad.write.bill_of_materials import bom_metrics, write_bom
 from mirrorcam.cad.write.licence import write_source
 from mirrorcam.cad.write.robot_link import write_robot
 from mirrorcam.cad.write.threemf import write_plates
@@ -49,7 +51,7 @@ def write_files(
     ]
     # Besides parts and pictures: sheets, checks, taking apart, mirrors' order, plates, assembly, live view, assembly
     # drawing, side view.
-    done, total = 0, len(part_calls) + 9 + len(PICTURES) + elastic
+    done, total = 0, len(part_calls) + 9 + len(PICTURES) + len(action_names(device)) + elastic
 
     def step() -> None:
         nonlocal done
@@ -100,6 +102,6 @@ def write_files(
     write_metrics(out / "checks.json", checks)
     write_bom(out, bill)
     write_source(out, device.layout, device.hardware)
-    write_guide(out, device, parts, components, bill.estimate, undone_first, seats)
+    write_guide(out, device, parts, components, bill, undone_first, seats)
     write_page(out, device, parts, plates, pictures, checks)
     return checks

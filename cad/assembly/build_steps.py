@@ -9,10 +9,12 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from mirrorcam.cad.assembly.components import item_title, standard_of
+from mirrorcam.cad.assembly.components import item_title
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, HOLDER, MOUNT
+from mirrorcam.cad.plan.goods import standard_of
+from mirrorcam.cad.plan.hardware import Fastening
 from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.rectangles import is_sold_in_size
 from mirrorcam.cad.plan.threads import diameter_mm
@@ -127,6 +129,15 @@ def joining_step(joins: Iterable[str], steps: Iterable[Step] = STEPS) -> Step:
     return order[-1]
 
 
+def step_of_item(item: PurchasedItem, screw: Fastening, steps: Iterable[Step] = STEPS) -> Step:
+    """The step that uses a purchased item: the inserts and nuts of the parts' screws have their own."""
+    order = tuple(steps)
+    own = {"insert": "inserts", "nut": "inserts", "pin": "print"}.get(item.kind)
+    if own is None or (item.kind == "nut" and item.size != screw.thread):
+        return joining_step(item.joins, order)
+    return next(step for step in order if step.name == own)
+
+
 def pieces_joined(parts: Iterable[str], pieces: Iterable[str], steps: Iterable[Step]) -> set[str]:
     """The pieces of parts, and all pieces that the steps connect to them; names as in `parts_when_joined`."""
     kinds, names = tuple(parts), set(pieces)
@@ -179,13 +190,14 @@ def tools_of(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]
     """All hand tools for a device with these purchased items, in the order of the guide's steps, without machines."""
     glass, taped = device.hardware.cutting.material == "glass", device.hardware.holder.mirrors == "tape"
     sold = is_sold_in_size(device.layout)
+    scored = glass and not sold
     tools = [
         Tool("calipers", "to measure camera, mirrors and board"),
         Tool("kitchen scale", "to weigh the camera"),
-        Tool("steel ruler", "to find the entrance pupil; to cut along"),
+        Tool("steel ruler", "to find the entrance pupil" + ("; to cut along" if scored or taped else "")),
         Tool("blade", "to clean pads and seats" + ("; to cut tape" if taped else "")),
     ]
-    if glass and not sold:
+    if scored:
         tools.append(Tool("goggles and cut-resistant gloves", "to break glass"))
     if glass or sold:
         tools.append(Tool("paint marker", "to label the mirrors"))
@@ -199,6 +211,8 @@ def tools_of(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]
         Tool("cotton gloves", "to handle mirrors"),
         *_keys(items),
     ]
+    if cable_ties(device):
+        tools.append(Tool("side cutters", "to cut off the ends of cable ties"))
     if any(
         "hexagon" not in standard_of(item_title(item)) and "socket" not in standard_of(item_title(item))
         for item in items
@@ -210,12 +224,30 @@ def tools_of(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]
     return tuple(tools)
 
 
-def also_needed(device: Device) -> tuple[Tool, ...]:
+def cable_ties(device: Device) -> list[tuple[str, str]]:
+    """What each cable tie joins, and the name of the step that closes it."""
+    camera = device.hardware.camera
+    ties = [("cable to camera clip", "camera"), ("cable to mount", "clip")] if camera.has_cable else []
+    ties += [("camera to camera clip", "camera")] * len(device.clip.straps_mm)
+    return ties + ([("lens to camera clip", "camera")] if camera.rest_mm is not None else [])
+
+
+def also_needed(device: Device, items: Sequence[PurchasedItem]) -> tuple[Tool, ...]:
     """Items needed that are neither built in nor tools."""
     needed = [
         Tool("calibration board, printed on paper", "`mirrorcam board --out board.pdf` makes the page, at 100 %"),
         Tool("flat stiff plate of the same size, glass or aluminium", "to glue the board on"),
     ]
+    surfaces = {mirror.surface for mirror in device.layout.mirrors}
+    if device.hardware.holder.mirrors == "tape":
+        needed.append(Tool("isopropyl alcohol and a lint-free cloth", "to degrease pads"))
+    if "second" in surfaces:
+        glass = device.hardware.cutting.material == "glass"
+        needed.append(Tool("alcohol and a lint-free cloth" if glass else "soap and a soft cloth", "to clean mirrors"))
+    if "second" in surfaces and device.hardware.cutting.material == "acrylic" and not is_sold_in_size(device.layout):
+        needed.append(Tool("paper tape", "over the paint, to carry the marks"))
+    if any(item.kind == "pin" for item in items):
+        needed.append(Tool("epoxy glue", "to join the pieces of a part"))
     if device.clip.tray is not None and not device.hardware.camera.has_cable:
         needed.append(Tool("dot of felt, 1 mm thick", "between the display and the screw"))
     return tuple(needed)

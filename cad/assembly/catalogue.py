@@ -173,7 +173,15 @@ def _screws(
                 "washer", screw.thread, stack.washer_mm, frame_along(head, out), outer + 23.0 * out, joins
             )
         under_head = frame_along(head + stack.washer_mm * out, out)
-        yield PurchasedItem("screw", f"{screw.thread}{form}", stack.length_mm, under_head, outer + 25.0 * out, joins)
+        yield PurchasedItem(
+            "screw",
+            f"{screw.thread}{form}",
+            stack.length_mm,
+            under_head,
+            outer + 25.0 * out,
+            joins,
+            lengths_mm=stack.lengths_mm,
+        )
     mouths = heads - stack.grip_mm * out
     if screw.kind == "insert":
         moves = insert_exit_mm(out)

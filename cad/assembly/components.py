@@ -50,24 +50,6 @@ ITEM_RGB: dict[str, Rgb] = {
     "pin": (0.62, 0.64, 0.67),
     "spring": (0.66, 0.70, 0.76),
 }
-# Standards by the end of an item's title.
-STANDARDS = {
-    "thread-forming screw": "for plastics, pan head",
-    "countersunk screw": "ISO 10642, hexagon socket",
-    "screw": "ISO 4762, socket head",
-    "washer": "ISO 7089",
-    "heat-set insert": "brass",
-    "UNC hexagon nut": "ASME B18.2.2",
-    "nut": "ISO 4032",
-    "pin": "ISO 2338 or a piece of rod",
-    "compression spring": "spring steel, DIN 2098 or similar",
-}
-# Standards of countersunk screws that ISO 10642 lacks.
-SUNK_STANDARDS = {
-    "M2": "ISO 7046, cross recess",
-    "M2.5": "ISO 7046, cross recess",
-    "1/4-20 UNC": "ASME B18.3, hexagon socket",
-}
 # Densities in g/cm3: acrylic (PMMA, 1.18 to 1.19 in data sheets), float glass (EN 572-1), brass CuZn39Pb3, steel.
 BRASS_DENSITY, STEEL_DENSITY = 8.47, 7.85
 MIRROR_EXPLODE_MM = 35.0
@@ -216,13 +198,6 @@ def item_title(item: PurchasedItem) -> str:
     form = item.size.removeprefix(thread).strip()
     name = "heat-set insert" if item.kind == "insert" else f"{form} {item.kind}".strip()
     return f"{thread} x {item.length_mm:g} {name}"
-
-
-def standard_of(title: str) -> str:
-    """The standard of a purchased item by its title, or a description if there is none."""
-    if title.endswith("countersunk screw") and (special := SUNK_STANDARDS.get(title.partition(" x ")[0])):
-        return special
-    return next(standard for name, standard in STANDARDS.items() if title.endswith(name))
 
 
 def mesh_of(volume: Frustum) -> trimesh.Trimesh:

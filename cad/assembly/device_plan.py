@@ -19,7 +19,7 @@ from mirrorcam.cad.holder.stray_light import MAX_STRAY_LIGHT, stray_light
 from mirrorcam.cad.mirrors.stock_sheets import require_cuttable
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.clip import ClipPlan, plan_clip
-from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon
+from mirrorcam.cad.parts.coupon import CouponPlan, plan_coupon, spacer_mm
 from mirrorcam.cad.parts.dust_cover import CoverPlan, plan_cover
 from mirrorcam.cad.parts.mount import MountPlan, plan_mount
 from mirrorcam.cad.plan.back_table import FileBack
@@ -119,6 +119,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         require_clear_of_light(part.title.lower(), part.plan.hulls, layout, light)
     for support in back.supports:
         require_clear_of_light(support.name, support.solids, layout, light)
+    strip_mm = holder.adjuster.gap_mm if isinstance(holder, ScrewedHolderPlan) else spacer_mm(layout, hardware)
     return Device(
         layout=layout,
         hardware=hardware,
@@ -126,7 +127,7 @@ def plan_device(layout: Layout, hardware: Hardware) -> Device:
         mount=mount,
         clip=clip,
         back=back,
-        coupon=plan_coupon(layout, hardware, holder.adjuster.gap_mm if isinstance(holder, ScrewedHolderPlan) else 0.0),
+        coupon=plan_coupon(layout, hardware, strip_mm),
         cover=_cover(layout, holder, mount, (*camera_boxes(hardware), *clip.pieces), hardware),
     )
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.cad.assembly.components import Component, standard_of
-from mirrorcam.cad.guide.device_pictures import IN_FRONT, view_axes
+from mirrorcam.cad.assembly.components import Component
+from mirrorcam.cad.guide.device_pictures import IN_FRONT
 from mirrorcam.cad.guide.drawing import draw_tables
 from mirrorcam.cad.guide.drawing_sheet import (
     A3_MM,
@@ -21,8 +21,10 @@ from mirrorcam.cad.guide.drawing_sheet import (
     draw_title_block,
 )
 from mirrorcam.cad.guide.labels import innermost_pixel, rows_near, uncrossed_order
+from mirrorcam.cad.guide.picture_views import view_axes
 from mirrorcam.cad.guide.shading import Rendering, Screen, ShadedBody, edges_of, merged_lines, render, visible_lines
 from mirrorcam.cad.plan.dimension import DrawingTable
+from mirrorcam.cad.plan.goods import standard_of
 from mirrorcam.core.values import FloatArray
 
 STEM = "assembly"

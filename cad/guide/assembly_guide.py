@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,35 +14,40 @@ import tomli_w
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from shapely import Polygon, maximum_inscribed_circle
 
+from mirrorcam.cad.assembly.bill import Bom
 from mirrorcam.cad.assembly.build_steps import STEPS, SeatOrder, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.backs.back import above_desk_mm
+from mirrorcam.cad.guide.action_pictures import action_names, has_film
 from mirrorcam.cad.guide.assembly_steps import Stages, counted, first_off, order_text
 from mirrorcam.cad.guide.back_step import back_sentences, tripod_note
 from mirrorcam.cad.guide.camera_measures import MEASUREMENTS
+from mirrorcam.cad.guide.part_pages import page_link, part_pages, with_step_links
 from mirrorcam.cad.guide.side_view import look_text
 from mirrorcam.cad.holder.carriers import tilt_per_turn_deg, travel_turns
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
+from mirrorcam.cad.mirrors.laser_settings import REFERENCE_MM, SOURCE, laser_settings
 from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of, stock_kind
 from mirrorcam.cad.parts.camera_box import CONTACT_TURNS
-from mirrorcam.cad.parts.coupon import gauges_of
+from mirrorcam.cad.parts.coupon import gauges_of, spacer_mm
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
-from mirrorcam.cad.plan.device_names import COUPON, COVER
+from mirrorcam.cad.plan.device_names import COUPON, COVER, TIE
 from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware, field_of_view
 from mirrorcam.cad.plan.part_plan import BuiltPart
-from mirrorcam.cad.plan.prices import hours_text
+from mirrorcam.cad.plan.prices import BASIS, hours_text
 from mirrorcam.cad.plan.rectangles import coupon_mirror_mm, is_rectangular, is_sold_in_size
 from mirrorcam.cad.plan.stand import design_depths_mm
 from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.cad.plan.tightening import tightenings
 from mirrorcam.core.disk.files import write_text
-from mirrorcam.core.names import markdown_text
+from mirrorcam.core.names import anchor_of, markdown_text
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import edges_mm
+from mirrorcam.optics.geometry.mirror_stock import width_mm
 
 WEB = Path(__file__).parents[1] / "web"
 NO_ORDER = SeatOrder()
@@ -52,14 +58,13 @@ def write_guide(
     device: Device,
     parts: Sequence[BuiltPart],
     components: Sequence[Component],
-    estimate: str = "",
+    bill: Bom,
     undone_first: Mapping[str, Sequence[str]] = MappingProxyType({}),
     seats: SeatOrder = NO_ORDER,
 ) -> None:
     """Write guide.md, with links to the device's files, into `folder`, where mirrors/ must already be.
 
-    `estimate` is the sentence about the device's cost; `undone_first` has the steps to undo before a step can be, by
-    the step's name, and `seats` the order of the mirrors.
+    `undone_first` has the steps to undo before a step can be, by the step's name, and `seats` the order of the mirrors.
     """
     environment = Environment(
         loader=FileSystemLoader(WEB), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, autoescape=False
@@ -68,13 +73,26 @@ def write_guide(
     environment.filters["counted"] = counted
     environment.filters["toml"] = camera_toml
     environment.filters["text"] = markdown_text
-    hardware = device.hardware
+    environment.filters["anchor"] = anchor_of
+    environment.filters["page"] = partial(page_link, bill)
+    hardware, items = device.hardware, purchased_items(device)
+    step_of = {step.name: number for number, step in enumerate(STEPS, start=1)}
     coupon = next((part for part in parts if part.name == COUPON), None)
+    strip_mm = spacer_mm(device.layout, hardware)
+    thickest_mm = max(mirror.thickness_mm for mirror in device.layout.mirrors)
     text = environment.get_template("guide.md").render(
         layout=device.layout,
-        estimate=estimate,
+        estimate=bill.estimate,
+        pages=part_pages(bill, step_of),
         first_off=first_off(components, undone_first),
-        order=order_text(seats),
+        order=order_text(seats, strip_mm, _narrowest_mm(device.layout)),
+        strip_mm=strip_mm,
+        film=has_film(device),
+        tied=TIE in action_names(device),
+        lasers=laser_settings(thickest_mm),
+        laser_source=SOURCE,
+        reference_mm=REFERENCE_MM,
+        thickest_mm=thickest_mm,
         hardware=hardware,
         back=device.back,
         back_sentences=back_sentences(device),
@@ -83,8 +101,8 @@ def write_guide(
         view=field_of_view(device.layout.camera),
         focus_mm=f"{focus_of(device.layout):.0f}",
         more_measurements=_more_measurements(hardware.camera),
-        tools=[tool.name for tool in tools_of(device, purchased_items(device))],
-        also=[tool.name for tool in also_needed(device)],
+        tools=[tool.name for tool in tools_of(device, items)],
+        also=[tool.name for tool in also_needed(device, items)],
         gap_mm=hardware.fit.free_mm,
         cures=_cure_texts(device),
         test_mm=coupon_mirror_mm(device.layout),
@@ -95,6 +113,8 @@ def write_guide(
         nest=_nest_texts(device),
         inserts=hardware.screw.kind == "insert",
         parts=parts,
+        basis=BASIS,
+        black=["the mirror holder", *(["the mirror carriers"] if device.mirror_carriers else [])],
         sliced=is_sliced(parts),
         masses=masses_of(parts),
         print_times={part.name: hours_text(part.checks["print_minutes"].value) for part in parts if is_sliced(parts)},
@@ -108,7 +128,7 @@ def write_guide(
         coupon_minutes=round(minutes.value) if coupon and (minutes := coupon.checks.get("print_minutes")) else None,
         gauges=gauges_of(device.layout, hardware),
         stages=Stages(components),
-        step_of={step.name: number for number, step in enumerate(STEPS, start=1)},
+        step_of=step_of,
         pictures_at={step.name: step.pictures for step in STEPS if step.pictures},
         sheets=sorted(
             {stock_kind(mirror.surface, mirror.thickness_mm, hardware.cutting) for mirror in device.layout.mirrors}
@@ -124,7 +144,12 @@ def write_guide(
         look=_look_texts(device),
         first_row_is="highest" if _height_of_row(device, 0) > _height_of_row(device, -1) else "lowest",
     )
-    write_text(folder / "guide.md", text)
+    write_text(folder / "guide.md", with_step_links(text))
+
+
+def _narrowest_mm(layout: Layout) -> float:
+    """Smallest width of any mirror."""
+    return min(width_mm(mirror.outline_in_plane_mm) for mirror in layout.mirrors)
 
 
 def focus_of(layout: Layout) -> float:

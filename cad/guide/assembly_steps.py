@@ -13,6 +13,7 @@ from mirrorcam.cad.assembly.build_steps import STEPS, SeatOrder, is_piece_of
 from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.plan.device_names import CAMERA, CARRIER, CLIP, HOLDER, MOUNT
 from mirrorcam.core.figures.figure_texts import TIMES
+from mirrorcam.core.names import anchor_of
 
 # Prefix of the names of an adapter's parts.
 ADAPTER = "adapter"
@@ -40,9 +41,11 @@ def home_of(fastener: Component, name: str, parts: Iterable[Component]) -> Compo
 
 
 def counted(components: Iterable[Component]) -> str:
-    """A list of components with their counts, "4 × M3 x 12 screws, 1 × M3 nut"; "" for none."""
+    """A list of components with their counts, each linked to its section: "4 × [M3 nuts](#m3-nut)"; "" for none."""
     counts = Counter(component.title for component in components)
-    return ", ".join(f"{count} {TIMES} {title}{'' if count == 1 else 's'}" for title, count in counts.items())
+    return ", ".join(
+        f"{count} {TIMES} [{title}{'' if count == 1 else 's'}](#{anchor_of(title)})" for title, count in counts.items()
+    )
 
 
 @dataclass(frozen=True)
@@ -165,8 +168,12 @@ def first_off(components: Iterable[Component], undone_first: Mapping[str, Sequen
     return sentences
 
 
-def order_text(seats: SeatOrder) -> str:
-    """The order of the mirrors and how to centre the loose ones; "" if there is no order."""
+def order_text(seats: SeatOrder, spacer_mm: float, narrowest_mm: float) -> str:
+    """The order of the mirrors and how to place the loose ones; "" if there is no order.
+
+    `spacer_mm` is the thickness of the coupon's strip for the gaps, 0 if it has none. A slide shifts a mirror's view by
+    the same share of the mirror, at most that of the narrowest mirror.
+    """
     if not seats.order:
         return ""
     text = f"Lay the mirrors into their seats in this order: {', '.join(seats.order)}."
@@ -175,8 +182,14 @@ def order_text(seats: SeatOrder) -> str:
     names, plays = zip(*seats.loose_mm, strict=True)
     several = len(names) > 1
     subject = f"Mirror{'s' if several else ''} {', '.join(names)}" if len(names) < len(seats.order) else "All of them"
+    place = (
+        f"stand the strip of the fit coupon, {spacer_mm:g} mm thick, in the gap to each neighbour that is already in, "
+        "where the gap is narrowest, and push the mirror against it until it sticks"
+        if spacer_mm
+        else f"centre {'each' if several else 'it'} between rims and neighbours, with equal gaps"
+    )
     return (
-        f"{text} {subject} can slide by up to {max(plays):g} mm for lack of "
-        f"rims: centre {'each' if several else 'it'} between rims and neighbours, with equal gaps. A slide in "
-        "its own plane moves only a mirror's edges in the picture."
+        f"{text} {subject} can slide by up to {max(plays):g} mm for lack of rims. Directions and distances depend only "
+        "on the plane of a mirror, not on where it is in that plane, but its edges move in the picture: a millimetre "
+        f"costs about {100.0 / narrowest_mm:.0f} % of the field that all views share. So {place}."
     )

@@ -6,6 +6,7 @@ import base64
 import json
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatch
+from itertools import pairwise
 from pathlib import Path
 
 from markdown_it import MarkdownIt
@@ -21,6 +22,7 @@ from mirrorcam.cad.plan.prices import summary_of
 from mirrorcam.core.disk.files import read_bytes, write_text
 from mirrorcam.core.figures.figure_texts import label_text, sentence_case
 from mirrorcam.core.html.templates import FigureTable, PageFile, render
+from mirrorcam.core.names import anchor_of
 from mirrorcam.core.values import Metric
 
 WEB = Path(__file__).parents[1] / "web"
@@ -61,7 +63,6 @@ def write_page(
     """
     layout = device.layout
     views = len(layout.mirrors) if layout.pattern else f"{layout.rows} by {layout.cols}"
-    markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
     failed = [name for name, metric in checks.items() if not metric.passed]
     limited = sum(metric.limit is not None for metric in checks.values())
     not_checked = device.hardware.back.not_checked
@@ -82,8 +83,9 @@ def write_page(
         sliced=is_sliced(parts),
         pictures=pictures,
         others=_other_files(folder, parts, plates),
-        guide=Markup(markdown.render(_text(folder / "guide.md"))),
-        bom=Markup(markdown.render(_text(folder / "bom.md"))),
+        guide=_html(_text(folder / "guide.md")),
+        # The guide is on the same page.
+        bom=_html(_text(folder / "bom.md").replace("(guide.md#", "(#")),
         failed=failed,
         verdict=(
             f"{len(failed)} of {limited} checks failed: do not make this device"
@@ -95,6 +97,17 @@ def write_page(
         glb=base64.b64encode(read_bytes(folder / "assembly.glb")).decode(),
     )
     write_text(folder / "index.html", page)
+
+
+def _html(text: str) -> Markup:
+    """Markdown as HTML, without any HTML of its own; headings have the anchors that links lead to."""
+    markdown = MarkdownIt("commonmark", {"html": False}).enable("table")
+    tokens = markdown.parse(text)
+    for heading, content in pairwise(tokens):
+        if heading.type == "heading_open":
+            title = "".join(child.content for child in content.children or ())
+            heading.attrSet("id", anchor_of(title))
+    return Markup(markdown.renderer.render(tokens, markdown.options, {}))
 
 
 def _text(path: Path) -> str:

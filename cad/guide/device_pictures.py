@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from mirrorcam.cad.assembly.components import Component
 from mirrorcam.cad.assembly.device_plan import Device
+from mirrorcam.cad.guide.action_pictures import action_pictures
 from mirrorcam.cad.guide.assembly_steps import Stages, home_of, joins_of
 from mirrorcam.cad.guide.picture_views import (
     ARROW_RGB,
@@ -25,6 +26,7 @@ from mirrorcam.cad.guide.picture_views import (
     Item,
     arrow_head,
     assembled,
+    axes_towards,
     displaced,
     exit_path,
     exploded_items,
@@ -34,6 +36,7 @@ from mirrorcam.cad.guide.picture_views import (
     mean,
     name_of,
     triangles_of,
+    view_axes,
 )
 from mirrorcam.cad.guide.shading import ShadedBody
 from mirrorcam.cad.parts.camera_box import Nest
@@ -154,20 +157,8 @@ def pictures_of(
         _camera(device, stages),
         DevicePicture("clip", "Clip and mount", level, _clip_on_mount(device, stages)),
         DevicePicture("adapter", "What carries the device", front, _adapter_on_mount(stages)),
+        *action_pictures(device, stages),
     )
-
-
-def view_axes(level_from_rig: FloatArray, viewer_in_level: Sequence[float] | FloatArray) -> FloatArray:
-    """Rows right, up and towards the viewer (3, 3) in the rig frame, with up as the device stands.
-
-    `level_from_rig` (3, 3) has the rows right, down and forward; so has the direction (3,) to the viewer.
-    """
-    towards = level_from_rig.T @ np.asarray(viewer_in_level, dtype=np.float64)
-    towards /= np.linalg.norm(towards)
-    up = -level_from_rig[1]
-    up = up - (up @ towards) * towards
-    up /= np.linalg.norm(up)
-    return np.array([np.cross(up, towards), up, towards])
 
 
 # The printer's bed from the front right, above: z is up.
@@ -183,11 +174,6 @@ def central_ray(layout: Layout, index: int) -> FloatArray:
     return np.array([np.zeros(3), centre, centre + length * direction / np.linalg.norm(direction)])
 
 
-def axes_towards(device: Device, viewer_in_rig: FloatArray) -> FloatArray:
-    """`view_axes` for a direction (3,) in the rig frame."""
-    return view_axes(device.level_from_rig, device.level_from_rig @ viewer_in_rig)
-
-
 def _inserts(device: Device, stages: Stages, behind: FloatArray, below: FloatArray) -> DevicePicture:
     """The parts from behind and from the front, with inserts and nuts, and separately the carriers."""
     title = "Where inserts and nuts go"
@@ -196,7 +182,7 @@ def _inserts(device: Device, stages: Stages, behind: FloatArray, below: FloatArr
     third = None
     if carriers:
         moves = [np.diff(exit_path(thread), axis=0)[-1] for thread in stages.threads_in(carriers)]
-        axes = axes_towards(device, mean([move / np.linalg.norm(move) for move in moves]))
+        axes = axes_towards(device.level_from_rig, mean([move / np.linalg.norm(move) for move in moves]))
         third = DevicePicture(
             "inserts", title, axes, _threads(stages, carriers), caption="The mirror carriers", labels_on_bodies=True
         )
@@ -235,7 +221,7 @@ def _mirrors(device: Device, stages: Stages) -> DevicePicture:
     title, layout = "Which mirror goes where", device.layout
     normal = mean([mirror.normal_in_rig for mirror in layout.mirrors])
     normal = normal / np.linalg.norm(normal)
-    axes = axes_towards(device, normal + SEATS_FROM_BELOW * device.level_from_rig[1])
+    axes = axes_towards(device.level_from_rig, normal + SEATS_FROM_BELOW * device.level_from_rig[1])
     holder = tuple(in_place(component, pale=True) for component in stages.holder)
     fasteners = [
         displaced(component, component.explode_mm - mean([p.explode_mm for p in stages.holder]))
@@ -285,17 +271,22 @@ def _camera(device: Device, stages: Stages) -> DevicePicture:
     screws = zip(items[len(existing) :], stages.camera_screws, strict=True)
     clip_items = (*items[: len(existing)], *(replace(item, label=screw_label(clip, screw)) for item, screw in screws))
     shift = STEP_RATIO * (stages.camera[0].explode_mm - mean([component.explode_mm for component in stages.clip]))
+    upper_axes, lower_axes = (axes_towards(device.level_from_rig, viewer) for viewer in viewers(clip))
     camera_items = []
     for camera in stages.camera:
         body = displaced(camera, shift, name_of(camera)).body
         camera_items.append(Item(replace(body, triangles=tilted(clip, body.triangles)), name_of(camera)))
+        corners = body.triangles.reshape(-1, 3)
+        end = corners[np.argmax(corners @ upper_axes[0])]
+        seat, label = end - shift, ""
         if clip.tray is not None:
-            end = end_point(clip.tray, body.triangles)
-            seat = end_point(clip.tray, triangles_of(camera))
-            direction = (seat - end) / np.linalg.norm(seat - end)
-            arrow = arrow_head((end + seat) / 2.0, direction)
-            camera_items.append(Item(arrow, FIRST_END, np.array([end, seat])))
-    upper_axes, lower_axes = (axes_towards(device, viewer) for viewer in viewers(clip))
+            end, seat, label = (
+                end_point(clip.tray, body.triangles),
+                end_point(clip.tray, triangles_of(camera)),
+                FIRST_END,
+            )
+        direction = (seat - end) / np.linalg.norm(seat - end)
+        camera_items.append(Item(arrow_head((end + seat) / 2.0, direction), label, np.array([end, seat])))
     notes, title = notes_of(clip), "Camera and clip"
     # The lower view omits the camera, which would hide the clip.
     lower = DevicePicture(

@@ -140,11 +140,14 @@ def with_names_on_bodies(rendering: Rendering, labels: Sequence[Label]) -> Pixel
 
 
 def with_caption(image: Pixels, caption: str) -> Pixels:
-    """The picture with a caption at its upper left, if any."""
+    """The picture with a caption at its upper left, if any, on white."""
     if not caption:
         return image
-    captioned = image.copy()
-    cv2.putText(captioned, caption, (MARGIN_PX, MARGIN_PX + TEXT_PX), INK, cv2.FontFace("sans"), CAPTION_PX, BOLD)
+    captioned, font = image.copy(), cv2.FontFace("sans")
+    height, width = image.shape[:2]
+    box = cv2.getTextSize((width, height), caption, (0, 0), font, CAPTION_PX, BOLD)
+    cv2.rectangle(captioned, (0, 0), (int(MARGIN_PX + box[2]) + 12, CAPTION_ROOM_PX), (255, 255, 255), -1)
+    cv2.putText(captioned, caption, (MARGIN_PX, MARGIN_PX + TEXT_PX), INK, font, CAPTION_PX, BOLD)
     return captioned
 
 

@@ -20,12 +20,12 @@ from mirrorcam.cad.plan.device_names import CLIP
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.core.values import FloatArray
 
-PICTURE_PX = (1400, 1050)
+PICTURE_PX, CLOSE_UP_PX = (1400, 1050), (800, 560)
 # Horizontal and vertical margins, the former for labels on both sides.
 MARGINS_PX = (275, 50)
 # Width of a letter, and margin next to the text, for labels of points.
 LETTER_PX, LABEL_MARGIN_PX = 12, 50
-BARE_MARGINS_PX = (60, 50)
+BARE_MARGINS_PX, CLOSE_UP_MARGINS_PX = (60, 50), (120, 90)
 LIGHT_RGB: Rgb = (0.94, 0.51, 0.10)
 GUIDE_RGB: Rgb = (0.55, 0.62, 0.72)
 
@@ -44,7 +44,8 @@ class DevicePicture:
     """A picture before rendering: file name, title, the viewer's axes (3, 3) in the rig frame, bodies and rays.
 
     `notes` are labels of points (3,) in the rig frame, drawn if these are visible. `caption` is printed above the view.
-    With `labels_on_bodies`, labels have no leaders. `lower` is a further view in the same file, below this one.
+    With `labels_on_bodies`, labels have no leaders. `lower` is a further view in the same file, below this one. The
+    view shows the points `focus` (n, 3); without them, all bodies and rays.
     """
 
     name: str
@@ -56,11 +57,31 @@ class DevicePicture:
     caption: str = ""
     labels_on_bodies: bool = False
     lower: DevicePicture | None = None
+    focus: FloatArray | None = None
+    size_px: tuple[int, int] = PICTURE_PX
 
     @property
     def path(self) -> str:
         """Path below a device's folder."""
         return f"pictures/{self.name}.png"
+
+
+def view_axes(level_from_rig: FloatArray, viewer_in_level: Sequence[float] | FloatArray) -> FloatArray:
+    """Rows right, up and towards the viewer (3, 3) in the rig frame, with up as the device stands.
+
+    `level_from_rig` (3, 3) has the rows right, down and forward; so has the direction (3,) to the viewer.
+    """
+    towards = level_from_rig.T @ np.asarray(viewer_in_level, dtype=np.float64)
+    towards /= np.linalg.norm(towards)
+    up = -level_from_rig[1]
+    up = up - (up @ towards) * towards
+    up /= np.linalg.norm(up)
+    return np.array([np.cross(up, towards), up, towards])
+
+
+def axes_towards(level_from_rig: FloatArray, viewer_in_rig: FloatArray) -> FloatArray:
+    """`view_axes` for a direction (3,) in the rig frame."""
+    return view_axes(level_from_rig, level_from_rig @ viewer_in_rig)
 
 
 def write_picture(folder: Path, picture: DevicePicture) -> None:
@@ -79,16 +100,20 @@ def labels_of(view: DevicePicture) -> list[Label]:
     return [*named, *(Label(-1, text, point) for text, point in view.notes)]
 
 
-def rendering_of(view: DevicePicture, size_px: tuple[int, int] = PICTURE_PX) -> Rendering:
+def rendering_of(view: DevicePicture) -> Rendering:
     """A rendered view, without its labels."""
-    points = np.concatenate([*(item.body.triangles.reshape(-1, 3) for item in view.items), *view.rays])
+    points = view.focus
+    if points is None:
+        points = np.concatenate([*(item.body.triangles.reshape(-1, 3) for item in view.items), *view.rays])
     margins = MARGINS_PX if labels_of(view) and not view.labels_on_bodies else BARE_MARGINS_PX
     if view.notes and not view.labels_on_bodies:
         longest = max(len(label.text) for label in labels_of(view))
         margins = (max(margins[0], LABEL_MARGIN_PX + LETTER_PX * longest), margins[1])
+    if view.focus is not None:
+        margins = CLOSE_UP_MARGINS_PX
     if view.caption:
         margins = (margins[0], max(margins[1], CAPTION_ROOM_PX))
-    screen = Screen.around(points, view.axes, size_px, margins)
+    screen = Screen.around(points, view.axes, view.size_px, margins)
     lines: list[tuple[FloatArray, Rgb, float]] = [
         (item.line, GUIDE_RGB, 1.5) for item in view.items if item.line is not None
     ]

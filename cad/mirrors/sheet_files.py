@@ -46,13 +46,16 @@ def write_sheets(folder: Path, layout: Layout, cutting: Cutting) -> tuple[StockS
 
 def cutting_text(layout: Layout, sheets: Sequence[StockSheet]) -> str:
     """What a cutter has to know, as Markdown: the notes of each sheet and, for rectangles, a list and a strip plan."""
-    lines = ["# Mirrors to cut", ""]
-    for sheet in sheets:
-        lines += [f"## {sheet.stem}", "", *(f"- {note}" for note in sheet.notes), ""]
-    lines += [
-        "`scale_bar.dxf` and `.svg` hold a bar of 100 mm: if it measures 100 mm in a program, the sheets are true too.",
-        "",
-    ]
+    sold = is_sold_in_size(layout)
+    lines = ["# Mirrors to buy" if sold else "# Mirrors to cut", ""]
+    if not sold:
+        for sheet in sheets:
+            lines += [f"## {sheet.stem}", "", *(f"- {note}" for note in sheet.notes), ""]
+        lines += [
+            "`scale_bar.dxf` and `.svg` hold a bar of 100 mm: if it measures 100 mm in a program, the sheets are true "
+            "too.",
+            "",
+        ]
     if not is_rectangular(layout):
         return "\n".join(lines)
     sizes = {name: size_mm(mirror) for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True)}
@@ -61,7 +64,7 @@ def cutting_text(layout: Layout, sheets: Sequence[StockSheet]) -> str:
     for size in sorted(counts, reverse=True):
         names = ", ".join(name for name in sizes if sizes[name] == size)
         lines.append(f"| {size[0]:g} x {size[1]:g} | {counts[size]} | {names} |")
-    if is_sold_in_size(layout):
+    if sold:
         lines += ["", "Buy these sizes, and a spare one of the smallest as the coupon's test mirror: nothing is cut."]
         return "\n".join([*lines, ""])
     sizes[TEST] = coupon_mirror_mm(layout)

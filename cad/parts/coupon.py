@@ -12,17 +12,18 @@ from mirrorcam.cad.parts.truss import foot_stack
 from mirrorcam.cad.plan.back_table import RingGauge
 from mirrorcam.cad.plan.dimension import Datum, Hole, Length, holes, length
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon, thread
-from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.hardware import PRINT_SETTINGS, Hardware
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.rectangles import coupon_mirror_mm, is_sold_in_size
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_body import BoardHoles
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror_gaps import smallest_gap_mm
 
 PLATE_MM = 2.4
 STRIP_MM = (22.0, 8.0)
-"""Length and width of the strip that gauges the carriers' gap."""
+"""Length and width of the strip that gauges the gap of carriers, or between mirrors."""
 
 GAUGE_WALL_MM = 3.0
 LENS_STEPS_MM = (-0.3, 0.0, 0.3)
@@ -124,10 +125,22 @@ def gauges_of(layout: Layout, hardware: Hardware) -> tuple[Gauge, ...]:
     return tuple(gauges)
 
 
-def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> CouponPlan:
-    """Lay out the coupon, which depends on the layout only through the thickest mirror and the test mirror.
+def spacer_mm(layout: Layout, hardware: Hardware) -> float:
+    """Thickness of a strip for the gaps between mirrors: the smallest gap in whole layers; 0 if none prints.
 
-    With a gap between carriers and holder, a strip of that thickness extends to the left.
+    Neighbours lack rims on the sides where they face each other.
+    """
+    if len(layout.mirrors) < 2 or hardware.holder.mirrors == "screws":
+        return 0.0
+    layer = PRINT_SETTINGS.layer_mm
+    spacer = round(np.floor(smallest_gap_mm(layout) / layer + 1e-6) * layer, 3)
+    return spacer if spacer >= hardware.printer.floor_mm else 0.0
+
+
+def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> CouponPlan:
+    """Lay out the coupon, which depends on the layout only through mirrors' thickness and gaps and the test mirror.
+
+    A strip of the thickness `gap_mm`, if any, extends to the left: the gap between carriers and holder, or `spacer_mm`.
     """
     origin, ring = RIG_FROM_COUPON_MM, hardware.back.ring_gauge
     seat_x, seat_y = _seat_mm(layout, hardware)

@@ -17,6 +17,8 @@ PICTURES = (
     *("inserts", "mirrors", "holder", "camera", "clip", "adapter"),
 )
 """Names of the pictures of a device's model, in the order of the device's page."""
+THREAD, SEAT, FILM, TIE = CLOSE_UPS = ("thread", "seat", "film", "tie")
+"""Names of the pictures of single actions, of which a device may lack some."""
 
 
 def carrier_name(mirror: str) -> str:
@@ -47,7 +49,7 @@ def files_of(hardware: Hardware, *, elastic: bool = False) -> tuple[str, ...]:
         *(f"mirrors/mirrors{sheet}.{extension}" for sheet in ("", "_[0-9]*") for extension in ("dxf", "svg")),
         *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
         *("NOTICE.txt", "source/layout.json", "source/hardware.toml", *source),
-        *(f"pictures/{name}.png" for name in (*PICTURES, "live_view", "live_overlay")),
+        *(f"pictures/{name}.png" for name in (*PICTURES, *CLOSE_UPS, "live_view", "live_overlay")),
         *(robot if hardware.back.on_arm else ()),
         *(("elasticity.md", "elasticity.json", "robot/gravity.json") if elastic else ()),
     )

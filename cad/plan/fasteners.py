@@ -100,6 +100,8 @@ class Stack:
 
     `washer_mm` is the thickness of the washer under its head, 0 for none. The thread starts `begins_mm` below the face
     that the screw enters: an insert sits at that face, a nut in the far one. `engaged_mm` is the length of engagement.
+    `lengths_mm` are the lengths of the shortest screw that engages enough and of the longest that does not bottom out
+    or stand out.
     """
 
     grip_mm: float
@@ -107,6 +109,7 @@ class Stack:
     length_mm: float
     begins_mm: float
     engaged_mm: float
+    lengths_mm: tuple[float, float]
     washer_mm: float = 0.0
 
 
@@ -138,8 +141,9 @@ def stack(grip_mm: float, hardware: Hardware) -> Stack:
             f"{screw.thread} screws through {grip_mm:g} mm must be at least {needed:.1f} mm long, but lengths_mm under "
             f"[screw] ends at {max(screw.lengths_mm):g}: add one"
         )
-    wall = min(lengths) - grip_mm - washer
-    return Stack(grip_mm, wall, min(lengths), wall - screw.nut_height_mm - NUT_FIT_MM, screw.nut_height_mm, washer)
+    wall, length = min(lengths) - grip_mm - washer, min(lengths)
+    begins, engaged = wall - screw.nut_height_mm - NUT_FIT_MM, screw.nut_height_mm
+    return Stack(grip_mm, wall, length, begins, engaged, (length - NUT_FIT_MM, length), washer)
 
 
 def stack_into(
@@ -153,16 +157,17 @@ def stack_into(
     washer = washer_under_mm(grip_mm, screw)
     through = washer + grip_mm
     needed = screw.engaged_mm if screw.kind == "insert" else screw.nut_height_mm
-    lengths = [length for length in screw.lengths_mm if length <= through + max_depth_mm - NUT_FIT_MM + 1e-9]
+    fitting = through + start + needed, through + max_depth_mm - NUT_FIT_MM
+    lengths = [length for length in screw.lengths_mm if length <= fitting[1] + 1e-9]
     engaged = min(max(lengths, default=0.0) - through, end) - start
     if engaged < needed - 1e-9:
         raise InputError(
             f"{screw.thread} screws through {grip_mm:g} mm engage {max(engaged, 0.0):.1f} mm of the thread {start:g} "
-            f"to {end:g} mm deep, expected at least {needed:g} mm: add a length of {through + start + needed:.1f} to "
-            f"{through + max_depth_mm - NUT_FIT_MM:.1f} mm to lengths_mm under [screw], now "
+            f"to {end:g} mm deep, expected at least {needed:g} mm: add a length of {fitting[0]:.1f} to "
+            f"{fitting[1]:.1f} mm to lengths_mm under [screw], now "
             f"{', '.join(f'{length:g}' for length in screw.lengths_mm)}"
         )
-    return Stack(grip_mm, wall_mm, max(lengths), start, engaged, washer)
+    return Stack(grip_mm, wall_mm, max(lengths), start, engaged, fitting, washer)
 
 
 def with_holes_for_screws(hardware: Hardware) -> Hardware:

@@ -135,7 +135,8 @@ class PurchasedItem:
     along the axis, out of the material. `explode_mm` (3,) is the displacement in an exploded view, in the rig frame;
     `joins` names the parts that the item joins. `exit_moves_mm` (n, 3) are the successive moves in the rig frame by
     which an insert or a nut leaves its seat, the reverse of its assembly; other items have none. The length of a spring
-    is its length in the device; its `size` gives wire diameter, mean diameter and free length.
+    is its length in the device; its `size` gives wire diameter, mean diameter and free length. `lengths_mm` are the
+    shortest and the longest screw that hold as well, if they are known.
     """
 
     kind: BoughtKind
@@ -145,6 +146,7 @@ class PurchasedItem:
     explode_mm: FloatArray
     joins: tuple[str, ...]
     exit_moves_mm: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    lengths_mm: tuple[float, float] | None = None
 
 
 class MassProperties(Value):

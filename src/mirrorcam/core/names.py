@@ -42,6 +42,11 @@ def markdown_text(text: str) -> str:
     return _MARKDOWN.sub(r"\\\g<0>", html.escape(text, quote=False))
 
 
+def anchor_of(heading: str) -> str:
+    """The anchor of a heading in Markdown, by the rule of GitHub: lower case, hyphens for spaces, no punctuation."""
+    return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+
+
 def spreadsheet_text(text: str) -> str:
     """Escape a text for a CSV cell: ' precedes a text that spreadsheets would evaluate as a formula."""
     return f"'{text}" if text.startswith(_FORMULA) else text

@@ -103,10 +103,14 @@ def test_tools_follow_fasteners_and_material(device: Device) -> None:
     assert names(device) - names(acrylic) == {"goggles and cut-resistant gloves", "paint marker"}
     bought = replace(device, layout=device.layout.replaced(spec=DesignSpec(shape="stock:30x20")))
     assert names(device) - names(bought) == {"goggles and cut-resistant gloves"}
+    purposes = [{tool.name: tool.purpose for tool in tools_of(of, ())}["steel ruler"] for of in (device, bought)]
+    assert ["cut along" in purpose for purpose in purposes] == [True, False]
+    pin = also_needed(device, [item("pin", "3")])
+    assert {tool.name for tool in pin} - {tool.name for tool in also_needed(device, ())} == {"epoxy glue"}
 
 
 def test_a_phone_needs_felt(device: Device) -> None:
     phone = replace(device, hardware=device.hardware.replaced(camera=read_body("iphone_13")))
-    assert {tool.name for tool in also_needed(phone)} - {tool.name for tool in also_needed(device)} == {
+    assert {tool.name for tool in also_needed(phone, ())} - {tool.name for tool in also_needed(device, ())} == {
         "dot of felt, 1 mm thick"
     }

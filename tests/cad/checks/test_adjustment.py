@@ -17,12 +17,11 @@ from mirrorcam.cad.checks.adjustment import check_adjustment, poses
 from mirrorcam.cad.checks.clashes import check_clashes
 from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.checks.reach import check_insertion, check_tool_reach
-from mirrorcam.cad.guide.assembly_guide import write_guide
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.core.figures.figure_texts import TIMES
 from mirrorcam.optics.geometry.transforms import transform
-from tests.cad.guide.conftest import make
+from tests.cad.guide.conftest import guide_of, make
 from tests.cad.holder.screwed import pair, planned, with_screws
 
 Solids = dict[str, Manifold]
@@ -128,7 +127,7 @@ def test_a_small_device_on_screws_passes_the_checks_of_its_parts_together(kind: 
         **check_clashes(parts, made.device.hardware.fit.press_mm),
     }
     assert {name: check for name, check in checks.items() if not check.passed} == {}
-    write_guide(tmp_path, made.device, made.parts, made.components)
+    guide_of(tmp_path, made.device, made.parts, made.components)
     guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
     size = made.device.hardware.holder.spring.size
     assert f"6 {TIMES} M3 x" in guide

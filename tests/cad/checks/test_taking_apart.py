@@ -8,11 +8,10 @@ import pytest
 
 from mirrorcam.cad.assembly.build_steps import STEPS
 from mirrorcam.cad.checks.taking_apart import check_taking_apart
-from mirrorcam.cad.guide.assembly_guide import write_guide
 from mirrorcam.cad.plan.back_table import DeskBack
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.layout import Layout
-from tests.cad.guide.conftest import Made, make
+from tests.cad.guide.conftest import Made, guide_of, make
 
 NUMBERS = {step.name: number for number, step in enumerate(STEPS, start=1)}
 
@@ -37,7 +36,7 @@ def test_the_foot_comes_off_first_where_it_covers_the_camera_screws(
     assert undone["camera"] == (("back",) if covered else ())
     assert undone["back"] == undone["clip"] == undone["holder"] == ()
     (built.folder / "mirrors").mkdir(exist_ok=True)
-    write_guide(built.folder, built.device, built.parts, built.components, undone_first=undone)
+    guide_of(built.folder, built.device, built.parts, built.components, undone_first=undone)
     text = (built.folder / "guide.md").read_text(encoding="utf-8")
     sentence = f"first take off the desk foot (step {NUMBERS['back']})"
     assert text.count(sentence) == (2 if covered else 0)

@@ -15,6 +15,7 @@ from manifold3d import Manifold
 from markdown_it import MarkdownIt
 from shapely import Polygon
 
+from mirrorcam.cad.assembly.bill import bill_of
 from mirrorcam.cad.assembly.build_steps import STEPS, also_needed, tools_of
 from mirrorcam.cad.assembly.catalogue import purchased_items
 from mirrorcam.cad.assembly.components import item_components
@@ -22,7 +23,7 @@ from mirrorcam.cad.assembly.device_plan import plan_device
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.checks.cut_outlines import check_cuts
 from mirrorcam.cad.checks.exported_mesh import read_stl, solid_of
-from mirrorcam.cad.guide.assembly_guide import camera_toml, focus_of, write_guide
+from mirrorcam.cad.guide.assembly_guide import camera_toml, focus_of
 from mirrorcam.cad.guide.device_pictures import EDGE_TEXT, scale_edges
 from mirrorcam.cad.mirrors.sheet_files import write_sheets
 from mirrorcam.cad.parts.reclamping import repeatability
@@ -32,7 +33,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE, Cutting, Hardware
 from mirrorcam.cad.plan.part_plan import PurchasedItem
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.seats import Frustum, mirror_prism, outline_at
-from mirrorcam.cad.write.bill_of_materials import as_markdown, bill_of
+from mirrorcam.cad.write.bill_of_materials import as_markdown
 from mirrorcam.cad.write.slicer import LAYERS, NOZZLE
 from mirrorcam.core.figures.figure_texts import TIMES
 from mirrorcam.core.values import Metric
@@ -40,7 +41,7 @@ from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror_gaps import edges_mm
-from tests.cad.guide.conftest import Made
+from tests.cad.guide.conftest import Made, guide_of
 from tests.cad.taped import TAPED
 
 
@@ -53,7 +54,7 @@ def test_the_guide_follows_the_plan(made: Made, tmp_path: Path) -> None:
         assert f"(pictures/{name}.png)" in text
     hardware = Hardware.model_validate({"camera": "board_38", "screw": {"kind": "nut"}})
     device = plan_device(made.device.layout, hardware)
-    write_guide(
+    guide_of(
         tmp_path, device, made.parts, (*made.components[: len(made.parts)], *item_components(purchased_items(device)))
     )
     other = (tmp_path / "guide.md").read_text(encoding="utf-8")
@@ -86,7 +87,7 @@ def test_the_guide_and_the_parts_list_state_the_glue_that_fills_the_gap(made: Ma
 
 def test_the_guide_and_the_parts_list_state_three_squares_of_tape_for_each_mirror(made: Made, tmp_path: Path) -> None:
     device = plan_device(made.device.layout, TAPED)
-    write_guide(tmp_path, device, made.parts, made.components)
+    guide_of(tmp_path, device, made.parts, made.components)
     guide, bill = (tmp_path / "guide.md").read_text(encoding="utf-8"), as_markdown(bill_of(device, made.parts, ()))
     count, width = 3 * len(device.layout.mirrors), TAPED.holder.tape_pad_mm
     assert f"cut {count} squares of {width:g} mm" in guide
@@ -107,7 +108,7 @@ def test_solid_and_sliced_masses_are_labelled(made: Made, tmp_path: Path) -> Non
     sliced = [part.replaced(checks=figures) for part in made.parts]
     rows = ((sliced, "mass sliced | time", "1 g | 1:05 h"), (bare, "mass solid", f"{bare[0].mass.mass_g:.0f} g"))
     for parts, head, row in rows:
-        write_guide(tmp_path, made.device, parts, made.components)
+        guide_of(tmp_path, made.device, parts, made.components)
         text = (tmp_path / "guide.md").read_text(encoding="utf-8")
         assert f"| number | part | file | {head} |" in text
         assert f"(parts/{parts[0].name}.3mf) | {row} |" in text
@@ -123,12 +124,14 @@ def test_hostile_names_are_text_in_the_guide(made: Made, tmp_path: Path) -> None
         back=Gen2Back(name=name),
     )
     clamped = replace(made.device, hardware=hardware, back=plan_back(made.device.clip, made.device.mount, hardware))
-    write_guide(tmp_path, clamped, made.parts, made.components)
+    guide_of(tmp_path, clamped, made.parts, made.components)
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     page = MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
-    assert "onerror" not in re.sub(r"&lt;img src=x onerror=alert\(1\)&gt;", "", page)
+    assert "onerror=" not in re.sub(r"&lt;img src=x onerror=alert\(1\)&gt;", "", page)
     assert 'href="javascript' not in page
-    assert html.unescape(page).count(name) == 4  # the fourth as TOML, to copy
+    # The fourth as TOML, to copy; the camera again as without a price; headings and search words of two filaments and
+    # the camera.
+    assert html.unescape(page).count(name) == 4 + 1 + 2 * 3
 
 
 def test_the_guide_asks_for_the_settings_that_the_slicer_uses(made: Made) -> None:
@@ -151,7 +154,7 @@ def test_guide_notes_and_drawing_lay_the_same_face_up(
     mirrors = tuple(mirror.replaced(surface=surface) for mirror in made.device.layout.mirrors)
     layout = made.device.layout.replaced(mirrors=mirrors)
     write_sheets(tmp_path / "mirrors", layout, HARDWARE.cutting)
-    write_guide(tmp_path, replace(made.device, layout=layout), made.parts, made.components)
+    guide_of(tmp_path, replace(made.device, layout=layout), made.parts, made.components)
     step = (tmp_path / "guide.md").read_text(encoding="utf-8").partition("## Step 3")[2].partition("## Step 4")[0]
     lines = (tmp_path / "mirrors" / "cutting.md").read_text(encoding="utf-8").splitlines()
     (note,) = [line for line in lines if line.startswith("- Lay the sheet down")]
@@ -185,8 +188,8 @@ def test_the_camera_in_the_guide_is_a_file_that_can_be_read_back(name: str, tmp_
 
 def test_a_split_part_is_pinned_in_the_guide(made: Made, tmp_path: Path) -> None:
     pin = PurchasedItem("pin", "3", 16.0, np.eye(4), np.zeros(3), ("mirror_holder_1", "mirror_holder_2"))
-    write_guide(tmp_path, made.device, made.parts, (*made.components, *item_components([pin, pin])))
-    assert f"Press the pins (2 {TIMES} 3 x 16 pins)" in (tmp_path / "guide.md").read_text(encoding="utf-8")
+    guide_of(tmp_path, made.device, made.parts, (*made.components, *item_components([pin, pin])))
+    assert f"Press the pins (2 {TIMES} [3 x 16 pins](" in (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert "Press the pins" not in (made.folder / "guide.md").read_text(encoding="utf-8")
 
 
@@ -195,7 +198,7 @@ def test_the_guide_names_mirrors_of_a_pattern_by_their_numbers(made: Made, tmp_p
     views = len(layout.mirrors)
     pattern = Pattern(name="zigzag", positions=np.column_stack([np.arange(views), np.arange(views) % 2]))
     device = plan_device(layout.replaced(rows=1, cols=views, pattern=pattern), made.device.hardware)
-    write_guide(
+    guide_of(
         tmp_path, device, made.parts, (*made.components[: len(made.parts)], *item_components(purchased_items(device)))
     )
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
@@ -207,7 +210,7 @@ def test_glass_is_never_cut_by_a_laser_or_called_acrylic(made: Made, tmp_path: P
     """Guide, cut file and parts list name one material and nothing of the other."""
     device = replace(made.device, hardware=made.device.hardware.replaced(cutting=Cutting(material="glass")))
     (sheet,) = write_sheets(tmp_path / "mirrors", device.layout, device.hardware.cutting)
-    write_guide(tmp_path, device, made.parts, made.components)
+    guide_of(tmp_path, device, made.parts, made.components)
     guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
     notes = (tmp_path / "mirrors" / "cutting.md").read_text(encoding="utf-8")
     bill = as_markdown(bill_of(device, made.parts, (sheet,)))
@@ -228,7 +231,7 @@ def test_rectangles_are_cut_straight_or_bought(
     layout = made.device.layout.replaced(spec=DesignSpec(rows=2, cols=2, shape=shape))
     device = replace(made.device, layout=layout)
     write_sheets(tmp_path / "mirrors", layout, HARDWARE.cutting)
-    write_guide(tmp_path, device, made.parts, made.components)
+    guide_of(tmp_path, device, made.parts, made.components)
     guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
     step = guide.partition(f"## Step 3: {title} the mirrors")[2].partition("## Step 4")[0]
     assert expected in step
@@ -245,14 +248,14 @@ def test_the_step_of_the_back_is_that_of_its_kind(made: Made, tmp_path: Path) ->
     """A desk device has its nut in that step, and nothing about an arm in its files."""
     text = (made.folder / "guide.md").read_text(encoding="utf-8")
     step = text.partition("screw on the desk foot")[2].partition("## Step")[0]
-    assert f"1 {TIMES} 1/4-20 UNC hexagon nut" in step
+    assert f"1 {TIMES} [1/4-20 UNC hexagon nut](" in step
     for document in ("guide.md", "bom.md"):
         written = (made.folder / document).read_text(encoding="utf-8")
         assert not re.search(r"kinova|wrist|robot|\barm\b|xacro|clamp", written, re.IGNORECASE)
     assert not re.search("kinova|wrist", (made.folder / "index.html").read_text(encoding="utf-8"), re.IGNORECASE)
     hardware = made.device.hardware.replaced(back=Gen2Back())
     clamped = replace(made.device, hardware=hardware, back=plan_back(made.device.clip, made.device.mount, hardware))
-    write_guide(tmp_path, clamped, made.parts, made.components)
+    guide_of(tmp_path, clamped, made.parts, made.components)
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     assert "clamp the device to the arm" in text
     assert "screw on the desk foot" not in text
@@ -285,7 +288,7 @@ def test_the_focus_is_set_at_the_distance_of_the_design_before_the_first_picture
     best = made.device.layout.replaced(metrics={"best_focus_mm": Metric(value=436.05, unit="mm")})
     assert focus_of(best) == 436.05
     assert focus_of(made.device.layout.replaced(metrics={})) == made.device.layout.camera.focus_mm
-    write_guide(tmp_path, replace(made.device, layout=best), made.parts, made.components)
+    guide_of(tmp_path, replace(made.device, layout=best), made.parts, made.components)
     step = (tmp_path / "guide.md").read_text(encoding="utf-8").partition("## Step 7")[2].partition("## Step 8")[0]
     set_at, board, pictures = (
         step.index(words) for words in ("**Set the focus now**, at 436 mm", "Print it at 100 %", "Take the pictures")
@@ -309,7 +312,7 @@ def test_the_guide_and_the_parts_list_have_the_same_tools(made: Made) -> None:
     for tool in tools_of(made.device, purchased_items(made.device)):
         assert tool.name in opening
         assert f"| - | Tool: {tool.name} |  | {tool.purpose} | - |" in bill
-    for other in also_needed(made.device):
+    for other in also_needed(made.device, purchased_items(made.device)):
         assert other.name in opening
         assert f"| - | Also needed: {other.name} |  | {other.purpose} | - |" in bill
 
@@ -328,7 +331,7 @@ def test_every_measure_of_the_cameras_file_is_in_the_guide(made: Made) -> None:
 def test_the_picture_is_checked_once_the_device_stands(made: Made, tmp_path: Path) -> None:
     """Nothing supports the device before the step of its back, after which come the live picture and the cover."""
     cover = made.parts[-1].replaced(name="dust_cover", number="MC-07")
-    write_guide(tmp_path, made.device, (*made.parts, cover), made.components)
+    guide_of(tmp_path, made.device, (*made.parts, cover), made.components)
     text = (tmp_path / "guide.md").read_text(encoding="utf-8")
     places = [text.index(words) for words in ("Screw the desk foot", "(pictures/live_view.png)", "Put the dust cover")]
     assert places == sorted(places)

@@ -5,6 +5,7 @@ Pictures of a device: every part is shown and labelled, with the same bytes each
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,7 @@ def test_every_insert_is_seen_in_a_view_and_counted_at_its_part(made: Made) -> N
     hidden: set[int] = set()
     counted = 0
     for number, view in enumerate(views_of(picture)):
-        shot = rendering_of(view, (700, 525))
+        shot = rendering_of(replace(view, size_px=(700, 525)))
         pixels = np.bincount(shot.bodies[shot.bodies >= 0], minlength=len(view.items))
         # Items with a line to their seat are inserted; the views of a small device have the same items.
         unseen = {index for index, item in enumerate(view.items) if item.line is not None and pixels[index] < 12}

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 import pytest
 
 from mirrorcam.cad.assembly.catalogue import parts_of, purchased_items
+from mirrorcam.cad.assembly.components import mesh_of
 from mirrorcam.cad.assembly.device_plan import plan_device
+from mirrorcam.cad.checks.exported_mesh import solid_of
 from mirrorcam.cad.parts.coupon import (
     GAUGE_WALL_MM,
     GO_DEPTH_MM,
@@ -21,6 +23,7 @@ from mirrorcam.cad.parts.coupon import (
     CouponPlan,
     gauges_of,
     plan_coupon,
+    spacer_mm,
 )
 from mirrorcam.cad.plan.back_table import back_of
 from mirrorcam.cad.plan.dimension import Hole
@@ -29,7 +32,7 @@ from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import plain
 from mirrorcam.cad.plan.prisms import corners_of
 from mirrorcam.cad.plan.rectangles import TEST_MIRROR_MM
-from mirrorcam.cad.plan.seats import Frustum
+from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera_library import read_body
 from mirrorcam.optics.geometry.layout import Layout
@@ -83,6 +86,16 @@ def test_with_carriers_a_strip_is_as_thick_as_their_gap(default_layout: Layout) 
     heights = corners_of((strip,))[:, 2] - RIG_FROM_COUPON_MM[2]
     assert {round(float(height), 9) for height in heights} == {0.0, 1.2}
     assert len(plan.pieces) == len(plain_one.pieces) + 1
+
+
+def test_the_strip_for_gaps_between_mirrors_just_enters_the_narrowest(default_layout: Layout) -> None:
+    spacer = spacer_mm(default_layout, HARDWARE)
+    solids = [solid_of(mesh_of(mirror_prism(mirror))) for mirror in default_layout.mirrors]
+    narrowest = min(first.min_gap(second, 20.0) for first, second in combinations(solids, 2))
+    assert 0.0 <= narrowest - spacer < 0.2
+    assert spacer_mm(default_layout.replaced(rows=1, cols=1, mirrors=default_layout.mirrors[:1]), HARDWARE) == 0.0
+    on_screws = HARDWARE.replaced(holder=HARDWARE.holder.replaced(mirrors="screws"))
+    assert spacer_mm(default_layout, on_screws) == 0.0
 
 
 @pytest.mark.parametrize("thickness_mm", [4.0, 6.0])

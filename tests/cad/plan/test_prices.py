@@ -13,8 +13,9 @@ from mirrorcam.cad.assembly.components import item_title
 from mirrorcam.cad.assembly.device_plan import Device, plan_device
 from mirrorcam.cad.backs.plan_backs import plan_back
 from mirrorcam.cad.plan.back_table import BACKS, back_of
+from mirrorcam.cad.plan.goods import AREA, GOODS, PIECE
 from mirrorcam.cad.plan.hardware import HARDWARE
-from mirrorcam.cad.plan.prices import ITEM_PRICES, MIRRORS, OTHER_PLASTIC, PLASTICS, Prices, hours_text, summary_of
+from mirrorcam.cad.plan.prices import OTHER_PLASTIC, PLASTICS, Prices, hours_text, summary_of
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric
@@ -27,13 +28,13 @@ def test_the_longest_name_at_an_end_of_a_title_counts() -> None:
     assert PRICES.of_plastic("PLA+ matt black", 1000.0) == PLASTICS["PLA"]
     assert PRICES.of_plastic("PETG", 500.0) == PLASTICS["PETG"] / 2.0
     assert PRICES.of_plastic("Unobtainium", 1000.0) == OTHER_PLASTIC
-    assert PRICES.of_item("M3 x 12 countersunk screw") == ITEM_PRICES["M3 countersunk screw"]
-    assert PRICES.of_item("M3 x 5.7 heat-set insert") == ITEM_PRICES["M3 heat-set insert"]
-    assert PRICES.of_item("0.4 x 5 x 12 compression spring") == ITEM_PRICES["compression spring"]
+    assert PRICES.of_item("M3 x 12 countersunk screw") == GOODS["countersunk screw"].eur["M3"]
+    assert PRICES.of_item("M3 x 5.7 heat-set insert") == GOODS["heat-set insert"].eur["M3"]
+    assert PRICES.of_item("0.4 x 5 x 12 compression spring") == GOODS["compression spring"].eur[""]
     assert PRICES.of_item("a tool of gold") is None
-    glass = MIRRORS["second-surface glass mirror"]
-    assert PRICES.of_mirrors("second-surface glass mirror, 2 mm", 250.0) == 2.5 * glass.per_100_cm2
-    assert PRICES.of_mirror_pieces("second-surface glass mirror, 2 mm", 10) == 10 * glass.piece
+    glass = GOODS["second-surface glass mirror"]
+    assert PRICES.of_mirrors("second-surface glass mirror, 2 mm", 250.0) == 2.5 * glass.eur[AREA]
+    assert PRICES.of_mirror_pieces("second-surface glass mirror, 2 mm", 10) == 10 * glass.eur[PIECE]
     own = PRICES.replaced(mirror_each={"second-surface glass mirror": 0.1})
     assert own.of_mirror_pieces("second-surface glass mirror, 2 mm", 10) == 1.0
     with pytest.raises(ValueError, match="stock paper"):
@@ -45,7 +46,7 @@ def test_a_file_replaces_prices_and_comes_back_the_same(tmp_path: Path) -> None:
     path.write_text('date = "2027-01"\n[each]\n"M3 screw" = 0.02\n[plastic_per_kg]\n"PLA+" = 31\n')
     prices = read_model(Prices, path)
     assert prices.of_item("M3 x 8 screw") == 0.02
-    assert prices.of_item("M3 x 8 countersunk screw") == ITEM_PRICES["M3 countersunk screw"]
+    assert prices.of_item("M3 x 8 countersunk screw") == GOODS["countersunk screw"].eur["M3"]
     assert (prices.of_plastic("PLA+", 1000.0), prices.of_plastic("PLA", 1000.0)) == (31.0, PLASTICS["PLA"])
     path.write_text(tomli_w.dumps(prices.model_dump(mode="json")))
     assert read_model(Prices, path) == prices

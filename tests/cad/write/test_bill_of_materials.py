@@ -17,12 +17,12 @@ import tomli_w
 from markdown_it import MarkdownIt
 from shapely import Polygon
 
+from mirrorcam.cad.assembly.bill import Bom, bill_of
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.mirrors.stock_sheets import plan_sheets
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
 from mirrorcam.cad.plan.part_plan import BuiltPart
-from mirrorcam.cad.write import bill_of_materials
-from mirrorcam.cad.write.bill_of_materials import Bom, bill_of, bom_metrics, write_bom
+from mirrorcam.cad.write.bill_of_materials import bom_metrics, write_bom
 from mirrorcam.core.disk.files import read_model
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.camera_library import read_body
@@ -30,7 +30,7 @@ from mirrorcam.optics.geometry.camera_library import read_body
 
 def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
     assert [(line.title, line.count) for line in bom.bought] == [
-        ("PLA filament, 1.75 mm, matt black", None),
+        ("PLA filament, 1.75 mm, any colour", None),
         ("Logitech C920", 1),
         ("M3 x 12 screw", 2),
         ("M3 x 8 screw", 5),
@@ -40,7 +40,8 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
         *((f"Tool: {tool}", None) for tool in ("calipers", "kitchen scale", "steel ruler", "blade")),
         *((f"Tool: {tool}", None) for tool in ("goggles and cut-resistant gloves", "paint marker")),
         ("Tool: soldering iron with a tip for M3 inserts", None),
-        *((f"Tool: {tool}", None) for tool in ("5 ml syringe", "cotton gloves", "2.5 mm hex key", "dental floss")),
+        *((f"Tool: {tool}", None) for tool in ("5 ml syringe", "cotton gloves", "2.5 mm hex key", "side cutters")),
+        ("Tool: dental floss", None),
         ("Also needed: calibration board, printed on paper", None),
         ("Also needed: flat stiff plate of the same size, glass or aluminium", None),
     ]
@@ -53,7 +54,7 @@ def test_pieces_are_counted_by_kind_and_length(bom: Bom) -> None:
 def test_ties_are_bought_for_what_is_tied(
     name: str, ties: int, device: Device, built_block: BuiltPart, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bill_of_materials, "purchased_items", lambda _: ())
+    monkeypatch.setattr("mirrorcam.cad.assembly.bill.purchased_items", lambda _: ())
     other = replace(device, hardware=HARDWARE.replaced(camera=read_body(name)))
     bought = bill_of(other, [built_block], plan_sheets(device.layout, HARDWARE.cutting)).bought
     assert sum(line.count or 0 for line in bought if line.title.startswith("Cable tie")) == ties
@@ -63,6 +64,13 @@ def test_plastic_and_mirrors_add_up(bom: Bom, device: Device, built_block: Built
     assert bom.sliced
     assert bom.plastic_g == 19.0
     assert bom.bought[0].note.startswith("19 g as sliced")
+    seen = [built_block.replaced(name="mirror_holder"), built_block.replaced(name="other", number="MC-98")]
+    grams = [float(line.note.split()[0]) for line in bill_of(device, seen, ()).bought[:2]]
+    assert [line.title for line in bill_of(device, seen, ()).bought[:2]] == [
+        "PLA filament, 1.75 mm, matt black",
+        "PLA filament, 1.75 mm, any colour",
+    ]
+    assert grams == pytest.approx([18.0 * 1.24] * 2, abs=0.5)
     assert bom.printed[0].solid_g == pytest.approx(18.0 * 1.24, abs=0.05)
     (mirrors,) = bom.mirrors
     assert mirrors.count == 9
@@ -102,7 +110,7 @@ def test_every_line_has_its_price_and_the_sum_is_the_devices(bom: Bom, device: D
 def test_a_hardware_file_replaces_prices_and_what_has_none_is_named(
     device: Device, built_block: BuiltPart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bill_of_materials, "purchased_items", lambda _: ())
+    monkeypatch.setattr("mirrorcam.cad.assembly.bill.purchased_items", lambda _: ())
     (tmp_path / "mine.toml").write_text(
         """[prices]
 currency = "CHF"
@@ -130,7 +138,7 @@ PLA = 100
 def test_a_hostile_name_is_text_in_every_file(
     device: Device, built_block: BuiltPart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bill_of_materials, "purchased_items", lambda _: ())
+    monkeypatch.setattr("mirrorcam.cad.assembly.bill.purchased_items", lambda _: ())
     name = '=HYPERLINK("http://x") <img src=x onerror=alert(1)> | a'
     hardware = device.hardware.replaced(
         camera=device.hardware.camera.replaced(name=name), printer=device.hardware.printer.replaced(plastic=name)
@@ -141,7 +149,7 @@ def test_a_hostile_name_is_text_in_every_file(
     assert "<img" not in markdown
     page = MarkdownIt("commonmark", {"html": True}).enable("table").render(markdown)
     assert "<img" not in page
-    # The plastic, the camera, and the camera among the items without a price.
+    # The plastic, its filament, the camera, and the camera among the items without a price.
     assert html.unescape(page).count(name) == 4
     rows = list(csv.reader((tmp_path / "bom.csv").read_text(encoding="utf-8").splitlines()))
     assert [row[2] for row in rows if row[9] == "the camera"] == [f"'{name}"]

@@ -82,6 +82,8 @@ MIRRORS: Mapping[str, str] = {
     "sheet_use": "fraction of stock sheets used",
     "feature_of_thickness": "smallest width / thickness",
     "line_gap_mm": "smallest gap of laser lines",
+    "tape_kpa": "stress in the tape",
+    "tape_creep_deg": "creep of tape (modulus assumed)",
 }
 
 PRINTED_PARTS: Mapping[str, str] = {
