@@ -269,7 +269,7 @@ def plan_mount(layout: Layout, holder: HolderPlan, clip: ClipPlan, hardware: Har
     )
     return MountPlan(
         pieces=(*pieces, *webs),
-        cuts=openings(holder, clip, profile.foot, profile.inner[-2:], section, hardware),
+        cuts=openings(holder, clip, profile.foot, section, hardware),
         light=light,
         rig_from_head=holder.rig_from_mount @ np.diag([1.0, -1.0, -1.0, 1.0]),
         holes_in_head_mm=holder.holes_in_mount_mm * [1.0, -1.0],
@@ -367,14 +367,12 @@ def profiles(holder: HolderPlan, clip: ClipPlan, lean: float, hardware: Hardware
     min_half = max(float(np.abs(screws[:, 0]).max()), clip.slide_x_mm, FOOT_X_MM) + head_margin
     min_half = max(min_half, cable_half_width_mm(hardware))
     max_half = min(max(min_half, holder.size_mm[0] / 2.0), hardware.printer.bed_mm[2] / 2.0)
-    # The inner line depends on the width only where the holder's back is rotated sideways.
     path = cache(partial(inner_path, holder, clip, hardware=hardware))
-    is_skew = abs(float(holder.rig_from_mount[0, 2])) > 1e-12
     for half_width in np.arange(min_half, max_half + 0.1, WIDTH_STEP_MM).tolist():
         for factor in THICKNESS_FACTORS:
             skin, web = factor * mount.skin_mm, factor * mount.web_mm
             end = head_end_mm(holder, half_width, web, hardware)
-            line_from = partial(path, half_width_mm=half_width if is_skew else 0.0, head_end_mm=end)
+            line_from = partial(path, head_end_mm=end)
             for depth in np.arange(FOOT_DEPTH_MM, mount.deepest_mm + 0.1, DEPTH_STEP_MM).tolist():
                 lines = _lines(line_from, clip, depth, lean, hardware)
                 if lines is None:
@@ -442,7 +440,7 @@ def bending(
     profile: Profile, holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, hardware: Hardware
 ) -> tuple[float, float]:
     """Largest rotation in deg and shift in um of the mirrors under their weight, over all directions of gravity."""
-    cuts = openings(holder, clip, profile.foot, profile.inner[-2:], profile.section, hardware)
+    cuts = openings(holder, clip, profile.foot, profile.section, hardware)
     inner, outer, section = profile.inner, profile.outer, profile.section
     compliance = mount_compliance(inner, outer, section, profile.foot, head_screws(holder), cuts, load_at, hardware)[
         :, :3

@@ -43,9 +43,9 @@ BEYOND_MOUNT_MM = 1e3
 
 
 def openings(
-    holder: HolderPlan, clip: ClipPlan, foot: Foot, mount_top: FloatArray, section: Section, hardware: Hardware
+    holder: HolderPlan, clip: ClipPlan, foot: Foot, section: Section, hardware: Hardware
 ) -> tuple[Frustum | Bore | Hexagon, ...]:
-    """All cuts of a mount; `mount_top` (2, 2; y and z) are the ends, in the rig frame, of its face on the holder."""
+    """All cuts of a mount, in the rig frame."""
     depth, half_width = section.depth_mm, section.width_mm / 2.0
     plate = foot_plate_mm(depth, hardware)
     mount, screw = hardware.mount, hardware.screw
@@ -70,8 +70,6 @@ def openings(
         cuts += thread(screw_point, foot.up_in_rig, UP, foot_stack(hardware), plate, screw)
     cuts += _cable_cuts(clip.slide_y_mm, foot, section, hardware)
     cuts += _scale_marks(clip, half_width, hardware)
-    if abs(normal[0]) > 1e-6:
-        cuts.append(_holder_clearance(holder, mount_top, half_width))
     return tuple(cuts)
 
 
@@ -216,17 +214,3 @@ def longest_mark_mm(clip: ClipPlan, half_width: float, hardware: Hardware) -> fl
     slot_margin = hardware.screw.clearance_hole_mm / 2.0 + hardware.printer.wall_mm
     over_slots = clip.top_mm - int(clip.travel_mm) > max(clip.slide_z_mm) + clip.travel_mm + slot_margin
     return LONGEST_MARK_MM if over_slots else min(LONGEST_MARK_MM, half_width - clip.slide_x_mm - slot_margin)
-
-
-def _holder_clearance(holder: HolderPlan, mount_top: FloatArray, half_width: float) -> Frustum:
-    """The cut that keeps the mount's top clear of a holder whose back is rotated sideways."""
-    ends: FloatArray = np.column_stack([np.zeros(2), mount_top])
-    mount_from_rig = np.asarray(np.linalg.inv(holder.rig_from_mount), dtype=np.float64)
-    on_back = transform(mount_from_rig, ends)
-    low, high = on_back[:, 1].min(), on_back[:, 1].max() + 1.0
-    # The mount's centre may differ from the centre of the holder's screws.
-    left, right = on_back[:, 0].mean() + np.array([-1.0, 1.0]) * (half_width + 5.0)
-    corners = np.array([(left, low, 0.0), (right, low, 0.0), (right, high, 0.0), (left, high, 0.0)])
-    base: FloatArray = transform(holder.rig_from_mount, corners)
-    normal = holder.rig_from_mount[:3, 2]
-    return Frustum(base, base - (2.0 * abs(normal[0]) * half_width + 1.0) * normal)

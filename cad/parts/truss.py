@@ -131,7 +131,6 @@ def inner_path(
     holder: HolderPlan,
     clip: ClipPlan,
     slide_top_mm: float,
-    half_width_mm: float,
     head_end_mm: float,
     hardware: Hardware,
 ) -> FloatArray | None:
@@ -142,15 +141,9 @@ def inner_path(
     Returns None if the top of the slide or the holder's back lies inside that hull.
     """
     normal, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
-    if abs(normal[0]) > np.sin(np.deg2rad(5.0)):
-        raise InputError(
-            f"mirror holder's back is rotated {np.degrees(np.arcsin(abs(normal[0]))):.1f} deg to the side, "
-            "expected at most 5 deg for the mount"
-        )
-    normal_yz = float(np.linalg.norm(normal[1:]))
-    outward = normal[1:] / normal_yz
-    # The plane of the back where it is nearest to the camera over the mount's width; the mount is cut off beyond it.
-    back_level = float(normal @ origin) / normal_yz - abs(normal[0]) / normal_yz * half_width_mm
+    if abs(normal[0]) > 1e-9:
+        raise InputError("the mirrors face to the side, expected a fold about the rig's x for the mount")
+    outward, back_level = normal[1:], float(normal @ origin)
     up = np.array([outward[1], -outward[0]])
     corners = holder.corners_in_rig[:, 1:]
     far = 10.0 * np.abs(corners).max()

@@ -41,7 +41,6 @@ from mirrorcam.cad.plan.seats import keep_outs
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
-from tests.nightly import a_few
 
 BED = np.array(HARDWARE.printer.bed_mm[:2])
 
@@ -250,11 +249,8 @@ def test_a_mount_that_no_section_makes_stiff_is_refused_with_its_tilt(planned: P
         plan_mount(layout, holder, clip, soft)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("off_mm", a_few(1, [-8.0, 0.0, 8.0]))
-def test_the_mounts_top_is_cut_to_a_back_that_is_rotated_sideways(planned: Planned, off_mm: float) -> None:
-    """Also where the holder's screws are off the mount's centre."""
-    layout, holder, clip, _ = planned
+def test_the_back_stays_level_with_the_mount_where_mirrors_are_turned_sideways(planned: Planned) -> None:
+    layout, _, clip, _ = planned
     angle = np.deg2rad(2.0)
     rotation_2d = np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
     turned = layout.replaced(
@@ -269,26 +265,10 @@ def test_the_mounts_top_is_cut_to_a_back_that_is_rotated_sideways(planned: Plann
         verdict={},
     )
     holder = plan_holder(turned, HARDWARE)
-    assert abs(holder.rig_from_mount[0, 2]) > 0.01
-    aside = holder.rig_from_mount.copy()
-    aside[:3, 3] -= off_mm * aside[:3, 0]
-    holder = replace(holder, rig_from_mount=aside)
+    assert holder.rig_from_mount[0, 2] == 0.0
     mount = plan_mount(turned, holder, clip, HARDWARE)
-    part = make_mount(mount)
-    assert part.is_valid
-    away, origin = holder.rig_from_mount[:3, 2], holder.rig_from_mount[:3, 3]
-    on_back = [
-        face.area
-        for face in part.faces().filter_by(GeomType.PLANE)
-        if np.array(tuple(face.normal_at())) @ away < -1.0 + 1e-9
-        and abs((np.array(tuple(face.center())) - origin) @ away) < 1e-6
-    ]
-    assert sum(on_back) > mount.section.width_mm * np.ptp(holder.holes_in_mount_mm[:, 1])
-    solid, along = part.solid(), holder.rig_from_mount[:3, :3]
-    assert solid is not None
-    for across_mm in np.linspace(-1.0, 1.0, 9) * (mount.half_width_mm - 0.1):
-        inside_holder = origin - origin[0] / along[0, 0] * along[:, 0] + across_mm * along[:, 0] - 0.05 * away
-        assert not solid.is_inside(tuple(inside_holder))
+    assert mount.tilt_deg <= HARDWARE.mount.tilt_deg
+    assert beside(holder, mount) < 1e-6
 
 
 @pytest.mark.slow

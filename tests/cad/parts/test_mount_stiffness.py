@@ -84,7 +84,7 @@ G = 9.80665e-3
 def compliance(device: Device, profile: Profile, section: Section | None = None, *, opened: bool = True) -> FloatArray:
     """Of the device's holder on a mount of that profile."""
     section = section or profile.section
-    cuts = openings(device.holder, device.clip, profile.foot, profile.inner[-2:], section, HARDWARE) if opened else ()
+    cuts = openings(device.holder, device.clip, profile.foot, section, HARDWARE) if opened else ()
     screws = head_screws(device.holder)
     load = device.mount.load_at
     return mount_compliance(profile.inner, profile.outer, section, profile.foot, screws, cuts, load, HARDWARE)
