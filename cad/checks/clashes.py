@@ -65,6 +65,11 @@ def overlap_mm3(first: manifold3d.Manifold, second: manifold3d.Manifold, depth_m
 
     The mean thickness of a thin piece is twice its volume over its surface.
     """
+    (first_low, first_high), (second_low, second_high) = (
+        np.array(solid.bounding_box()).reshape(2, 3) for solid in (first, second)
+    )
+    if (first_low >= second_high).any() or (second_low >= first_high).any():
+        return 0.0
     pieces = (first ^ second).decompose()
     return float(sum(piece.volume() for piece in pieces if 2.0 * piece.volume() > depth_mm * piece.surface_area()))
 

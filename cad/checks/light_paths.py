@@ -270,7 +270,9 @@ def _hidden_by_others(
             continue
         obstacles = manifold3d.Manifold.compose([others, *(solid for solid in mirrors.values() if solid is not own)])
         depths = _first_hit_mm(usable, own)
-        count += int((~np.isfinite(depths) | (_first_hit_mm(usable, obstacles) < depths)).sum())
+        seen = np.isfinite(depths)
+        ends = np.column_stack([usable[seen], np.ones(seen.sum())]) * depths[seen, None]
+        count += int((~seen).sum()) + hits(obstacles, np.stack([np.zeros_like(ends), ends], axis=1))
     return count
 
 

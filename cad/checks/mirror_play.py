@@ -38,14 +38,17 @@ def seat_order(device: Device, components: Sequence[Component]) -> SeatOrder:
         return SeatOrder()
     layout, free_mm = device.layout, device.hardware.fit.free_mm
     solids = {component.name: solid_of(component.mesh) for component in components}
-    holder = [solid for name, solid in solids.items() if name.startswith(HOLDER) and is_manifold(solid)]
+    holder = manifold3d.Manifold.compose(
+        [solid for name, solid in solids.items() if name.startswith(HOLDER) and is_manifold(solid)]
+    )
     mirrors = {name: solids[f"mirror_{name}"] for name in layout.mirror_names}
+    near = {name: holder ^ _surroundings(mirror) for name, mirror in mirrors.items()}
     radii = _radii(layout)
     placed: dict[str, manifold3d.Manifold] = {}
     loose = []
     while len(placed) < len(mirrors):
         plays = {
-            name: play_mm(mirror, mirrors[name], [*holder, *placed.values()])
+            name: play_mm(mirror, mirrors[name], [near[name], *placed.values()])
             for name, mirror in zip(layout.mirror_names, layout.mirrors, strict=True)
             if name not in placed
         }
@@ -54,6 +57,12 @@ def seat_order(device: Device, components: Sequence[Component]) -> SeatOrder:
         if plays[name] > free_mm + SLIDES_MM[0]:
             loose.append((name, plays[name]))
     return SeatOrder(tuple(placed), tuple(loose))
+
+
+def _surroundings(mirror: manifold3d.Manifold) -> manifold3d.Manifold:
+    """The box that a mirror stays in while it slides."""
+    low, high = np.array(mirror.bounding_box()).reshape(2, 3) + np.array([[-1.0], [1.0]]) * (SLIDES_MM[-1] + 1.0)
+    return manifold3d.Manifold.cube(tuple(high - low)).translate(tuple(low))
 
 
 def play_mm(mirror: Mirror, solid: manifold3d.Manifold, obstacles: Sequence[manifold3d.Manifold]) -> float:

@@ -157,21 +157,19 @@ def _fragments(
     start = np.clip(np.ceil(np.where(crossed, left, 0.0) - 0.5 - 1e-4), 0, width).astype(int)
     stop = np.clip(np.floor(np.where(crossed, right, -1.0) - 0.5 + 1e-4) + 1, 0, width).astype(int)
     counts = np.maximum(stop - start, 0)
+    slope, corner = dz_dx[triangle], corners[triangle, 0]
+    first_z = corner[:, 2] + slope * (start + 0.5 - corner[:, 0]) + dz_dy[triangle] * (y - corner[:, 1])
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
     block_ends = np.searchsorted(ends, np.arange(FRAGMENTS, total + FRAGMENTS, FRAGMENTS))
     for low, high in pairwise([0, *(min(int(end) + 1, len(counts)) for end in block_ends)]):
         block = np.s_[low:high]
         span = counts[block]
-        owner = np.repeat(triangle[block], span)
-        column = np.arange(len(owner)) - np.repeat(np.cumsum(span) - span, span) + np.repeat(start[block], span)
-        line = np.repeat(row[block], span)
-        z = (
-            corners[owner, 0, 2]
-            + dz_dx[owner] * (column + 0.5 - corners[owner, 0, 0])
-            + dz_dy[owner] * (line + 0.5 - corners[owner, 0, 1])
-        )
-        yield owner.astype(np.int32), line * width + column, z.astype(np.float32)
+        # Distance of each fragment from the first in its row.
+        along = np.arange(int(span.sum())) - np.repeat(np.cumsum(span) - span, span)
+        z = np.repeat(first_z[block], span) + np.repeat(slope[block], span) * along
+        pixel = np.repeat(row[block] * width + start[block], span) + along
+        yield np.repeat(triangle[block], span).astype(np.int32), pixel, z.astype(np.float32)
 
 
 def _shade(
@@ -194,21 +192,12 @@ def _shade(
     colours = np.where(shines[:, None], sky, colours)
     colours = np.vstack([colours, np.ones(3)]).astype(np.float32)
     normals = np.vstack([normals_in_view, np.zeros(3)]).astype(np.float32)
-    image = colours[index]
     covered = index >= 0
-    background_z = np.float32(z_mm[covered].min()) if covered.any() else np.float32(0.0)
-    z = np.where(covered, z_mm, background_z)
-    occlusion = np.zeros(index.shape, dtype=np.float32)
-    weight = covered.astype(np.float32)
-    height = z - background_z
-    for size in CORNER_MM:
-        kernel = (2 * max(1, round(size * px_per_mm / 2.0)) + 1,) * 2
-        coverage = np.maximum(cv2.blur(weight, kernel), 1e-3)
-        surroundings = cv2.blur(height, kernel) / coverage + background_z
-        # In a corner the surroundings are slightly nearer; much nearer surfaces are separate objects in front.
-        nearer = np.maximum(surroundings - z, 0.0) / size
-        occlusion += nearer / (1.0 + nearer**2)
-    image *= (1.0 - CORNER_DARKNESS * occlusion * covered)[..., None]
+    brightness = cv2.resize(
+        _unoccluded(z_mm[::SUPERSAMPLING, ::SUPERSAMPLING], px_per_mm / SUPERSAMPLING),
+        index.shape[::-1],
+        interpolation=cv2.INTER_NEAREST,
+    )
     z = np.where(covered, z_mm, np.float32(-1e9))
     edge = np.zeros(index.shape, dtype=bool)
     for pixels, neighbours in ((np.s_[:-1, :], np.s_[1:, :]), (np.s_[:, :-1], np.s_[:, 1:])):
@@ -220,9 +209,27 @@ def _shade(
         differs[differs] = bent | stepped
         edge[pixels] |= differs
         edge[neighbours] |= differs
-    image[edge] *= 1.0 - EDGE_DARKNESS
-    image[edge & ~covered] *= 0.7
-    return image
+    brightness[edge] *= 1.0 - EDGE_DARKNESS
+    brightness[edge & ~covered] *= 0.7
+    return np.asarray(cv2.multiply(np.take(colours, index, axis=0), cv2.merge([brightness] * 3)))
+
+
+def _unoccluded(z_mm: NDArray[np.float32], px_per_mm: float) -> NDArray[np.float32]:
+    """The share (h, w) of ambient light that reaches the surface with z (h, w); 1 where z is not finite."""
+    covered = np.isfinite(z_mm)
+    background_z = np.float32(z_mm[covered].min()) if covered.any() else np.float32(0.0)
+    z = np.where(covered, z_mm, background_z)
+    occlusion = np.zeros(z.shape, dtype=np.float32)
+    weight = covered.astype(np.float32)
+    height = z - background_z
+    for size in CORNER_MM:
+        kernel = (2 * max(1, round(size * px_per_mm / 2.0)) + 1,) * 2
+        coverage = np.maximum(cv2.blur(weight, kernel), 1e-3)
+        surroundings = cv2.blur(height, kernel) / coverage + background_z
+        # In a corner the surroundings are slightly nearer; much nearer surfaces are separate objects in front.
+        nearer = np.maximum(surroundings - z, 0.0) / size
+        occlusion += nearer / (1.0 + nearer**2)
+    return np.asarray(1.0 - CORNER_DARKNESS * occlusion * covered, dtype=np.float32)
 
 
 def _draw_line(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import manifold3d
@@ -73,16 +74,17 @@ def plan_mark(
     faces = [face for face in solid.faces() if face.geom_type == GeomType.PLANE and _is_free(face, up, unmarked)]
     # Outer faces first, then the largest.
     faces.sort(key=lambda face: (_extent_in_front_mm(face, corners) > OUTER_MM, -round(face.area, 3)))
+    loops_of = cache(lambda number: _loops(faces[number]))
     for count in range(len(lines), 0, -1):
         outlines = glyph_outlines(lines[:count])
         left, low, right, high = shapely.union_all(list(outlines)).bounds
         half = np.array([right - left, high - low]) / 2.0 + EDGE_MM
-        for face in faces:
+        for number, face in enumerate(faces):
             if face.area < 4.0 * half.prod():
                 continue
             frame = _frame(face, up)
             for oriented in (frame, _quarter_turned(frame)):
-                if (shift := _position(face, oriented, half, body)) is not None:
+                if (shift := _position(loops_of(number), oriented, half, body)) is not None:
                     shifted = tuple(shapely.affinity.translate(outline, *shift) for outline in outlines)
                     return Mark(shifted, oriented)
     return None
@@ -175,9 +177,11 @@ def _quarter_turned(frame: FloatArray) -> FloatArray:
     return rotated
 
 
-def _position(face: Face, frame: FloatArray, half: FloatArray, body: manifold3d.Manifold) -> tuple[float, float] | None:
+def _position(
+    loops: Sequence[FloatArray], frame: FloatArray, half: FloatArray, body: manifold3d.Manifold
+) -> tuple[float, float] | None:
     """The centre of a box of half sides (2,), mm, backed by material, as far from a face's edge as possible."""
-    outer, *holes = (_flat(wire, frame) for wire in (face.outer_wire(), *face.inner_wires()))
+    outer, *holes = ((loop - frame[:3, 3]) @ frame[:3, :2] for loop in loops)
     area = Polygon(outer, holes).buffer(0.0)
     x0, y0, x1, y1 = area.bounds
     if x1 - x0 < 2.0 * half[0] or y1 - y0 < 2.0 * half[1]:
@@ -208,10 +212,13 @@ def _is_backed(frame: FloatArray, centre: FloatArray, half: FloatArray, body: ma
     return True
 
 
-def _flat(wire: Wire, frame: FloatArray) -> FloatArray:
-    """A wire as a loop (n, 2) in the plane of a frame, with curved edges as chords."""
-    points = []
-    for edge in wire.order_edges():
-        count = 1 if edge.geom_type == GeomType.LINE else 16
-        points += [np.array(tuple(edge.position_at(step / count))) for step in range(count)]
-    return (np.array(points) - frame[:3, 3]) @ frame[:3, :2]
+def _loops(face: Face) -> list[FloatArray]:
+    """The outer wire and the inner wires of a face as loops (n, 3), with curved edges as chords."""
+    loops = []
+    for wire in (face.outer_wire(), *face.inner_wires()):
+        points: list[tuple[float, ...]] = []
+        for edge in wire.order_edges():
+            count = 1 if edge.geom_type == GeomType.LINE else 16
+            points += [tuple(edge.position_at(step / count)) for step in range(count)]
+        loops.append(np.array(points))
+    return loops
