@@ -102,8 +102,15 @@ def render(
         owners[front_facing],
         normals[front_facing] / lengths[front_facing, None],
     )
-    z_mm, index = _rasterise(fine.pixels(triangles), fine.size_px)
-    image = _shade(bodies, owners, normals @ screen.axes.T, index, z_mm, fine.px_per_mm)
+    corners = fine.pixels(triangles)
+    left, top, right, bottom = _window(corners, fine)
+    inside = np.s_[top:bottom, left:right]
+    shape = fine.size_px[::-1]
+    z_mm, index = np.full(shape, -np.inf, dtype=np.float32), np.full(shape, -1, dtype=np.int32)
+    image = np.ones((*shape, 3), dtype=np.float32)
+    size = (right - left, bottom - top)
+    z_mm[inside], index[inside] = _rasterise(corners - (left, top, 0.0), size)
+    image[inside] = _shade(bodies, owners, normals @ screen.axes.T, index[inside], z_mm[inside], fine.px_per_mm)
     for points, rgb, width in lines:
         _draw_line(image, z_mm, fine, points, rgb, max(1, round(width * SUPERSAMPLING)))
     size = screen.size_px
@@ -112,6 +119,18 @@ def render(
     owner = np.where(pixel_triangles >= 0, owners[pixel_triangles], -1).astype(np.int32)
     pixels = np.asarray(np.clip(np.round(small * 255.0), 0, 255), dtype=np.uint8)
     return Rendering(pixels, owner, z_mm[::SUPERSAMPLING, ::SUPERSAMPLING], screen)
+
+
+def _window(corners: FloatArray, fine: Screen) -> tuple[int, int, int, int]:
+    """Left, top, right and bottom of the pixels that triangles with corners (n, 3, 3) may colour, by occlusion too."""
+    if not len(corners):
+        return 0, 0, *fine.size_px
+    margin = max(CORNER_MM) * fine.px_per_mm / 2.0 + 3.0
+    low = np.floor(corners[..., :2].min(axis=(0, 1)) - margin)
+    high = np.ceil(corners[..., :2].max(axis=(0, 1)) + margin)
+    left, top = np.clip(low, 0, np.array(fine.size_px) - 1).astype(int).tolist()
+    right, bottom = np.clip(high, (left + 1, top + 1), fine.size_px).astype(int).tolist()
+    return left, top, right, bottom
 
 
 def _rasterise(corners: FloatArray, size_px: tuple[int, int]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:

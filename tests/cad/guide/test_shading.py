@@ -12,8 +12,10 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from shapely import LineString
 
+from mirrorcam.cad.guide import shading
 from mirrorcam.cad.guide.labels import Label, annotate, innermost_body_pixel, uncrossed_order
 from mirrorcam.cad.guide.shading import Rendering, Screen, ShadedBody, edges_of, merged_lines, render, visible_lines
 from mirrorcam.core.values import FloatArray
@@ -183,3 +185,20 @@ def test_lines_that_meet_are_one() -> None:
     lines = [np.array([(0.0, 0.0), (1.0, 0.0)]), np.array([(1.0, 0.0), (1.0, 1.0)]), np.array([(3.0, 3.0), (4.0, 3.0)])]
     assert sorted(len(line) for line in merged_lines(lines)) == [2, 3]
     assert merged_lines([np.array([(2.0, 2.0), (2.001, 2.0)])]) == []
+
+
+def test_only_the_part_of_a_picture_with_bodies_is_shaded_and_nothing_else_changes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    boxes = [trimesh.creation.box((20.0, 14.0, 8.0)), trimesh.creation.box((6.0, 6.0, 20.0))]
+    bodies = [ShadedBody(np.asarray(box.triangles), (0.4, 0.5, 0.6)) for box in boxes]
+    turned = Rotation.from_euler("xyz", (30.0, 40.0, 10.0), degrees=True).as_matrix()
+    screen = Screen(turned, np.array([-30.0, 12.0]), 4.0, (400, 300))
+    line = (np.array([[-20.0, 0.0, 0.0], [40.0, 10.0, 30.0]]), (1.0, 0.0, 0.0), 2.0)
+    part = render(bodies, screen, [line])
+    monkeypatch.setattr(shading, "_window", lambda corners, fine: (0, 0, *fine.size_px))
+    full = render(bodies, screen, [line])
+    assert (part.bodies >= 0).any()
+    np.testing.assert_array_equal(part.image, full.image)
+    np.testing.assert_array_equal(part.bodies, full.bodies)
+    np.testing.assert_array_equal(part.z_mm, full.z_mm)
