@@ -53,10 +53,8 @@ def test_roofs_in_oblique_skins_are_steeper_than_slicers_need(planned: Planned) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("camera", "longest_mm"), [("c920", 7.21), ("board_38", 7.15)])
-def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
-    fold_90_layout: Layout, camera: str, longest_mm: float
-) -> None:
+@pytest.mark.parametrize("camera", ["c920", "board_38"])
+def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(fold_90_layout: Layout, camera: str) -> None:
     hardware = HARDWARE.replaced(camera=read_body(camera))
     clip, holder = plan_clip(hardware), plan_holder(fold_90_layout, hardware)
     mount = plan_mount(fold_90_layout, holder, clip, hardware)
@@ -68,7 +66,7 @@ def test_no_mark_of_the_scale_notches_the_ceiling_of_a_slot(
         corners = np.vstack([mark.base, mark.top])
         longest = max(longest, mount.half_width_mm - float(corners[:, 0].min()))
         assert corners[:, 2].min() > top or corners[:, 0].min() >= clip.slide_x_mm + radius + wall - 1e-9
-    assert 0.8 * longest_mm < longest <= longest_mm
+    assert 5.0 < longest <= 7.21
 
 
 @pytest.mark.parametrize(("along_deg", "off_mm", "blade"), [(30.2, 0.0, True), (30.2, 9.0, False), (42.0, 0.0, False)])
