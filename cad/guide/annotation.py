@@ -25,7 +25,7 @@ from mirrorcam.cad.guide.dimension_lines import (
     number,
     text_fits,
 )
-from mirrorcam.cad.guide.drawing_sheet import ARROW_MM, INK, DrawingSheet, text_width_mm
+from mirrorcam.cad.guide.drawing_sheet import ARROW_MM, FIELD_MM, INK, DrawingSheet, text_width_mm
 from mirrorcam.cad.guide.hole_callouts import (
     AXIS_MM,
     CENTRE_DASHES_MM,
@@ -56,7 +56,7 @@ MIN_EDGE_MM = 1.0
 # Candidate positions of an aligned dimension's text, as fractions of its length, the centre first.
 TEXT_POSITIONS = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
 # Candidate distances of the shelf with the text of a narrow dimension.
-SHELVES_MM = (6.0, 8.0, 11.0, 15.0, 20.0, 26.0, 33.0, 41.0)
+SHELVES_MM = tuple(range(6, 70, 2))
 
 
 @dataclass(frozen=True)
@@ -119,6 +119,8 @@ def annotate(
             lines_x.append(float(low_x))
         below = draw_tiers(sheet, view.box, view_annotations.below, free_mm[1], vertical=False, cutting_lines=lines_x)
         needed[index] = left, below, _draw_notes(sheet, view.box, view_annotations.notes, free_mm[2])
+    # These avoid what is there.
+    for view, view_annotations in zip(placed, per_view, strict=True):
         for aligned in view_annotations.aligned:
             draw_aligned(sheet, view, aligned)
     return needed
@@ -274,8 +276,9 @@ def _draw_narrow(sheet: DrawingSheet, first: FloatArray, second: FloatArray, lab
     is_radius = "R" in label
     inward = (second - first) / np.linalg.norm(second - first)
     width = text_width_mm(label, TEXT_MM) + 2.0
-    boxes = [Polygon(box.corners) for box in sheet.text_boxes]
-    lines = [LineString(line) for line, _ in sheet.drawn_lines]
+    boxes = np.array([Polygon(box.corners) for box in sheet.text_boxes])
+    lines = np.array([LineString(line) for line, _ in sheet.drawn_lines])
+    field = shapely.box(*FIELD_MM.ravel())
     # A radius has its text on the side of its centre, a wall on either side.
     sides = [(first, second, -inward)] if is_radius else [(first, second, -inward), (second, first, inward)]
     places = [(start, end, direction, distance) for distance in SHELVES_MM for start, end, direction in sides]
@@ -284,12 +287,13 @@ def _draw_narrow(sheet: DrawingSheet, first: FloatArray, second: FloatArray, lab
         knee = start + distance * direction
         return np.array([knee, knee + np.array([width if direction[0] >= -PARALLEL else -width, 0.0])])
 
-    def overlaps(place: tuple[FloatArray, FloatArray, FloatArray, float]) -> tuple[int, int]:
+    def overlaps(place: tuple[FloatArray, FloatArray, FloatArray, float]) -> tuple[bool, int, int]:
         start, _, direction, distance = place
         shelf = shelf_of(start, direction, distance)
         area = shapely.box(*shelf.min(axis=0), *(shelf.max(axis=0) + np.array([0.0, 1.4 * TEXT_MM]))).buffer(1.0)
         covered = shapely.union(area, LineString([start, shelf[0]]))
-        return sum(covered.intersects(text) for text in boxes), sum(area.intersects(line) for line in lines)
+        texts, crossings = (int(shapely.intersects(*pair).sum()) for pair in ((covered, boxes), (area, lines)))
+        return not field.contains(area), texts, crossings
 
     start, end, direction, distance = min(places, key=overlaps)
     shelf = shelf_of(start, direction, distance)

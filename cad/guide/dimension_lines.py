@@ -74,9 +74,9 @@ def draw_tiers(
 ) -> float:
     """Draw dimensions in tiers, shorter ones closer to the part, so that extension lines cross no dimension line.
 
-    Consecutive dimensions share a line. Where extension lines would cross a text, the order is changed. Text is also
-    kept clear of `cutting_lines`, the coordinates at which cutting-plane lines may cross the tiers. Returns the space
-    that the tiers need, mm, of which `free_mm` is there.
+    Consecutive dimensions share a line. Where extension lines would cross a text, the order is changed; if that does
+    not help, they are interrupted at the text. Text is also kept clear of `cutting_lines`, the coordinates at which
+    cutting-plane lines may cross the tiers. Returns the space that the tiers need, mm, of which `free_mm` is there.
     """
     tiered = _in_tiers(
         sorted(dimensions, key=lambda each: (each.span, float(each.ends.min()), each.text)),
@@ -89,15 +89,16 @@ def draw_tiers(
     # In narrow tiers, extension lines end before the text of the next tier.
     extension = max(0.0, min(EXTENSION_MM, pitch - TEXT_OFFSET_MM - TEXT_MM - TEXT_GAP_MM))
     edge = float(box[0, 0 if vertical else 1])
-    for each in tiered:
-        _draw_linear(sheet, each, edge - FIRST_TIER_MM - each.level * pitch, extension, vertical=vertical)
+    for each, crossed in zip(tiered, _crossed_texts(tiered, np.array(cutting_lines, dtype=float)), strict=True):
+        tier = edge - FIRST_TIER_MM - each.level * pitch
+        _draw_linear(sheet, each, tier, extension, vertical=vertical, over_lines=crossed)
     return FIRST_TIER_MM + tiers * MIN_PITCH_MM + outside
 
 
 def _in_tiers(dimensions: Sequence[LinearDimension], cutting_lines: FloatArray) -> list[_Tiered]:
     """Place dimensions in tiers, in an order that is improved while texts are crossed.
 
-    Candidates move all dimensions with crossed texts outwards, or any single dimension.
+    Candidates move all dimensions with crossed texts outwards, any pair, or any single dimension anywhere.
     """
     best = _in_order(dimensions, cutting_lines)
     while any(crossed := _crossed_texts(best, cutting_lines)):
@@ -107,6 +108,7 @@ def _in_tiers(dimensions: Sequence[LinearDimension], cutting_lines: FloatArray) 
         for index, dimension in enumerate(order):
             rest = [*order[:index], *order[index + 1 :]]
             candidates += [[*rest[:target], dimension, *rest[target:]] for target in range(len(order))]
+            candidates += [[*rest[:other], *rest[other + 1 :], rest[other], dimension] for other in range(len(rest))]
         found = min(
             (_in_order(candidate, cutting_lines) for candidate in candidates),
             key=lambda tiered: _cost(tiered, cutting_lines),
@@ -162,15 +164,14 @@ def _outer_ends(tiered: _Tiered, others: Sequence[_Tiered]) -> list[FloatArray]:
 def _text_centre(dimension: LinearDimension, crossing: FloatArray) -> float:
     """The centre of a text along its dimension line, clear of crossing lines if possible.
 
-    A text that does not fit between the ends is outside the arrows, at the upper end, or else at the lower one.
+    It is between the ends if it fits there, otherwise outside the arrows at the upper end, or else at the lower one.
     """
     width = text_width_mm(dimension.text, TEXT_MM)
     arrows = 2.0 * ARROW_MM[0] if text_fits(dimension.span, dimension.text) else 0.0
-    if (slack := dimension.span - width - arrows - 1.0) >= 0.0:
-        positions = [float(dimension.ends.mean()) + shift * slack for shift in SHIFTS]
-    else:
-        outside = ARROW_MM[0] + 1.5 + width / 2.0
-        positions = [float(dimension.ends.max()) + outside, float(dimension.ends.min()) - outside]
+    slack = dimension.span - width - arrows - 1.0
+    outside = ARROW_MM[0] + 1.5 + width / 2.0
+    positions = [float(dimension.ends.mean()) + shift * slack for shift in SHIFTS] if slack >= 0.0 else []
+    positions += [float(dimension.ends.max()) + outside, float(dimension.ends.min()) - outside]
     half = width / 2.0 + TEXT_GAP_MM
     return min(positions, key=lambda position: _is_crossed(position - half, position + half, crossing))
 
@@ -179,7 +180,9 @@ def _is_crossed(low: float, high: float, crossing: FloatArray) -> bool:
     return bool(((crossing > low) & (crossing < high)).any())
 
 
-def _draw_linear(sheet: DrawingSheet, tiered: _Tiered, tier: float, extension_mm: float, *, vertical: bool) -> None:
+def _draw_linear(
+    sheet: DrawingSheet, tiered: _Tiered, tier: float, extension_mm: float, *, vertical: bool, over_lines: bool
+) -> None:
     """Draw a dimension line at `tier` with its text, which a line outside the arrows underlines."""
     dimension, centre = tiered.dimension, tiered.text_centre
 
@@ -201,7 +204,6 @@ def _draw_linear(sheet: DrawingSheet, tiered: _Tiered, tier: float, extension_mm
     sign = -1.0 if inside else 1.0
     for tip, direction in ((low, sign), (high, -sign)):
         sheet.arrow_head(on_sheet([(tip, tier)])[0], on_sheet([(direction, 0.0)])[0])
-    if vertical:
-        sheet.text((tier - TEXT_OFFSET_MM, centre), dimension.text, TEXT_MM, align="center", rotation_deg=90.0)
-    else:
-        sheet.text((centre, tier + TEXT_OFFSET_MM), dimension.text, TEXT_MM, align="center")
+    start = (tier - TEXT_OFFSET_MM, centre) if vertical else (centre, tier + TEXT_OFFSET_MM)
+    rotation_deg = 90.0 if vertical else 0.0
+    sheet.text(start, dimension.text, TEXT_MM, align="center", rotation_deg=rotation_deg, over_lines=over_lines)

@@ -82,18 +82,19 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
 
 
 def baffle_length(plan: HolderPlan) -> Length:
-    """The thickness of the baffle, at its highest piece that is oblique to the sheet."""
+    """The thickness of the baffle, at its highest piece on the right, where no tiers are, that is oblique."""
     foot, inner, crest = plan.walls.outer_foot, plan.walls.inner_foot, plan.walls.outer_crest
-    x_axis, y_axis, back = plan.rig_from_mount[:3, :3].T
+    x_axis, _, back = plan.rig_from_mount[:3, :3].T
     along = np.roll(foot, -1, axis=0) - foot
     along /= np.linalg.norm(along, axis=1)[:, None]
-    is_oblique = np.minimum(np.abs(along @ x_axis), np.abs(along @ y_axis)) > MIN_OBLIQUE
+    inward = np.cross(back, along)
+    inward *= np.sign(((inner - foot) * inward).sum(axis=1))[:, None]
+    is_preferred = (np.abs(along @ x_axis) > MIN_OBLIQUE) & (inward @ x_axis < -MIN_OBLIQUE)
     heights = (foot - crest) @ back
     heights = np.minimum(heights, np.roll(heights, -1))
-    piece = int(np.argmax(np.where(is_oblique, heights, heights - heights.max())))
-    inward = np.cross(back, along[piece])
+    piece = int(np.argmax(np.where(is_preferred, heights, heights - np.ptp(heights) - 1.0)))
     start = (foot[piece] + foot[(piece + 1) % len(foot)]) / 2.0
-    return length(start, start + inward * ((inner[piece] - foot[piece]) @ inward), "wall")
+    return length(start, start + inward[piece] * ((inner[piece] - foot[piece]) @ inward[piece]), "wall")
 
 
 def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:

@@ -193,7 +193,18 @@ class ClipPlan:
         wall = length(low, low + (high - low) * SCENE, "wall")
         screws = self.nest.screws if self.nest is not None else ()
         leaves = (each for screw in screws for each in leaf_lengths(screw, float(high[1])))
-        return (*holes(self.cuts), wall, *leaves, *self._nest_lengths())
+        return (*holes(self.cuts), wall, *leaves, *self._corner_walls(), *self._nest_lengths())
+
+    def _corner_walls(self) -> tuple[Length, ...]:
+        """Thicknesses of the fence and the stop of a corner."""
+        if self.nest is None or self.nest.screws:
+            return ()
+        walls = []
+        for point, normal in zip(self.nest.points[[3, 5]], self.nest.normals[[3, 5]], strict=True):
+            wall = next(piece for piece in self.pieces if piece.contains(point - 0.1 * normal))
+            thickness = float(((point - corners_of([wall])) @ normal).max())
+            walls.append(length(point - thickness * normal, point, "wall"))
+        return tuple(walls)
 
     def _nest_lengths(self) -> tuple[Length, ...]:
         """The coordinates of the nest's points along each axis, as lengths; equal coordinates share one."""

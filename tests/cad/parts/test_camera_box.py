@@ -12,6 +12,8 @@ import pytest
 
 from mirrorcam.cad.parts.camera_box import (
     CONTACT_TURNS,
+    LEAF_TOLERANCE_MM,
+    TURN_ERROR,
     Leaf,
     Nest,
     body_box,
@@ -22,6 +24,7 @@ from mirrorcam.cad.parts.camera_box import (
     wrenches,
 )
 from mirrorcam.cad.parts.clip import plan_clip
+from mirrorcam.cad.plan.dimension import GENERAL_MM
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import camera_names, read_body
@@ -60,6 +63,19 @@ def test_a_leaf_for_a_least_force_has_it() -> None:
     assert leaf.least_force_n(MPA, 0.5) == pytest.approx(7.0)
     # New, as drawn, and turned as far as stated, it presses about twice as hard.
     assert 1.5 * 0.5 / 0.375 * 7.0 < leaf.force_n(MPA) < 2.5 * 7.0
+
+
+def test_a_leaf_within_its_tolerances_presses_at_least_as_stated() -> None:
+    leaf = Leaf(17.3, 8.0, 20.0, 3.4, 1.0, 0.5)
+    forces = [
+        replace(
+            leaf, thickness_mm=3.4 + thicker * LEAF_TOLERANCE_MM, length_mm=17.3 + longer, width_mm=20.0 + wider
+        ).force_n(MPA, CONTACT_TURNS - TURN_ERROR)
+        for thicker in (-1.0, 1.0)
+        for longer in (-GENERAL_MM, GENERAL_MM)
+        for wider in (-GENERAL_MM, GENERAL_MM)
+    ]
+    assert leaf.least_force_n(MPA, 0.5) == pytest.approx(min(forces) / 1.5)
 
 
 def test_the_roots_rotation_adds_its_lever_arm_to_the_deflection() -> None:

@@ -34,6 +34,7 @@ from mirrorcam.cad.parts.mount import (
 )
 from mirrorcam.cad.parts.part_solids import make_mount
 from mirrorcam.cad.parts.truss import FOOT_DEPTH_MM
+from mirrorcam.cad.plan.dimension import GENERAL_MM
 from mirrorcam.cad.plan.fasteners import Bore
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import overlap_mm, shifted, volume_mm3
@@ -213,6 +214,22 @@ def test_a_stricter_limit_gives_a_stiffer_mount(planned: Planned) -> None:
     assert stiffer.tilt_deg <= 0.7 * mount.tilt_deg
     assert stiffer.section.depth_mm * stiffer.section.width_mm > mount.section.depth_mm * mount.section.width_mm
     assert beside(holder, stiffer) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_thinner_skins_and_webs_within_their_tolerance_are_stiff_enough(planned: Planned) -> None:
+    _, holder, clip, mount = planned
+    minus = {wall.minus_mm for wall in mount.walls if wall.text in ("skins", "webs")}
+    (thinner,) = minus
+    profile = next(each for each in profiles(holder, clip, 30.0, HARDWARE) if each.section == mount.section)
+
+    def tilt_deg(mm: float) -> float:
+        section = replace(mount.section, skin_mm=mount.section.skin_mm - mm, web_mm=mount.section.web_mm - mm)
+        bent = replace(profile, section=section)
+        return bending(bent, holder, clip, mount.load_g, mount.load_at, HARDWARE)[0]
+
+    assert 0.0 < thinner < GENERAL_MM
+    assert tilt_deg(thinner) <= HARDWARE.mount.tilt_deg < tilt_deg(thinner + 0.03)
 
 
 @pytest.mark.slow
