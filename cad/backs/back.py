@@ -119,6 +119,10 @@ class Support:
     solids: tuple[Frustum, ...]
 
 
+# Load of a device that is carried, knocked or moved by an arm, as a multiple of its weight.
+LOAD_FACTOR = 3.0
+
+
 @dataclass(frozen=True)
 class CriticalSection:
     """A weak section that bears the load: a rectangle about `centre` (3,), with a unit `normal` (3,).

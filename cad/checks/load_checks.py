@@ -12,7 +12,7 @@ import manifold3d
 import numpy as np
 
 from mirrorcam.cad.assembly.components import item_names
-from mirrorcam.cad.backs.back import Back, Stand, above_desk_mm
+from mirrorcam.cad.backs.back import LOAD_FACTOR, Back, Stand, above_desk_mm
 from mirrorcam.cad.backs.blocks import TRIPOD
 from mirrorcam.cad.parts.camera_box import GRAVITY_N_PER_KG, body_box, min_contact_n
 from mirrorcam.cad.parts.clip import ClipPlan
@@ -112,8 +112,6 @@ def check_rest(
 
 
 STANDARD_GRAVITY = 9.80665
-# Load of a device that is carried, knocked or moved by an arm, as a multiple of its weight.
-LOAD_FACTOR = 3.0
 # Stress that a print bears across its layers for years: a sixth of the short-term strength, about 30 MPa for PLA
 # (Kuznetsov et al., Strength of PLA components fabricated with fused deposition technology, Polymers 10, 2018).
 STRESS_MPA = 5.0

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.backs.back import Back, carried_load, in_sentence
+from mirrorcam.cad.backs.back import LOAD_FACTOR, Back, carried_load, in_sentence
 from mirrorcam.cad.backs.blocks import TRIPOD
-from mirrorcam.cad.checks.load_checks import LOAD_FACTOR
 from mirrorcam.cad.plan.part_plan import PurchasedItem
 
 

@@ -212,10 +212,9 @@ def _shade(
     colours = np.vstack([colours, np.ones(3)]).astype(np.float32)
     normals = np.vstack([normals_in_view, np.zeros(3)]).astype(np.float32)
     covered = index >= 0
-    brightness = cv2.resize(
-        _unoccluded(z_mm[::SUPERSAMPLING, ::SUPERSAMPLING], px_per_mm / SUPERSAMPLING),
-        index.shape[::-1],
-        interpolation=cv2.INTER_NEAREST,
+    unoccluded = _unoccluded(z_mm[::SUPERSAMPLING, ::SUPERSAMPLING], px_per_mm / SUPERSAMPLING)
+    brightness = np.asarray(
+        cv2.resize(unoccluded, index.shape[::-1], interpolation=cv2.INTER_NEAREST), dtype=np.float32
     )
     z = np.where(covered, z_mm, np.float32(-1e9))
     edge = np.zeros(index.shape, dtype=bool)
