@@ -184,7 +184,7 @@ def order_text(seats: SeatOrder, spacer_mm: float, narrowest_mm: float) -> str:
     subject = f"Mirror{'s' if several else ''} {', '.join(names)}" if len(names) < len(seats.order) else "All of them"
     place = (
         f"stand the strip of the fit coupon, {spacer_mm:g} mm thick, in the gap to each neighbour that is already in, "
-        "where the gap is narrowest, and push the mirror against it until it sticks"
+        "where the gap is narrowest, and set the mirror against it"
         if spacer_mm
         else f"centre {'each' if several else 'it'} between rims and neighbours, with equal gaps"
     )

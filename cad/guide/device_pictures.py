@@ -128,6 +128,8 @@ BAR_MM = 1.4
 # Downward component of the direction to the viewer of the mirrors, and height of a seat's label above the seat.
 SEATS_FROM_BELOW, SEAT_NAME_MM = 0.3, 2.0
 EDGE_TEXT = "This edge at the longest mark"
+# Radius within which an opening for a tool is sought, and the distance of a screw behind it.
+OPENING_MM, BEHIND_MM = 6.0, 4.0
 
 
 NO_BODY = ShadedBody(np.zeros((0, 3, 3)), GUIDE_RGB)
@@ -259,8 +261,23 @@ def _mirrors(device: Device, stages: Stages) -> DevicePicture:
 
 
 def _holder_on_mount(stages: Stages) -> tuple[Item, ...]:
+    """The mount behind the holder, and the screws behind the openings in the mount's back that their heads pass."""
     existing = [*stages.holder, *stages.carriers, *stages.mirrors, *stages.threads_in(stages.holder)]
-    return assembled(existing, stages.mount, stages.holder_screws, stages.holder)
+    apart = STEP_RATIO * (
+        mean([component.explode_mm for component in stages.mount]) - mean([p.explode_mm for p in stages.holder])
+    )
+    screws = [displaced(screw, apart + way_out_mm(screw, stages.mount), seat=apart) for screw in stages.holder_screws]
+    return (*assembled(existing, stages.mount, [], stages.holder), *screws)
+
+
+def way_out_mm(screw: Component, parts: Sequence[Component]) -> FloatArray:
+    """The displacement (3,) of a screw or washer along its axis to `BEHIND_MM` behind the openings of its tool."""
+    assert screw.item is not None
+    frame, length = screw.item.rig_from_item, screw.item.length_mm
+    offsets = np.vstack([part.mesh.vertices for part in parts]) - frame[:3, 3]
+    along = offsets @ frame[:3, 2]
+    across = np.linalg.norm(offsets - along[:, None] * frame[:3, 2], axis=1)
+    return np.asarray((along[across < OPENING_MM].max(initial=0.0) + length + BEHIND_MM) * frame[:3, 2])
 
 
 def _camera(device: Device, stages: Stages) -> DevicePicture:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 REFERENCE_MM = 3.0
-SOURCE = "a course of Protolab (CO2 Laser Cutting & Engraving, U3M2) for cast acrylic, read in 2026-11"
+SOURCE = "a course of Protolab (protolab.certifitrax.com, CO2 laser cutting, U3M2) for cast acrylic, read in 2026-11"
 # Power of the tube in W, and the slowest and fastest cut of 3 mm in mm/s.
 _SPEEDS = ((40, (5.0, 7.5)), (60, (10.0, 15.0)), (80, (13.0, 20.0)))
 _PERCENT, _PERCENT_THICK = "65 to 75", "85 to 95"

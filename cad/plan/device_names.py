@@ -47,6 +47,7 @@ def files_of(hardware: Hardware, *, elastic: bool = False) -> tuple[str, ...]:
         *(f"parts/{part}.{extension}" for part in parts for extension in ("step", "stl", "3mf")),
         *(f"drawings/{part}.{extension}" for part in (*parts, "assembly", "side_view") for extension in ("svg", "pdf")),
         *(f"mirrors/mirrors{sheet}.{extension}" for sheet in ("", "_[0-9]*") for extension in ("dxf", "svg")),
+        *("mirrors/cutting.md", "mirrors/scale_bar.dxf", "mirrors/scale_bar.svg"),
         *("plates/plate_[0-9]*.3mf", "plates/mirrorcam.ini", "plates/mirrorcam_orca.json"),
         *("NOTICE.txt", "source/layout.json", "source/hardware.toml", *source),
         *(f"pictures/{name}.png" for name in (*PICTURES, *CLOSE_UPS, "live_view", "live_overlay")),

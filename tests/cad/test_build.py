@@ -45,8 +45,9 @@ def test_the_same_layout_gives_the_same_bytes_in_other_processes(built_second_su
         "import sys; from pathlib import Path\n"
         "from mirrorcam.cad.build import build_parts\n"
         "from mirrorcam.optics.geometry.layout import Layout\n"
+        "from tests.cad.conftest import COVERED\n"
         "if __name__ == '__main__':\n"
-        "    build_parts(Layout.load(Path(sys.argv[1])), Path(sys.argv[2]), workers=2)\n"
+        "    build_parts(Layout.load(Path(sys.argv[1])), Path(sys.argv[2]), COVERED, workers=2)\n"
     )
     (tmp_path / "program.py").write_text(program)
     again = tmp_path / "again"
@@ -106,7 +107,7 @@ def test_unchanged_parts_are_reused(
     reported: list[tuple[int, int]] = []
     with no_slicer():
         kept = folder.with_name("kept")
-        build_parts(layout, tmp_path / "again", results=kept, progress=lambda *counts: reported.append(counts))
+        build_parts(layout, tmp_path / "again", COVERED, results=kept, progress=lambda *counts: reported.append(counts))
     assert reported == [(done, reported[0][1]) for done in range(1, reported[0][1] + 1)]
     assert names(tmp_path / "again") == names(folder)
     for name in sorted(names(folder)):

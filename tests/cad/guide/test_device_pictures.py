@@ -101,3 +101,12 @@ def test_a_picture_has_margins_names_and_the_same_bytes(made: Made, tmp_path: Pa
     assert (image[:, :8] == 255).all()
     blue = image[..., 2].astype(int) - image[..., 0] > 30
     assert blue.mean() > 0.05
+
+
+def test_the_holders_screws_are_seen_at_the_openings_that_they_pass(made: Made) -> None:
+    (picture,) = [picture for picture in made.pictures if picture.name == "holder"]
+    shot = rendering_of(replace(picture, size_px=(700, 525)))
+    pixels = np.bincount(shot.bodies[shot.bodies >= 0], minlength=len(picture.items))
+    seen = [count for item, count in zip(picture.items, pixels, strict=True) if item.line is not None]
+    assert len(seen) == 4
+    assert min(seen) > 12
