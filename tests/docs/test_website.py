@@ -85,7 +85,7 @@ def test_links_to_the_repository_become_pages(tmp_path: Path) -> None:
     gather(tmp_path, {"reference/names": "# Names\n"})
     assert "(repository/examples/decode_video.py.md)" in (tmp_path / "library.md").read_text(encoding="utf-8")
     assert "](measured.md)" in (tmp_path / "theory.md").read_text(encoding="utf-8")
-    assert "[](conventions.md)" in (tmp_path / "design.md").read_text(encoding="utf-8")
+    assert "[](conventions.md)" in (tmp_path / "design_method.md").read_text(encoding="utf-8")
     shown = (tmp_path / "repository/examples/decode_video.py.md").read_text(encoding="utf-8")
     assert (ROOT / "examples/decode_video.py").read_text(encoding="utf-8").rstrip() in shown
     listed = (tmp_path / "repository/optics/geometry/cameras.md").read_text(encoding="utf-8")
