@@ -14,7 +14,18 @@ GROUPS = {
         *("Calibration", "CalibratedCamera"),
     ),
     "Pictures, videos and cameras": (
-        *("read_image", "Video", "open_camera", "LiveCamera", "NewestFrame", "Frame", "Lost", "ArrivedFrame"),
+        *(
+            "read_image",
+            "open_video",
+            "Video",
+            "CameraBag",
+            "open_camera",
+            "LiveCamera",
+            "NewestFrame",
+            "Frame",
+            "Lost",
+            "ArrivedFrame",
+        ),
     ),
     "Light fields and depth": (
         *("Decoder", "LightField", "Views", "open_light_field", "write_light_field"),

@@ -9,7 +9,7 @@ from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, read_json
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import check_size, is_picture, picture_size, set_common_bit_depth
-from mirrorcam.core.video.video import Video
+from mirrorcam.core.video.video_files import open_video
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import check_belongs
 
@@ -58,5 +58,5 @@ def check_frames(
 
 def video_size(path: Path) -> tuple[int, int]:
     """Return width and height of a video in px, from its header."""
-    video = Video(path)
+    video = open_video(path)
     return video.width_px, video.height_px

@@ -351,12 +351,17 @@ def preview_frame(
     else:
         shown = default_board() if board is None else board
         scene = traced_board(shown, view_from_board(binned, shown), RenderSettings())
-    light = sensor_light(camera, mirror_views(binned, camera.pupil, REFLECTANCE), scene)
+    return preview_of(scene, binned, binned_sensor(sensor, factor), seed)
+
+
+def preview_of(scene: TracedScene, layout: Layout, sensor: SensorModel, seed: int) -> PreviewFrame:
+    """Render a preview of any scene, in view axes, at the size of the camera's picture; `seed` is that of the noise."""
+    camera = layout.camera
+    light = sensor_light(camera, mirror_views(layout, camera.pupil, REFLECTANCE), scene)
     radiance = out_of_focus(light.radiance, light.along_axis_mm, camera)
     random = np.random.default_rng(np.random.SeedSequence((seed, 1)))
-    model = binned_sensor(sensor, factor)
-    picture = np.atleast_3d(photograph(radiance, 1, camera, model, random))
-    return PreviewFrame(binned, np.broadcast_to(picture, (*picture.shape[:2], 3)), model, light)
+    picture = np.atleast_3d(photograph(radiance, 1, camera, sensor, random))
+    return PreviewFrame(layout, np.broadcast_to(picture, (*picture.shape[:2], 3)), sensor, light)
 
 
 def binned_sensor(sensor: SensorModel, factor: float) -> SensorModel:

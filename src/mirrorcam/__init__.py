@@ -18,6 +18,7 @@ __all__ = [
     "CalibratedCamera",
     "Calibration",
     "Camera",
+    "CameraBag",
     "Charuco",
     "Checkerboard",
     "Dataset",
@@ -56,6 +57,7 @@ __all__ = [
     "load_board",
     "open_camera",
     "open_light_field",
+    "open_video",
     "read_image",
     "render_frame",
     "render_set",
@@ -71,10 +73,12 @@ if TYPE_CHECKING:
     from mirrorcam.core.images.pictures import read_image
     from mirrorcam.core.values import Metric
     from mirrorcam.core.video.camera_addresses import open_camera
+    from mirrorcam.core.video.camera_bag import CameraBag
     from mirrorcam.core.video.frames import Frame, Lost
     from mirrorcam.core.video.live_camera import LiveCamera
     from mirrorcam.core.video.newest_frame import ArrivedFrame, NewestFrame
     from mirrorcam.core.video.video import Video
+    from mirrorcam.core.video.video_files import open_video
     from mirrorcam.optics.calibration.calibration import calibrate
     from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
     from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
@@ -136,6 +140,8 @@ else:
         "Uncertainty": "optics.geometry.layout",
         "Validation": "calibration.validation",
         "Video": "core.video.video",
+        "open_video": "core.video.video_files",
+        "CameraBag": "core.video.camera_bag",
         "VideoDepth": "optics.light_field.depth.video",
         "Views": "optics.light_field.light_field",
         "build_parts": "cad.build",

@@ -22,7 +22,7 @@ from mirrorcam.calibration.calibration_files import (
 )
 from mirrorcam.calibration.calibration_request import CalibrationRequest
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.images.pictures import write_image
+from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
 from mirrorcam.optics.calibration.diagnostics.view_statistics import cell_means
 from mirrorcam.optics.geometry.boards import save_board
@@ -30,6 +30,7 @@ from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.render_scenes.sets.video import write_mjpeg
 from mirrorcam.run.run_page import read_metrics
+from tests.core.video.camera_bags import compressed, write_bag
 from tests.core.video.videos import pictures, write_h264
 from tests.drawn import drawn
 from tests.optics.calibration.sound_calibration import BOARD, nominal_layout, sound_calibration
@@ -165,6 +166,19 @@ def test_sharp_frames_represent_a_video_among_pictures(clip: Path) -> None:
         assert abs(grey.mean() - 60.0 - number) < 2.0
     assert taken.max_pictures == 30
     assert said[0].startswith(f"clip.avi: the {len(numbers)} sharpest of 150 frames, from all of the video, read in ")
+
+
+def test_a_raw_bag_of_the_camera_is_read_like_a_video(clip: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rosbags", reason="needs rosbags, of the extra robot")
+    said: list[str] = []
+    files = sorted(clip.parent.glob("*.jpg"))
+    bag = write_bag(tmp_path / "bag", [compressed(file.read_bytes(), "jpeg") for file in files])
+    taken = calibration_pictures([bag], 30, on_note=said.append)
+    for name, grey in zip(taken.names, taken.read(), strict=True):
+        number = int(name.removeprefix("bag frame "))
+        assert number % 2 == 1
+        assert np.array_equal(grey, read_image(files[number], grey=True))
+    assert said[0].startswith(f"bag: the {len(taken.names)} sharpest of 150 frames, from all of the video, read in ")
 
 
 def test_frames_that_a_variable_rate_leaves_out_are_not_called_damaged(tmp_path: Path) -> None:

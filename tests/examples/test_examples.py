@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -149,3 +150,18 @@ def test_sweep_two_workers(tmp_path: Path) -> None:
         assert (layout.rows, layout.cols) == (int(row["rows"]), int(row["cols"]))
         assert layout.spec is not None
         assert layout.spec.tradeoff == float(row["tradeoff"])
+
+
+@pytest.mark.slow
+def test_visual_servoing(tmp_path: Path) -> None:
+    said = run("visual_servoing/servo", tmp_path / "out")
+    with (tmp_path / "out" / "convergence.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    light_field = [row for row in rows if row["controller"].startswith("light field")]
+    distances = [float(row["distance_mm"]) for row in light_field]
+    assert distances[0] > 20.0
+    assert all(later < earlier for earlier, later in pairwise(distances[:8]))
+    assert distances[-1] < 0.4
+    assert float(light_field[-1]["turn_deg"]) < 0.05
+    assert "told their median: lost" in said
+    assert (tmp_path / "out" / "convergence.png").stat().st_size > 10_000

@@ -23,10 +23,12 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.frame_checks import layout_identity_of
+from mirrorcam.optics.light_field.io.formats.mcap import StoredBag
 from mirrorcam.optics.light_field.io.formats.npz import load_npz
 from mirrorcam.optics.light_field.io.formats.registry import open_light_field
 from mirrorcam.optics.light_field.io.zarr_store import StoredLightFields
 from tests.command_line import results
+from tests.core.video.camera_bags import START_NS, STEP_NS, raw, write_bag
 from tests.core.video.videos import cut, damage, pictures, write_h264, write_mjpeg
 from tests.optics.layouts import faceted_parabola
 
@@ -309,6 +311,20 @@ def test_a_video_becomes_a_bag_that_other_commands_read(here: Path, capfd: pytes
     assert cli.main(["refocus", "bags/video.mcap", "--out", "focused"]) == 0
     assert any(name.startswith("video_000001_focus_") for name in results(here / "focused"))
     assert "video.mcap: exists, and recordings are never replaced" in refused(f"{arguments} --force", capfd)
+
+
+def test_a_raw_bag_of_the_camera_is_decoded_like_its_pictures(here: Path, layout: Layout) -> None:
+    pytest.importorskip("rosbags", reason="needs rosbags, of the extra robot")
+    shown = pictures(3, 320, 192)
+    write_bag(here / "raw", [raw(picture[..., ::-1], "bgr8", "/camera/image_raw") for picture in shown])
+    assert cli.main(["decode", "raw", "--layout", "layout.json", "--out", "out"]) == 0
+    stored, decoder = StoredLightFields(here / "out" / "raw.zarr"), Decoder(layout)
+    for light_field, picture in zip(stored[:], shown, strict=True):
+        assert np.array_equal(light_field.samples, decoder.decode(picture).samples)
+    arguments = ["decode", "raw:/camera/image_raw", "--to", "mcap", "--no-depth"]
+    assert cli.main([*arguments, "--layout", "layout.json", "--out", "bags"]) == 0
+    bag = StoredBag(here / "bags" / "image_raw.mcap")
+    assert bag.stamps_ns == tuple(START_NS + number * STEP_NS for number in range(3))
 
 
 def test_an_epipolar_plane_image_is_written_of_each_picture(here: Path) -> None:

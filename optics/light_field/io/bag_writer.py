@@ -5,12 +5,12 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Iterable
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, Self
 
 from mirrorcam.core.disk.files import TEMPORARY
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.extras import require
 from mirrorcam.core.processes.interruption import deferred
 from mirrorcam.optics.light_field.io.ros_messages import Published, RosMessage
 
@@ -18,12 +18,6 @@ NAMESPACE = "/mirrorcam/"
 """Prefix of topics in the camera's namespace."""
 _VERSION: Literal[8] = 8
 """Version of rosbag2's metadata: from 9 on, older distributions cannot read the quality of service."""
-
-
-def need_rosbags() -> None:
-    """Raise InputError, with the command that installs it, if rosbags is missing."""
-    if find_spec("rosbags") is None:
-        raise InputError('rosbags is not installed but needed for ROS 2 bags: pip install "mirrorcam[robot]"')
 
 
 class BagWriter:
@@ -42,7 +36,7 @@ class BagWriter:
     """
 
     def __init__(self, path: Path) -> None:
-        need_rosbags()
+        require("robot")
         self.path, self._topics = path, dict[str, Any]()
 
     def __enter__(self) -> Self:

@@ -22,7 +22,8 @@ from mirrorcam.core.images.pictures import check_size, is_picture, pictures_in, 
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress, Step, no_progress, no_step
 from mirrorcam.core.video.frames import Frame
-from mirrorcam.core.video.video import MISSING, Video
+from mirrorcam.core.video.video import MISSING
+from mirrorcam.core.video.video_files import open_video
 from mirrorcam.optics.calibration.calibration import calibrate
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
 from mirrorcam.optics.calibration.corner_files import SUFFIX as MRCAL_SUFFIX
@@ -376,7 +377,7 @@ def calibration_pictures(
 
 def _sharp_frames(path: Path, camera: Camera | None, on_note: Callable[[str], None]) -> list[SharpFrame]:
     started = time.monotonic()
-    video, sharpest, count, damaged, missing = Video(path, on_note), SharpestFrames(SEARCHED_FRAMES), 0, 0, 0
+    video, sharpest, count, damaged, missing = open_video(path, on_note), SharpestFrames(SEARCHED_FRAMES), 0, 0, 0
     if camera is not None:
         check_size(path, (video.width_px, video.height_px), (camera.width_px, camera.height_px), "the layout's camera")
     if video.sample_bits.largest:
@@ -403,7 +404,7 @@ def _sharp_frames(path: Path, camera: Camera | None, on_note: Callable[[str], No
 def _frames(path: Path, numbers: set[int]) -> dict[int, Grey]:
     """Frames of a video by index, without missing or damaged ones."""
     detected: dict[int, Grey] = {}
-    for frame in Video(path).frames():
+    for frame in open_video(path).frames():
         if frame.number > max(numbers):
             break
         if frame.number in numbers and isinstance(frame, Frame):

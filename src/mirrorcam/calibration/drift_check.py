@@ -18,7 +18,7 @@ from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.images.pictures import is_picture, read_image
 from mirrorcam.core.values import Metric
 from mirrorcam.core.video.frames import SpreadFrames, WatchedSource
-from mirrorcam.core.video.video import Video
+from mirrorcam.core.video.video_files import open_video
 from mirrorcam.optics.drift.drift import (
     MIN_MIRRORS,
     TARGET_DEG,
@@ -203,7 +203,7 @@ def find_drift_files(
         if is_picture(path):
             sample.add(read_image(path))
         else:
-            for item in WatchedSource(Video(path, on_note), sample).frames():
+            for item in WatchedSource(open_video(path, on_note), sample).frames():
                 del item
     if not sample.frames:
         raise InputError(f"{paths[0]}: no frame could be decoded, expected at least one")

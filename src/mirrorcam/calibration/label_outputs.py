@@ -15,7 +15,7 @@ from mirrorcam.calibration.label_page import label_report
 from mirrorcam.core.disk.files import atomic, write_metrics, write_text
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import is_picture, pictures_in, read_image
-from mirrorcam.core.video.video import Video
+from mirrorcam.core.video.video_files import open_video
 from mirrorcam.optics.calibration.labels.known_scale import KnownLength
 from mirrorcam.optics.calibration.labels.label_calibration import data_sheet_prior, unknown_camera
 from mirrorcam.optics.calibration.labels.label_files import read_labels
@@ -68,7 +68,7 @@ def _camera_prior(pictures: Sequence[Path], request: CalibrationRequest, on_note
 def _size(pictures: Sequence[Path], on_note: Callable[[str], None]) -> tuple[int, int]:
     path = pictures_in(pictures, on_note)[0]
     if not is_picture(path):
-        video = Video(path, on_note)
+        video = open_video(path, on_note)
         return video.width_px, video.height_px
     height, width = read_image(path, grey=True).shape
     return width, height

@@ -16,7 +16,8 @@ def decode(
         tuple[Path, ...],
         Parameter(
             name="FRAME|VIDEO...",
-            help="frames of the camera (PNG, JPEG, TIFF or BMP), or videos (such as MP4 or AVI)",
+            help="frames of the camera (PNG, JPEG, TIFF or BMP), videos (such as MP4 or AVI), or ROS 2 bags of its "
+            "pictures (BAG or BAG:/TOPIC)",
         ),
     ] = (),
     /,

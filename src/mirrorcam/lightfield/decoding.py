@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from mirrorcam.core.console.reporter import SILENT, Reporter
-from mirrorcam.core.disk.fingerprint import file_digest
+from mirrorcam.core.disk.fingerprint import path_digest
 from mirrorcam.core.disk.output_folder import OutputFolder, output_folder
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
@@ -22,7 +22,7 @@ from mirrorcam.core.images.pictures import is_picture, read_image, write_image
 from mirrorcam.core.video.camera_addresses import open_camera, without_password
 from mirrorcam.core.video.frames import MAX_KEPT, Frame
 from mirrorcam.core.video.stream_losses import Stream
-from mirrorcam.core.video.video import Video
+from mirrorcam.core.video.video_files import open_video
 from mirrorcam.lightfield.epipolar_images import write_epi
 from mirrorcam.lightfield.requests import DecodeRequest
 from mirrorcam.lightfield.stream_recording import Show, StreamRecorder, check_outputs
@@ -293,7 +293,7 @@ def _sample_light_fields(paths: Sequence[Path], decoder: Decoder) -> Iterator[Li
         if is_picture(path):
             yield decoder.decode(read_image(path))
         else:
-            frames = (item for item in Video(path).frames() if isinstance(item, Frame))
+            frames = (item for item in open_video(path).frames() if isinstance(item, Frame))
             first = next(frames, None)
             if first is None:
                 raise NothingDecoded(f"{path}: no frame could be decoded, expected at least one")
@@ -312,10 +312,10 @@ def _streams(
     """Yield each video and the camera, with its name and the provenance for its recording."""
     for path in frames:
         if not is_picture(path):
-            video = Video(path, lambda line: reporter.note("decode", line))
+            video = open_video(path, lambda line: reporter.note("decode", line))
             if video.sample_bits.largest:
                 reporter.note("decode", f"{path.name}: {video.sample_bits}")
-            yield video, path.stem, {"file": path.name, "sha256": file_digest(video.path), "rate_hz": video.rate_hz}
+            yield video, path.stem, {"file": path.name, "sha256": path_digest(video.path), "rate_hz": video.rate_hz}
     if live is not None:
         size = layout.camera.width_px, layout.camera.height_px
         device = open_camera(live, *size, on_note=lambda line: reporter.note("decode", line))

@@ -12,12 +12,14 @@ from mirrorcam import Decoder, LightField
 from mirrorcam.core.console.reporter import Reporter
 from mirrorcam.core.disk.output_folder import OutputFolder
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.extras import require
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.video.frames import Frame, Lost, WatchedSource
 from mirrorcam.core.video.live_camera import LiveCamera
 from mirrorcam.core.video.stream_losses import Stream, expected_frames, losses, sources_text
+from mirrorcam.core.video.video import Video
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
-from mirrorcam.optics.light_field.io.bag_writer import BagWriter, need_rosbags
+from mirrorcam.optics.light_field.io.bag_writer import BagWriter
 from mirrorcam.optics.light_field.io.recording import NothingDecoded
 from mirrorcam.optics.light_field.io.ros_messages import frame_messages, latched_messages, stamp_ns
 from mirrorcam.optics.light_field.io.stream import RecordingCheck, decoded_ahead
@@ -28,7 +30,7 @@ ShowDepth = Callable[[float, LightField, DepthMap | None], None]
 
 def refuse_bag(name: str, output: OutputFolder, check: RecordingCheck | None) -> None:
     """Raise InputError if NAME.mcap exists, as recordings are never replaced, or if rosbags is not installed."""
-    need_rosbags()
+    require("robot")
     path = output.path / f"{name}.mcap"
     if path.exists() or path.is_symlink():
         raise InputError(f"{path}: exists, and recordings are never replaced; expected another --out")
@@ -57,7 +59,7 @@ class BagRecorder:
         expected, lost = expected_frames(source, self.limit), dict[int, str]()
         video = None if self.estimator is None else VideoDepth(self.estimator)
         watched, kept, interrupted = WatchedSource(source), 0, False
-        start_ns = source.started_ns if isinstance(source, LiveCamera) else 0
+        start_ns = 0 if isinstance(source, Video) else source.started_ns
         path = self.output.path / f"{name}.mcap"
         with self.output.staged(complete=False) as folder, BagWriter(folder / path.name) as bag:
             try:

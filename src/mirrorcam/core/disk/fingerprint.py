@@ -30,6 +30,14 @@ def file_digest(path: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
+def path_digest(path: Path) -> str:
+    """Return the sha256 of a file, or of the names and contents of the files below a folder, in hexadecimal.
+
+    Raises InputError for a link that leads out of the folder.
+    """
+    return file_digest(path) if path.is_file() else value_digest(file_digests(path))
+
+
 def file_digests(path: Path) -> dict[str, str]:
     """Return the sha256 of a file by its name, or of every file below a folder by its path in it, sorted.
 

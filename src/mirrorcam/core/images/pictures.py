@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.bounds import LARGEST_PICTURE_PX
+from mirrorcam.core.disk.bags import is_bag
 from mirrorcam.core.disk.files import first_bytes, read_bytes, stored_bytes, write_bytes
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_texts import count_text
@@ -45,14 +46,15 @@ def is_picture(path: Path) -> bool:
 
 
 def pictures_in(paths: Sequence[Path], on_note: Callable[[str], None] = lambda line: None) -> list[Path]:
-    """List the pictures of files and folders in order, those of a folder by name.
+    """List the pictures of files and folders in order, those of a folder by name; a ROS 2 bag counts as a
+    file.
 
     They count as one set, see `set_common_bit_depth`. `on_note` takes a line about ignored files of a folder, and one
     about pictures of 16 bits. Raises InputError for a folder without pictures.
     """
     listed: list[Path] = []
     for path in paths:
-        if not path.is_dir():
+        if not path.is_dir() or is_bag(path):
             listed.append(path)
             continue
         pictures = sorted(filter(is_picture, path.iterdir()))

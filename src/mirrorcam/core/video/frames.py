@@ -35,7 +35,7 @@ class Lost:
 
 
 class Source(Protocol):
-    """Source of frames: `Video`, `LiveCamera`."""
+    """Source of frames: `Video`, `CameraBag`, `LiveCamera`."""
 
     def frames(self, after: int = -1) -> Iterator[Frame | Lost]:
         """Yield the frames after a number, in order."""

@@ -7,20 +7,20 @@ from itertools import groupby
 
 from mirrorcam.core.figures.figure_texts import count_text
 from mirrorcam.core.video.live_camera import LiveCamera
-from mirrorcam.core.video.video import Video
+from mirrorcam.core.video.video_files import VideoFile
 
-Stream = Video | LiveCamera
+Stream = VideoFile | LiveCamera
 
 
 def expected_frames(source: Stream, limit: int | None) -> int | None:
     """Return the expected number of frames of a stream; None if unknown."""
-    count = source.count if isinstance(source, Video) else None
+    count = None if isinstance(source, LiveCamera) else source.count
     return limit if count is None or (limit or count) < count else count
 
 
 def sources_text(source: Stream) -> str:
     """Return the arguments of `mirrorcam drift` for a stream."""
-    return str(source.path) if isinstance(source, Video) else "FRAMES"
+    return "FRAMES" if isinstance(source, LiveCamera) else str(source.path)
 
 
 def losses(source: Stream, used: int, lost: Mapping[int, str], expected: int | None) -> list[str]:

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from mirrorcam.core.disk.bags import is_bag
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import check_size, picture_size, pictures_in, read_image
 from mirrorcam.core.video.background_recorder import FINISHING_S, BackgroundRecorder, RecordingCounts
 from mirrorcam.core.video.camera_addresses import existing, is_sdp, open_camera, without_password
 from mirrorcam.core.video.frames import Frame, Lost, Source
-from mirrorcam.core.video.video import Video
+from mirrorcam.core.video.video_files import open_video
 from mirrorcam.optics.geometry.camera import Camera
 
 FOLDER_HZ = 5.0
@@ -92,10 +93,10 @@ def open_source(text: str, expected: Camera, on_note: Callable[[str], None] = la
     size = expected.width_px, expected.height_px
     is_number = text.isascii() and text.isdigit()
     path = None if is_number else existing(text)
-    if path is not None and path.is_dir():
+    if path is not None and path.is_dir() and not is_bag(path):
         return LiveSource(PictureFolder(path, size, on_note), path.name, "folder")
-    if path is not None and path.is_file() and not is_sdp(path):
-        video = Video(path, on_note)
+    if path is not None and not is_sdp(path):
+        video = open_video(path, on_note)
         check_size(path, (video.width_px, video.height_px), size, "the layout's camera")
         return LiveSource(video, path.name, "video")
     if not is_number and path is None and "://" not in text and not text.startswith("/dev/"):

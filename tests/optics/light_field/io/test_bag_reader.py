@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from mirrorcam.core.disk import array_files
+from mirrorcam.core.disk.bags import checked_chunks
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.formats.mcap import StoredBag, checked_chunks
+from mirrorcam.optics.light_field.io.formats.mcap import StoredBag
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.core.video.videos import pictures
 from tests.nightly import a_few

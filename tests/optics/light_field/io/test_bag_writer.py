@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mirrorcam.core import extras
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
-from mirrorcam.optics.light_field.io import bag_writer, ros_messages
+from mirrorcam.optics.light_field.io import ros_messages
 from mirrorcam.optics.light_field.io.bag_writer import BagWriter
 from mirrorcam.optics.light_field.io.ros_messages import Published
 from mirrorcam.optics.light_field.light_field import LightField
@@ -132,6 +133,6 @@ def test_topics_with_a_slash_are_nowhere_else(tmp_path: Path) -> None:
 
 
 def test_without_rosbags_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(bag_writer, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r'^rosbags is not installed .*: pip install "mirrorcam\[robot\]"$'):
+    monkeypatch.setattr(extras, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r'^rosbags not installed, .*: pip install "mirrorcam\[robot\]"$'):
         BagWriter(tmp_path / "a.mcap")

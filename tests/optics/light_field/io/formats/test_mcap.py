@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.optics.light_field.io.formats.mcap import FORMAT, is_bag, write_bag
+from mirrorcam.core.disk.bags import is_bag
+from mirrorcam.optics.light_field.io.formats.mcap import FORMAT, write_bag
 from mirrorcam.optics.light_field.io.light_field_format import NOTHING
 from tests.optics.light_field.io.bags import needs_rosbags
 from tests.optics.light_field.io.formats.planes import plane

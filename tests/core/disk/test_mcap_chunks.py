@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from mirrorcam.core.disk import array_files
+from mirrorcam.core.disk.bags import MAGIC, Chunk, checked_chunks
 from mirrorcam.core.errors import InputError
-from mirrorcam.optics.light_field.io.formats.mcap import MAGIC, Chunk, checked_chunks
 from tests.optics.light_field.io.bags import needs_rosbags
 
 FOOTER = struct.pack("<BQQQI", 2, 20, 0, 0, 0)
