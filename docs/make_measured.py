@@ -2,11 +2,12 @@
 
 Benchmarks write the records: `python -m benchmarks.NAME --json docs/measured.json`. A line `record | figure | value` of
 `TEMPLATE` becomes a row of a table. In its value, `{name:format}` is a value of the record, and `{row/column}` a cell
-of the record's table, columns counted from 0 after the row's name.
+of the record's table, columns counted from 0 after the row's name. The command stands above a table with one source.
 """
 
 from __future__ import annotations
 
+import itertools
 import string
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,22 +16,24 @@ from benchmarks.records import ROOT, Record, Records
 from mirrorcam.core.disk.files import write_text
 
 RECORDS, PAGE = ROOT / "docs" / "measured.json", ROOT / "docs" / "measured.md"
-HEAD = "| figure | value | command | date | commit |\n|---|---|---|---|---|"
+HEAD = "| figure | value |\n|---|---|"
+HEAD_WITH_SOURCES = "| figure | value | command | date, commit |\n|---|---|---|---|"
 
 TEMPLATE = """\
 # Measured figures
 
-Each figure with the command that measures it. `python -m docs.make_measured` writes this page from
-[measured.json](measured.json), which the benchmarks write. Pictures are rendered unless a row says "real"; how a real
-setup differs, and how much that matters, is in [idealisations.md](idealisations.md).
+Each figure with the command that measures it, its date and commit ("+": with changes not committed). `python -m
+docs.make_measured` writes this page from [measured.json](measured.json), which the benchmarks write. Pictures are
+rendered unless a row says "real"; [idealisations.md](idealisations.md) states how a real setup differs, and how much
+that matters.
 
 ## Default run
 
 A device for a Logitech C920, seed 0, whose nine mirrors are tilted by 0.3° and shifted by 0.3 mm (standard
-deviations). The pictures are those of the sensor `webcam`: waves in the lens, a pupil that walks, colour fringes, a
-mosaic, noise and its reduction, a tone curve, sharpening and MJPEG. Stated standard deviations are those of the
-calibration. A limit, in the run's report, is what a calibration with the right covariance exceeds once in a thousand
-times, and for corners at most the noise of matching.
+deviations). The sensor `webcam` has waves in the lens, a pupil that walks, colour fringes, a mosaic, noise and its
+reduction, a tone curve, sharpening and MJPEG. The calibration states the standard deviations. A calibration with the
+right covariance exceeds a limit of the run's report once in a thousand times; limits for corners are at most the noise
+of matching.
 
 default_run | grid error, in grid spacings | {design.grid_error:.3f}
 default_run | usable share of the sensor at 300 mm | {design.usable_efficiency_300mm:.2f}
@@ -48,12 +51,13 @@ default_run | its stated standard deviation | {validation.distance_error_max_bou
 default_run | held-out corners, RMS x / y | {validation.held_out_rms_x_px:.3f} / {validation.held_out_rms_y_px:.3f} px
 default_run | held-out corners in space, RMS | {validation.held_out_spatial_rms_mm:.3f} mm
 default_run | corners in decoded views, RMS | {validation.decoded_corner_rms_px:.3f} px
+
 lateral_colour | red and blue against green in its views, RMS | {red_corrected:.2f}, {blue_corrected:.2f} grey levels
 lateral_colour | the same, colours not aligned | {red_uncorrected:.2f}, {blue_uncorrected:.2f} grey levels
 
 ## A camera that obeys its model
 
-The same device with the sensor `c920`: a lens of five numbers, a pupil that stays, noise and JPEG, but no colour.
+The same device with the sensor `c920`: a lens of five coefficients, a fixed pupil, noise and JPEG, but no colour.
 
 model_camera | worst mirror normal against the truth | {normal_error_max_deg:.4f}°
 model_camera | worst mirror distance against the truth | {distance_error_max_mm:.3f} mm
@@ -63,8 +67,8 @@ model_camera | corners in decoded views, RMS | {decoded_corner_rms_px:.3f} px
 
 ## Calibration
 
-NEES is the squared error over the stated variance, 1 where the uncertainty is right. A phone took the real
-photographs, of a board before two mirrors; in the real video a hand moves a board before two mirrors.
+NEES (normalised estimation error squared) is the squared error over the stated variance: 1 where the uncertainty is
+right. The real photographs, by a phone, and the real video, where a hand moves it, show a board before two mirrors.
 
 calibration_bound | NEES, 1000 trials with Gaussian noise | {NEES per degree of freedom/0}
 calibration_start | fits that converge of 500, mirrors off by 2° and 2 mm | {converged_2deg:.0f}
@@ -95,8 +99,8 @@ calibration_foreign | 2 mm acrylic, second surface: worst normal, distance | {wo
 
 ## Other calibrators
 
-RMS over the sets that all calibrators solved; [leaderboard.md](leaderboard.md) explains what the comparison shows
-and what it does not. `sensor-webcam` is the set closest to a real webcam.
+RMS over the sets that all calibrators solved; [leaderboard.md](leaderboard.md) interprets the comparison.
+`sensor-webcam` is the set closest to a real webcam.
 
 leaderboard | MirrorCam | {mirrorcam.rms_px:.3f} px
 leaderboard | mrcal, one lens | {mrcal.rms_px:.3f} px
@@ -109,9 +113,10 @@ leaderboard | MirrorCam: NEES over all its sets, `sensor-webcam` included | {mir
 ## Light fields
 
 Depth of scenes of the HCI 4D Light Field Benchmark, from 3 x 3 of its 9 x 9 views, and of other rendered scenes. The
-reference is the truth where a row says so, else the disparity by EPINET from all views, which is close to the truth but
-for the dark parts of `greek`. StereoSGBM is the best of all pairs of views and settings, by the reference. Errors
-are those of the benchmark: percent of pixels off by more than 0.07 px, and the mean squared error times 100.
+reference is the truth where a row states it, else the disparity by EPINET from all views, which is close to the truth
+except in the dark parts of `greek`. StereoSGBM is the best of all pairs of views and settings, by the reference. Errors
+are those of the benchmark: BadPix.07, the percentage of pixels off by more than 0.07 px, and MSE, the mean squared
+error times 100.
 
 light_field_depth_scenes | `cotton`: BadPix.07, MSE | {cotton_step4/1}
 light_field_depth_scenes | `cotton`, StereoSGBM | {cotton_step4/2}
@@ -128,9 +133,9 @@ light_field_depth_scenes | `rods`, StereoSGBM | {rods2/2}
 light_field_depth_scenes | bare office, noise of 20 (truth): BadPix.07, MSE | {office/1}
 light_field_depth_scenes | bare office, StereoSGBM | {office/2}
 
-How well confidence and standard deviation hold on scenes that their training did not use: mean stated probability;
-fraction of right depths; mean difference of both over ten classes of stated probability, averaged over cases; and
-fraction of all errors beyond three standard deviations. `noise` adds white noise of 5 and 20 grey levels;
+Confidence and standard deviation on scenes that were not used in training: mean stated probability; fraction of right
+depths; mean difference of both over ten classes of stated probability, averaged over cases; and fraction of all errors
+beyond three standard deviations. `noise` adds white noise of 5 and 20 grey levels;
 `photographed` simulates lens, sensor and processing of three webcams; `wide range` searches five times the range in
 these pictures, `wrong range` two fifths of it only, so that most true depths are outside; `wrong order` exchanges
 views.
@@ -145,8 +150,8 @@ light_field_depth_confidence | few views | {few views/0}; {few views/1}; {few vi
 light_field_depth_confidence | real pair | {real pair/0}; {real pair/1}; {real pair/2}; {real pair/3}
 light_field_depth_confidence | bare walls | {bare walls/0}; {bare walls/1}; {bare walls/2}; {bare walls/3}
 
-Time of a depth map, ms: `best`; a frame of a video by `fast`; one StereoSGBM pair. Each is processor time of one thread
-/ wall time of two, in brackets relative to the pair. Rows are views, pixels of a view, planes.
+Time of a depth map, ms: `best`; a frame of a video by `fast`; one StereoSGBM pair. Each is the processor time of one
+thread / the wall time of two, in brackets relative to the pair. Rows are views, pixels of a view, planes.
 
 light_field_depth_speed | 3x3, 400x240, 114 | {3x3, 400x240, 114/0}; {3x3, 400x240, 114/2}; {3x3, 400x240, 114/3}
 light_field_depth_speed | 3x3, 200x120, 58 | {3x3, 200x120, 58/0}; {3x3, 200x120, 58/2}; {3x3, 200x120, 58/3}
@@ -164,17 +169,18 @@ decode | the same with equalised views | {equalised_times_remap:.2f}
 
 ## Robustness and motion
 
-Cells of hidden boards are frames, views and corners found.
+For hidden boards: frames, views and corners that were found.
 
-detection_parts | boards as they are | {nothing more/2}
+detection_parts | entire boards | {nothing more/2}
 detection_parts | only the middle of each view visible | {all but the middle of each view/2}
 detection_parts | corners off by more than 1 px, the last case | {all but the middle of each view/3}
+
 light_field_motion_mirrors | camera on a loop of 0.5 m: drift | {mirrors, loop 0/1}
 light_field_motion_mirrors | the same by OpenCV | {mirrors, loop 0/6}
 
 ## Measured once
 
-These answers need no repetition. Their scripts are in the history of the repository, up to commit 93f9e36d54cf.
+The scripts are in the history of the repository, up to commit 93f9e36d54cf.
 
 - **Blind sets of the reference renderer.** Worst normal 0.0006° with first-surface mirrors, and 0.0007° with 2 mm of
   acrylic, whose thickness is found within 0.004 mm.
@@ -182,18 +188,19 @@ These answers need no repetition. Their scripts are in the history of the reposi
   renderer: worst normal 0.010°; one overexposed set is rejected by the verdict.
 - **The optimiser** solved all 70 specifications of a mixture of counts, scales, depths, gaps, cameras and surfaces.
 - **All files of a device** are built in 25 s for 3 x 3 mirrors and in 26 s for 5 x 5, on two cores.
-- **Features** of tabletop scenes: 0.987 of those by ORB are within 2 % of the true depth, and 0.997 of those by AKAZE,
-  against 0.722 and 0.876 of pairwise matches with the ratio test.
-- **Refocused pictures** of a C920 agree to 37 to 41 dB with what a pinhole sees of the plane in focus.
-- **The pupil in decoding**: views agree with the truth to 38.9 dB, against 36.3 dB as a pinhole, and seams of
+- **Features** of tabletop scenes: 0.987 of ORB's are within 2 % of the true depth, and 0.997 of AKAZE's,
+  against 0.722 and 0.876 for pairwise matches with the ratio test.
+- **Refocused pictures** of a C920 agree to 37 to 41 dB with a pinhole's picture of the plane in focus.
+- **The pupil in decoding**: views agree with the truth to 38.9 dB, against 36.3 dB for a pinhole model, and seams of
   refocused pictures are 0.1 to 0.3 grey levels, against 2.0 to 3.2.
 - **Views interpolated between 3 x 3**: refocused pictures agree with those of 9 x 9 views to 47 to 69 dB, against 33
   to 43 dB.
-- **`refocus --scale 2`** resolves 0.98 line pairs per pixel of nine ideal views, against 0.54 in the central view; of
+- **`refocus --scale 2`** resolves 0.98 line pairs per pixel of nine ideal views, against 0.54 in the central view; for
   decoded frames of the mirror camera 0.46, against 0.44.
 - **Filters**: at noise of 25 grey levels, the hyperfan gives 29 to 41 dB, non-local means of the central view 26 to
   37 dB.
-- **Depth of videos** filtered in time: flicker of a still scene falls from 0.34 to 0.11 px, BadPix from 29 to 12 %.
+- **Depth of videos**, filtered in time: the flicker of a still scene falls from 0.34 to 0.11 px, BadPix from 29 to
+  12 %.
 - **Depth of a tabletop scene** at 300 to 500 mm: median error 0.04 %, and 0.4 % for nine pixels of ten.
 
 ## Time
@@ -212,12 +219,19 @@ class _Names(string.Formatter):
         return kwargs[field_name], field_name
 
 
-def row(line: str, records: Records) -> str:
-    """The row of a table for a line of the template."""
-    key, figure, text = line.split(" | ")
-    record = records.records[key]
-    value = _Names().vformat(text, (), _fields(record))
-    return f"| {figure} | {value} | `{record.command}` | {record.date} | {record.commit}{'+' * record.changed} |"
+def table(lines: Sequence[str], records: Records) -> str:
+    """The table of consecutive lines of the template."""
+    rows, sources = [], []
+    for line in lines:
+        key, figure, text = line.split(" | ")
+        record = records.records[key]
+        rows.append(f"| {figure} | {_Names().vformat(text, (), _fields(record))} |")
+        sources.append((f"`{record.command}`", f"{record.date}, {record.commit}{'+' * record.changed}"))
+    if len({*sources}) == 1:
+        command, when = sources[0]
+        return "\n".join([f"{command} ({when}):\n", HEAD, *rows])
+    with_sources = (f"{row} {command} | {when} |" for row, (command, when) in zip(rows, sources, strict=True))
+    return "\n".join([HEAD_WITH_SOURCES, *with_sources])
 
 
 def _fields(record: Record) -> dict[str, float | str]:
@@ -227,16 +241,9 @@ def _fields(record: Record) -> dict[str, float | str]:
 
 
 def page(records: Records) -> str:
-    """The page; a line of the template starts a table if the line before it is not a row."""
-    lines: list[str] = []
-    for line in TEMPLATE.split("\n"):
-        if " | " not in line:
-            lines.append(line)
-            continue
-        if not lines[-1]:
-            lines.append(HEAD)
-        lines.append(row(line, records))
-    return "\n".join(lines)
+    """The page; consecutive lines with values become one table."""
+    parts = itertools.groupby(TEMPLATE.split("\n"), key=lambda line: " | " in line)
+    return "\n".join(table([*lines], records) if is_table else "\n".join(lines) for is_table, lines in parts)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Make what shows the table-top scene outside the tour: `python -m docs.make_scene [--work FOLDER]`.
 
 After `python docs/make_tour.py`, from the scene in its folder, by default output/tour: the frame and layout of
-`mirrorcam demo`, the moving picture of README.md, and the overview in docs/rendering.md; also the previews of four
+`mirrorcam demo`, the moving picture of README.md, and the overview in docs/scenes.md; also the previews of four
 designs there.
 """
 

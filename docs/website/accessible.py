@@ -1,11 +1,17 @@
-"""Fix the accessibility of the theme for keyboards and screen readers."""
+"""Fix the pages of the theme for keyboards, screen readers and narrow screens."""
 
 from __future__ import annotations
 
+import html
 import re
 from pathlib import Path
 
 SIGNATURE = re.compile(r'<dt class="sig .*?</dt>', flags=re.DOTALL)
+TABLE = re.compile(r"<table class=\"(.*?)</table>", flags=re.DOTALL)
+CELL = re.compile(r"<t[dh]\b[^>]*>(.*?)</t[dh]>", flags=re.DOTALL)
+TAG = re.compile(r"<[^>]+>")
+MAX_COLUMNS = 3
+"""Columns of a table that fits on a phone; the rows of wider ones become lists there (site.css)."""
 LINES = {
     "<dl>": '<span class="sig-lines">',
     "</dl>": "</span>",
@@ -31,11 +37,26 @@ def _lines(signature: re.Match[str]) -> str:
     return text
 
 
-def accessible(html: str) -> str:
+def _with_labels(table: re.Match[str]) -> str:
+    """A table whose cells carry the heading of their column."""
+    head, end_of_head, body = table[1].partition("</thead>")
+    labels = [html.escape(html.unescape(TAG.sub("", cell)).strip()) for cell in CELL.findall(head)]
+    if len(labels) <= MAX_COLUMNS or not end_of_head:
+        return table[0]
+    rows = body.split("<tr")
+    for number, row in enumerate(rows):
+        parts = row.split("<td")
+        rows[number] = parts[0] + "".join(
+            f'<td data-label="{label}"{part}' for label, part in zip(labels, parts[1:], strict=False)
+        )
+    return f'<table class="labelled {head}{end_of_head}{"<tr".join(rows)}</table>'
+
+
+def accessible(page: str) -> str:
     """The fixed HTML of a page."""
     for original, replacement in FIXES.items():
-        html = html.replace(original, replacement)
-    return SIGNATURE.sub(_lines, html)
+        page = page.replace(original, replacement)
+    return TABLE.sub(_with_labels, SIGNATURE.sub(_lines, page))
 
 
 def fix(folder: Path) -> None:

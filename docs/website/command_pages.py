@@ -61,8 +61,8 @@ def command_pages() -> dict[str, str]:
     names = "\n".join(cli.NAMES)
     pages[f"{FOLDER}/index"] = (
         "# Commands and their options\n\n"
-        "These pages hold what `mirrorcam COMMAND --help` prints. [Commands by task](../../commands.md) shows which "
-        "command to use when. Every command also takes `--quiet`, `--verbose` and `--json`, and reads "
+        "What `mirrorcam COMMAND --help` prints. [Commands](../../commands.md) has the same list with links to the "
+        "guides. Every command also takes `--quiet`, `--verbose` and `--json`, and reads "
         "[defaults of its options](../../commands.md#defaults-and-completion).\n\n"
         "| command | does |\n|---|---|\n" + "\n".join(rows) + f"\n\n```{{toctree}}\n:hidden:\n\n{names}\n```\n"
     )

@@ -102,7 +102,7 @@ def test_the_image_runs_without_rights_in_a_home_and_a_folder_that_any_user_may_
 def test_actions_are_named_by_commits_and_not_by_tags_that_move() -> None:
     files = (ROOT / "action.yml", *sorted((ROOT / ".github" / "workflows").glob("*.yml")))
     used = [line for file in files for line in re.findall(r"uses: (\S+)@(.*)", file.read_text(encoding="utf-8"))]
-    assert len(used) == 7
+    assert len(used) == 11
     assert all(re.fullmatch(r"[0-9a-f]{40} # v\d+\.\d+\.\d+", version) for _, version in used)
 
 

@@ -52,6 +52,6 @@ def test_a_schema_is_used(
     (tmp_path / "docs" / "schemas").symlink_to(DOCS / "schemas")
     default_layout.save(tmp_path / "output" / "default" / "design" / "layout.json")
     monkeypatch.chdir(tmp_path)
-    (program,) = programs("formats.md")
+    (program,) = programs("files.md")
     exec(program, {})
     assert capsys.readouterr().out == ""

@@ -85,7 +85,7 @@ def test_links_to_the_repository_become_pages(tmp_path: Path) -> None:
     gather(tmp_path, {"reference/names": "# Names\n"})
     assert "(repository/examples/decode_video.py.md)" in (tmp_path / "library.md").read_text(encoding="utf-8")
     assert "](measured.md)" in (tmp_path / "theory.md").read_text(encoding="utf-8")
-    assert "[](conventions.md)" in (tmp_path / "design.md").read_text(encoding="utf-8")
+    assert "[](conventions.md)" in (tmp_path / "design_method.md").read_text(encoding="utf-8")
     shown = (tmp_path / "repository/examples/decode_video.py.md").read_text(encoding="utf-8")
     assert (ROOT / "examples/decode_video.py").read_text(encoding="utf-8").rstrip() in shown
     listed = (tmp_path / "repository/optics/geometry/cameras.md").read_text(encoding="utf-8")
@@ -100,6 +100,25 @@ def test_parameters_on_lines_of_their_own_are_no_definitions() -> None:
         '<dt class="sig py"><span class="sig-lines">\n<span class="sig-line">a</span>\n</span></dt><dl><dd>b</dd></dl>'
         '<pre tabindex="0">c</pre>'
     )
+
+
+def test_cells_of_a_table_with_many_columns_carry_their_headings() -> None:
+    def table(columns: int) -> str:
+        head = "".join(
+            f'<th class="head"><p>{name}</p></th>' for name in ("a", "b &lt; <em>c</em>", "d", "e")[:columns]
+        )
+        row = "<tr><td><p>1</p></td><td></td>" + '<td class="x"><p>3</p></td>' * (columns - 2) + "</tr>"
+        return f'<table class="docutils"><thead><tr>{head}</tr></thead><tbody>{row}</tbody></table>'
+
+    assert accessible(table(3)) == table(3)
+    shown = accessible(table(4))
+    assert shown.startswith('<table class="labelled docutils"><thead>')
+    assert re.findall(r"<td[^>]*>", shown) == [
+        '<td data-label="a">',
+        '<td data-label="b &lt; c">',
+        '<td data-label="d" class="x">',
+        '<td data-label="e" class="x">',
+    ]
 
 
 def test_the_text_of_a_parameter_is_not_a_type() -> None:
@@ -247,6 +266,9 @@ def test_the_gallery_is_on_the_site(site: Path) -> None:
     assert not (site / "devices/.mirrorcam").exists()
 
 
+TABLES = (
+    "[...document.querySelectorAll('article table')].filter((t) => t.scrollWidth > t.parentElement.clientWidth).length"
+)
 BROKEN = "[...document.images].filter((i) => i.complete && !i.naturalWidth).map((i) => i.src)"
 
 
@@ -259,8 +281,9 @@ def test_every_page_fits_and_shows_its_pictures(flat_browser: Any, site: Path, s
             watched.page.goto((site / name).as_uri())
             wider = watched.page.evaluate("document.documentElement.scrollWidth - innerWidth")
             broken = watched.page.evaluate(BROKEN)
-            if wider > 0 or broken:
-                found.append((name, wider, broken))
+            wide_tables = watched.page.evaluate(TABLES)
+            if wider > 0 or broken or wide_tables:
+                found.append((name, wider, broken, wide_tables))
         assert found == []
         assert watched.errors == []
 
@@ -298,3 +321,21 @@ def test_the_search_finds_an_option(flat_browser: Any, site: Path) -> None:
         watched.page.wait_for_selector("#search-results li a:has-text('mirrorcam run')")
         results = watched.page.locator("#search-results li a").all_inner_texts()
         assert any("mirrorcam run" in text for text in results)
+
+
+@pytest.mark.slow
+def test_all_pages_are_a_sequence(site: Path) -> None:
+    """Every page of the contents links the one before and the one after it."""
+    forth: dict[str, str] = {}
+    back: dict[str, str] = {}
+    for name in read_pages(site):
+        text = (site / name).read_text(encoding="utf-8")
+        for rel, found in (("next", forth), ("prev", back)):
+            if link := re.search(rf'<link rel="{rel}" [^>]*href="([^"#]+)', text):
+                found[name] = ((site / name).parent / link[1]).resolve().relative_to(site.resolve()).as_posix()
+    assert {after: name for name, after in forth.items()} == back
+    page, visited = "index.html", ["index.html"]
+    while page in forth:
+        page = forth[page]
+        visited.append(page)
+    assert set(visited) == set(read_pages(site))

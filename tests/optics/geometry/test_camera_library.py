@@ -178,7 +178,7 @@ def test_the_camera_of_a_layout_is_known_by_its_name_calibrated_or_binned() -> N
 
 
 def test_the_documentation_says_which_figures_are_from_memory() -> None:
-    text = (Path(__file__).parents[3] / "docs" / "cad.md").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[3] / "docs" / "cameras.md").read_text(encoding="utf-8")
     table = text[text.index("| camera | figures from memory |") :].split("\n\n")[0].splitlines()[2:]
     recalled = {
         name: "; ".join(source.gives for source in profile.sources if source.from_memory)

@@ -64,7 +64,7 @@ def open_camera(
     Parameters
     ----------
     address
-        Number of a camera of this machine, "0"; a device, "/dev/video0"; a file; or an address, "rtsp://HOST/PATH".
+        Number of a camera of this machine, "0"; a device, "/dev/video0"; a file; or an address, ``rtsp://HOST/PATH``.
         Messages omit passwords.
     width_px, height_px
         Size of the pictures: that of the layout's camera.
