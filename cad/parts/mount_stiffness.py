@@ -111,8 +111,8 @@ HEAD_MM = 8.0
 # A screw of the foot clamps the plastic on a disc of this radius, over which its pressure spreads in the adapter.
 DISC_MM = 6.0
 # Solid finite elements tilt up to 1.28 times as far about x as these plates, and .96 to 1.05 times about the other
-# axes, over mounts of 1 x 2 to 5 x 5 mirrors (docs/parts.md). The plates neglect the interaction of openings, and cuts of
-# webs where they meet a skin. With both factors, all of these mounts are at least as stiff as calculated.
+# axes, over mounts of 1 x 2 to 5 x 5 mirrors (docs/parts.md). The plates neglect the interaction of openings, and cuts
+# of webs where they meet a skin. With both factors, all of these mounts are at least as stiff as calculated.
 KNOCK_DOWN_ABOUT_X, KNOCK_DOWN = 1.18, 1.1
 
 
