@@ -81,8 +81,8 @@ def holder_holes(plan: HolderPlan) -> tuple[Hole, ...]:
     )
 
 
-def baffle_length(plan: HolderPlan) -> Length:
-    """The thickness of the baffle, at its highest piece on the right, where no tiers are, that is oblique."""
+def baffle_lengths(plan: HolderPlan) -> tuple[Length, ...]:
+    """The thickness of the baffle, if any, at its highest piece on the right, where no tiers are, that is oblique."""
     foot, inner, crest = plan.walls.outer_foot, plan.walls.inner_foot, plan.walls.outer_crest
     x_axis, _, back = plan.rig_from_mount[:3, :3].T
     along = np.roll(foot, -1, axis=0) - foot
@@ -93,8 +93,10 @@ def baffle_length(plan: HolderPlan) -> Length:
     heights = (foot - crest) @ back
     heights = np.minimum(heights, np.roll(heights, -1))
     piece = int(np.argmax(np.where(is_preferred, heights, heights - np.ptp(heights) - 1.0)))
+    if (plan.flange.top[0] - crest[piece]) @ back <= 0.0:
+        return ()
     start = (foot[piece] + foot[(piece + 1) % len(foot)]) / 2.0
-    return length(start, start + inward[piece] * ((inner[piece] - foot[piece]) @ inward[piece]), "wall")
+    return (length(start, start + inward[piece] * ((inner[piece] - foot[piece]) @ inward[piece]), "wall"),)
 
 
 def seat_names(plan: HolderPlan) -> list[tuple[str, FloatArray]]:
@@ -146,7 +148,7 @@ def dimensions_in_plan(plan: Any) -> tuple[Length | Hole, ...]:
         return dimensions_in_plan(plan.whole)
     if isinstance(plan, HolderPlan):
         screw_holes = plan.screw_holes if isinstance(plan, ScrewedHolderPlan) else ()
-        return (*holder_holes(plan), *screw_holes, baffle_length(plan))
+        return (*holder_holes(plan), *screw_holes, *baffle_lengths(plan))
     return plan.dimensions if isinstance(plan, Dimensioned) else ()
 
 

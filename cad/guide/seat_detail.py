@@ -55,16 +55,18 @@ def seat_detail(plan: HolderPlan | CarrierPlan, solid: Part, pad_tolerance_mm: f
     None if the solid, a piece of a split holder, has no such pad.
     """
     if isinstance(plan, CarrierPlan):
-        seats, rims, back = [(plan.body.top, plan.pads)], (), plan.rig_from_back
+        seats, back = [(plan.body.top, plan.pads)], plan.rig_from_back
     else:
         seats = [(core.top, pads) for core, pads in zip(plan.cores, plan.pads_of_mirrors, strict=True)]
-        rims, back = plan.rims[::2], plan.rig_from_mount
+        back = plan.rig_from_mount
     box = solid.bounding_box()
     low, high = np.array(tuple(box.min)), np.array(tuple(box.max))
     pads = [(pad, seat) for seat, of_seat in seats for pad in of_seat if ((pad.top > low) & (pad.top < high)).all()]
+    rims = plan.rims[::2] if isinstance(plan, HolderPlan) else ()
     beside = [found for pad, seat in pads for rim in rims if (found := _beside(pad, seat, rim))]
     if not pads:
         return None
+    rim: Frustum | None
     distance, width, pad, seat, rim = min(beside, key=lambda found: found[0]) if beside else (0.0, 0.0, *pads[0], None)
     normal = newell_normal(pad.top)
     normal = -normal * np.sign(normal @ back[:3, 2])
@@ -112,7 +114,8 @@ def _cut(
     """The faces of a cut in the plane of the first two axes (rows) within a window (2, 2) about a centre (3,)."""
     middle = centre + window.mean(axis=0) @ axes[:2]
     plane = Plane(origin=tuple(middle), x_dir=tuple(axes[0]), z_dir=tuple(axes[2]))
-    shape = Face.make_rect(*np.ptp(window, axis=0), plane).intersect(solid)
+    width, height = np.ptp(window, axis=0).tolist()
+    shape = Face.make_rect(width, height, plane).intersect(solid)
     areas = [area for face in (shape.faces() if shape else ()) for area in areas_of(face, axes)]
     low, high = window + axes[:2] @ centre
     border = LineString([(low[0], high[1]), low, (high[0], low[1]), high]).buffer(1e-3)
