@@ -27,6 +27,7 @@ from mirrorcam.core.disk.results import Results
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
+from tests.cad.conftest import COVERED
 from tests.nightly import a_few
 from tests.shared import no_slicer, path_without_slicer
 
