@@ -476,10 +476,10 @@ def _head_skin(profile: Profile, holder: HolderPlan, hardware: Hardware) -> list
     depth = hardware.mount.grip_mm * np.array([-along[1], along[0]])
     half_width = profile.section.width_mm / 2.0
     length = float((end - start) @ along)
-    pieces = []
+    pieces, reach = [], HEAD_MM[hardware.holder.mirrors]
     for row in head_screws(holder)[[0, 2], 1:]:
         position = float((row - start) @ along)
-        ends = np.array([start + np.clip(position + side * HEAD_MM, 0.0, length) * along for side in (-1.0, 1.0)])
+        ends = np.array([start + np.clip(position + side * reach, 0.0, length) * along for side in (-1.0, 1.0)])
         pieces.append(prism_along_x(np.vstack([ends, ends[::-1] + depth]), -half_width, half_width))
     return pieces
 

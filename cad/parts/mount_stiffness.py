@@ -106,8 +106,9 @@ def _bore_outline(radius_mm: float, travel_mm: float, roof_mm: float) -> Polygon
 
 # A screw at the mount's top clamps its skin this far to either side: about the radius of the screw's head.
 CLAMPED_MM = 3.0
-# Extent of the thicker skin round the rows of the holder's screws, to either side.
-HEAD_MM = 8.0
+# Extent of the thicker skin round the rows of the holder's screws, to either side, by how the holder holds mirrors.
+# Where a step of the skin cuts the roofs of the holes for the drivers of carriers' screws, slicers support them.
+HEAD_MM = {"glue": 8.0, "tape": 8.0, "screws": 18.0}
 # A screw of the foot clamps the plastic on a disc of this radius, over which its pressure spreads in the adapter.
 DISC_MM = 6.0
 # Solid finite elements tilt up to 1.28 times as far about x as these plates, and .96 to 1.05 times about the other
@@ -160,13 +161,14 @@ def mount_compliance(
     feet = [top[0] + part * (top[1] - top[0]) for part in (half_skin, 1.0 - half_skin)]
     foot_points = foot.screws_in_rig[:2, 1:] + plate * up
     head = LineString(webs.inner)
+    head_mm = HEAD_MM[hardware.holder.mirrors]
     rows = [
         np.array(head.interpolate(head.project(Point(row)) + side * CLAMPED_MM).coords[0])
         for row in screws[[0, 2], 1:]
         for side in (-1.0, 1.0)
     ]
     ends = [
-        np.array(head.interpolate(head.project(Point(row)) + side * HEAD_MM).coords[0])
+        np.array(head.interpolate(head.project(Point(row)) + side * head_mm).coords[0])
         for row in screws[[0, 2], 1:]
         for side in (-1.0, 1.0)
     ]
@@ -174,7 +176,7 @@ def mount_compliance(
     edges = _Edges()
     strips = [
         *(
-            (start, end, grip if _on_head(head, (start + end) / 2.0, screws) else skin)
+            (start, end, grip if _on_head(head, (start + end) / 2.0, screws, head_mm) else skin)
             for start, end, skin in _strips_along(
                 [feet[0], *webs.inner], [*webs.webs.reshape(-1, 2), *rows, *ends], section.skin_mm
             )
@@ -206,10 +208,10 @@ def mount_compliance(
     return np.asarray(KNOCK_DOWN * compliance * np.outer(in_plane, in_plane))
 
 
-def _on_head(line: LineString, point: FloatArray, screws: FloatArray) -> bool:
+def _on_head(line: LineString, point: FloatArray, screws: FloatArray, head_mm: float) -> bool:
     """Return whether a point (2,) of the inner skin's line is on the thicker skin round the holder's screws (4, 3)."""
     position = line.project(Point(point))
-    return any(abs(position - line.project(Point(row))) < HEAD_MM for row in screws[[0, 2], 1:])
+    return any(abs(position - line.project(Point(row))) < head_mm for row in screws[[0, 2], 1:])
 
 
 def disc_on_solid(radius_mm: float, modulus_mpa: float) -> FloatArray:
