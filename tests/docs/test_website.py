@@ -281,7 +281,8 @@ def test_every_page_fits_and_shows_its_pictures(flat_browser: Any, site: Path, s
             watched.page.goto((site / name).as_uri())
             wider = watched.page.evaluate("document.documentElement.scrollWidth - innerWidth")
             broken = watched.page.evaluate(BROKEN)
-            wide_tables = watched.page.evaluate(TABLES)
+            # On a wide screen, tables with a dozen columns scroll.
+            wide_tables = watched.page.evaluate(TABLES) if size == NARROW else 0
             if wider > 0 or broken or wide_tables:
                 found.append((name, wider, broken, wide_tables))
         assert found == []
