@@ -9,32 +9,71 @@ OUT/convergence.png and OUT/convergence.csv.
 
 import csv
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from arm import base_from_view, joint_speeds
 from scipy.spatial.transform import Rotation
 
 import mirrorcam
-from mirrorcam.optics.light_field.features import FeatureFinder
-from mirrorcam.optics.light_field.motion.servoing import interaction, match_features, servo_velocity
+from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.light_field.features import FeatureFinder, Features
+from mirrorcam.optics.light_field.motion.servoing import Matches, interaction, match_features, servo_velocity
 from mirrorcam.render_scenes.preview.preview_frame import SENSOR, arranged_tabletop, preview_of
 from mirrorcam.render_scenes.preview.traced_scene import traced_tabletop
+
+# Denavit-Hartenberg parameters from the user guide: twist in degrees and offset along z in mm of each joint; all link
+# lengths are 0, and joints 2 to 7 are turned by 180 degrees.
+TWIST_DEG = np.array([180, 90, 90, 90, 90, 90, 90, 180])
+OFFSET_MM = np.array([0.0, -284.8, -11.8, -420.8, -12.8, -314.3, 0.0, -167.4])
+ZERO_DEG = np.array([0, 0, 180, 180, 180, 180, 180, 180])
+LARGEST_DEG_PER_S = np.array([80, 80, 80, 80, 70, 70, 70])
+
+# The views look along the flange's z, from a reference view 120 mm in front of it.
+FLANGE_FROM_VIEW = np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 120], [0, 0, 0, 1]])
+
+
+def base_from_view(joints_deg: FloatArray) -> FloatArray:
+    """Return the pose (4, 4) of the reference view, mm."""
+    pose = np.eye(4)
+    angles = np.deg2rad(ZERO_DEG + np.append(0.0, joints_deg))
+    for angle, offset, twist in zip(angles, OFFSET_MM, np.deg2rad(TWIST_DEG), strict=True):
+        link = np.eye(4)
+        link[:3, :3] = (Rotation.from_euler("z", angle) * Rotation.from_euler("x", twist)).as_matrix()
+        link[2, 3] = offset
+        pose = pose @ link
+    return np.asarray(pose @ FLANGE_FROM_VIEW)
+
+
+def joint_speeds(joints_deg: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Return the speeds (7,) in degrees/s that move the reference view with a velocity (6,), within the limits.
+
+    The velocity is in the view's own axes, mm/s and rad/s; of all solutions, the slowest is returned.
+    """
+    pose, step = base_from_view(joints_deg), 1e-4
+    columns = []
+    for joint in np.eye(7):
+        moved = np.linalg.inv(pose) @ base_from_view(joints_deg + step * joint)
+        columns.append(np.append(moved[:3, 3], Rotation.from_matrix(moved[:3, :3]).as_rotvec()) / step)
+    scale = np.array([1 / 400] * 3 + [1] * 3)  # 1 rad counts as much as 400 mm, the distance of the scene
+    speeds = np.linalg.pinv(scale[:, None] * np.transpose(columns)) @ (scale * velocity)
+    return np.asarray(speeds / max(1.0, float((np.abs(speeds) / LARGEST_DEG_PER_S).max())))
+
 
 # Joint angles at which the view was taught, and by which the arm is moved away.
 TAUGHT_DEG = np.array([0.0, 15.0, 180.0, -130.0, 0.0, 55.0, 90.0])
 MOVED_DEG = np.array([3.0, -2.0, -2.0, 3.0, 3.0, -4.0, 5.0])
 PERIOD_S, GAIN_PER_S, STEPS = 0.4, 1.0, 24
-CONTROLLERS = {
+CONTROLLERS: dict[str, Callable[[Matches], FloatArray]] = {
     "light field: 4-D features": lambda matches: servo_velocity(matches, GAIN_PER_S),
     "one camera, told every depth in the taught view": lambda matches: one_camera(matches, matches.taught[:, 2]),
     "one camera, told their median": lambda matches: one_camera(matches, np.median(matches.taught[:, 2])),
 }
 
 
-def one_camera(matches, inverse_distance):
+def one_camera(matches: Matches, inverse_distance: FloatArray | float) -> FloatArray:
     """Return the velocity by the directions of the features alone, with assumed inverse distances in 1/mm."""
     assumed = matches.current.copy()
     assumed[:, 2] = inverse_distance
@@ -42,10 +81,11 @@ def one_camera(matches, inverse_distance):
     rows = (weights[..., None] * interaction(assumed)[:, :2]).reshape(-1, 6)
     error = (weights * (matches.current - matches.taught)[:, :2]).ravel()
     scale = np.array([1.0 / np.median(assumed[:, 2])] * 3 + [1.0] * 3)
-    return -GAIN_PER_S * scale * np.linalg.lstsq(rows * scale, error, rcond=None)[0]
+    solution = np.linalg.lstsq(rows * scale, error, rcond=None)[0]
+    return np.asarray(-GAIN_PER_S * scale * solution)
 
 
-def main(out):
+def main(out: Path) -> None:
     layout = mirrorcam.design(mirrorcam.DesignSpec())
     scene, decoder = arranged_tabletop(layout, 0), mirrorcam.Decoder(layout)
     finder = FeatureFinder(decoder.views, "ORB", keypoints=1500)
@@ -53,7 +93,7 @@ def main(out):
     pupil_from_view[:3, 3] = decoder.views.view_from_rig @ decoder.views.reference_view_in_rig_mm
     taught_from_base = np.linalg.inv(base_from_view(TAUGHT_DEG))
 
-    def features(joints_deg, seed):
+    def features(joints_deg: FloatArray, seed: int) -> Features:
         """Return the features of the scene as the arm sees it."""
         moved = pupil_from_view @ taught_from_base @ base_from_view(joints_deg) @ np.linalg.inv(pupil_from_view)
         view_from_world = np.linalg.inv(moved)

@@ -40,8 +40,8 @@ def design(spec: DesignSpec, calls: Calls = in_turn, *, progress: Progress = no_
 
     Minimises tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency) under the constraints of the
     spec (docs/design_method.md). The efficiency is averaged over the depths and, if the spec has a tolerance, over
-    devices as built. For the objective "depth", a second optimisation minimises the standard deviation of depth while keeping the
-    pixels and the field of view of the first design.
+    devices as built. For the objective "depth", a second optimisation minimises the standard deviation of depth while
+    keeping the pixels and the field of view of the first design.
 
     The search starts from faceted ellipsoids and keeps the best optimum. If they lead to no optimum, it looks for
     any feasible layout, then continues from easier specs. Neighbouring mirrors are kept apart from the start, other
