@@ -126,10 +126,11 @@ def _window(corners: FloatArray, fine: Screen) -> tuple[int, int, int, int]:
     if not len(corners):
         return 0, 0, *fine.size_px
     margin = max(CORNER_MM) * fine.px_per_mm / 2.0 + 3.0
-    low = np.floor(corners[..., :2].min(axis=(0, 1)) - margin)
-    high = np.ceil(corners[..., :2].max(axis=(0, 1)) + margin)
-    left, top = np.clip(low, 0, np.array(fine.size_px) - 1).astype(int).tolist()
-    right, bottom = np.clip(high, (left + 1, top + 1), fine.size_px).astype(int).tolist()
+    # Whole pixels of the picture: occlusion is computed at its resolution.
+    low = np.floor((corners[..., :2].min(axis=(0, 1)) - margin) / SUPERSAMPLING) * SUPERSAMPLING
+    high = np.ceil((corners[..., :2].max(axis=(0, 1)) + margin) / SUPERSAMPLING) * SUPERSAMPLING
+    left, top = np.clip(low, 0, np.array(fine.size_px) - SUPERSAMPLING).astype(int).tolist()
+    right, bottom = np.clip(high, (left + SUPERSAMPLING, top + SUPERSAMPLING), fine.size_px).astype(int).tolist()
     return left, top, right, bottom
 
 

@@ -25,7 +25,7 @@ def across(sheet: DrawingSheet, words: str) -> float:
 
 
 def test_dimensions_that_follow_each_other_share_a_line_and_others_do_not() -> None:
-    sheet = drawn((0.0, 25.0, "chain a"), (25.0, 60.0, "chain b"), (10.0, 70.0, "beyond"))
+    sheet = drawn((0.0, 25.0, "chain a"), (25.0, 60.0, "chain b"), (5.0, 70.0, "beyond"))
     assert across(sheet, "chain a") == across(sheet, "chain b")
     assert across(sheet, "beyond") < across(sheet, "chain a")
 
