@@ -53,6 +53,7 @@ def test_each_mirror_gets_a_size_of_the_list() -> None:
     assert {tuple(sorted(size)) for size in sizes_mm(layout)} <= {(30.0, 40.0), (30.0, 50.0), (40.0, 60.0)}
 
 
+@pytest.mark.slow
 def test_the_list_is_at_least_as_good_as_its_best_size() -> None:
     shape = "stock:40x30,50x30"
     each, one = (designed(SMALL.replaced(shape=shape, same_size=same)) for same in (False, True))

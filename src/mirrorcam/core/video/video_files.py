@@ -21,6 +21,11 @@ def open_video(path: AnyPath, on_note: Callable[[str], None] | None = None) -> V
     on_note
         Called with remarks on a video for the user: it is interlaced, or players rotate it.
 
+    Returns
+    -------
+    Video or CameraBag
+        The file, whose `frames` are read on demand.
+
     Raises
     ------
     InputError

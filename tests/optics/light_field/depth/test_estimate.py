@@ -252,6 +252,7 @@ def test_unrelated_frames_have_the_depth_of_single_ones() -> None:
             assert same.mean() > 0.99, name
 
 
+@pytest.mark.slow
 def test_sigma_keeps_matching_the_error(scene: Any) -> None:
     random = np.random.default_rng(3)
     video = VideoDepth(DepthEstimator(scene[0], quality="fast", workers=1))

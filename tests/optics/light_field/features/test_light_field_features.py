@@ -172,7 +172,7 @@ def test_two_slopes_have_the_right_size_and_sign() -> None:
     assert np.allclose(np.median(features.apart_disparity_px, axis=0), expected, atol=0.03)
 
 
-@pytest.mark.parametrize("name", ["SIFT4D", "AKAZE"])
+@pytest.mark.parametrize("name", [pytest.param("SIFT4D", marks=pytest.mark.slow), "AKAZE"])
 def test_a_repeating_pattern_gives_no_wrong_depth(name: FeatureDetector) -> None:
     """With a regular grid of views and a periodic pattern, several depths look alike; none is guessed."""
     positions = np.zeros((3, 3, 3))
