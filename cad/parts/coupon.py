@@ -140,7 +140,7 @@ def spacer_mm(layout: Layout, hardware: Hardware) -> float:
 def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> CouponPlan:
     """Lay out the coupon, which depends on the layout only through mirrors' thickness and gaps and the test mirror.
 
-    A strip of the thickness `gap_mm`, if any, extends to the left: the gap between carriers and holder, or `spacer_mm`.
+    A strip of the thickness `gap_mm`, if any, extends from it: the gap between carriers and holder, or `spacer_mm`.
     """
     origin, ring = RIG_FROM_COUPON_MM, hardware.back.ring_gauge
     seat_x, seat_y = _seat_mm(layout, hardware)
@@ -167,7 +167,7 @@ def plan_coupon(layout: Layout, hardware: Hardware, gap_mm: float = 0.0) -> Coup
             *rims,
             *blocks,
             *_pads(layout, hardware),
-            *([_box((-STRIP_MM[0], 0.0, 0.0), (1.0, STRIP_MM[1], gap_mm))] if gap_mm else []),
+            *([_strip(right, gap_mm, hardware)] if gap_mm else []),
         ),
         cuts=(*grooves, *screw_holes, *_lens_gauges(from_y, pitch, hardware), *_slot(right, depth, hardware)),
         centre=origin + np.array([centre, depth / 2.0, 0.0]),
@@ -182,12 +182,23 @@ def _length(start: tuple[float, float, float], end: tuple[float, float, float], 
     return length(RIG_FROM_COUPON_MM + start, RIG_FROM_COUPON_MM + end, text)
 
 
+def _strip_end_mm(right_mm: float, hardware: Hardware) -> tuple[float, float]:
+    """The outer corner of the strip: left of the plate or, where that would be wider than the bed, in front of it."""
+    return (-STRIP_MM[0], 0.0) if right_mm + STRIP_MM[0] <= hardware.printer.bed_mm[0] else (0.0, -STRIP_MM[0])
+
+
+def _strip(right_mm: float, gap_mm: float, hardware: Hardware) -> Frustum:
+    x, y = _strip_end_mm(right_mm, hardware)
+    return _box((x, y, 0.0), (1.0, STRIP_MM[1], gap_mm) if x else (STRIP_MM[1], 1.0, gap_mm))
+
+
 def _seat_lengths(right_mm: float, gap_mm: float, layout: Layout, hardware: Hardware) -> Iterator[Length]:
     """The thickness of plate and strip, and the seat's size within its rims."""
     rim, (x, y) = hardware.holder.rim_mm, _seat_mm(layout, hardware)
     yield _length((right_mm, 0.0, 0.0), (right_mm, 0.0, PLATE_MM), "plate")
     if gap_mm:
-        yield _length((-STRIP_MM[0], 0.0, 0.0), (-STRIP_MM[0], 0.0, gap_mm), "strip")
+        x, y = _strip_end_mm(right_mm, hardware)
+        yield _length((x, y, 0.0), (x, y, gap_mm), "strip")
     yield _length((rim, rim, PLATE_MM), (x - rim, rim, PLATE_MM), "seat")
     yield _length((rim, rim, PLATE_MM), (rim, y - rim, PLATE_MM), "seat")
 

@@ -237,3 +237,11 @@ def test_the_wrist_reaches_into_the_plate_and_clears_the_other_gauges(default_la
 def test_without_a_clamp_there_is_no_segment(coupon: CouponPlan) -> None:
     assert coupon.ring is None
     assert coupon.right_mm == corners_of(coupon.pieces)[:, 0].max()
+
+
+def test_the_strip_does_not_make_the_coupon_wider_than_the_bed(default_layout: Layout) -> None:
+    wide = HARDWARE.replaced(camera=HARDWARE.camera.replaced(lens_ring_mm=63.0))
+    for hardware in (HARDWARE, wide):
+        corners = corners_of(plan_coupon(default_layout, hardware, 1.0).pieces)
+        assert np.ptp(corners[:, 0]) <= hardware.printer.bed_mm[0]
+    assert np.ptp(corners[:, 0]) > HARDWARE.printer.bed_mm[0] - 22.0
