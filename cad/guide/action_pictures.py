@@ -34,7 +34,7 @@ from mirrorcam.cad.holder.glue import bead_mm
 from mirrorcam.cad.parts.camera_box import body_box
 from mirrorcam.cad.parts.ties import TIE_THICK_MM
 from mirrorcam.cad.plan.device_names import FILM, SEAT, THREAD, TIE, carrier_name
-from mirrorcam.cad.plan.seats import pad_height_mm, seat_height_mm
+from mirrorcam.cad.plan.seats import Frustum, pad_height_mm, seat_height_mm
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_gaps import edges_mm
@@ -127,7 +127,7 @@ def _seat(device: Device, stages: Stages) -> DevicePicture:
     carriers = [carrier for carrier in stages.carriers if belongs(carrier, carrier_name(name))]
     (component,) = [mirror for mirror in stages.mirrors if mirror.name == f"mirror_{name}"]
     taped = device.hardware.holder.mirrors == "tape"
-    stuck = _tape(device, index) if taped else _beads(device, index)
+    stuck = _tape(device, index) if taped else glue_beads(device, index)
     lift = LIFT_RATIO * edges_mm(mirror).min() * mirror.normal_in_rig
     corners = mirror.outline_in_rig_mm
     edge = np.argmax(((corners + np.roll(corners, -1, axis=0)) / 2.0) @ device.level_from_rig[1])
@@ -147,12 +147,18 @@ def _seat(device: Device, stages: Stages) -> DevicePicture:
     return _close_up(SEAT, title, axes, items, what, np.vstack([corners, corners + lift]))
 
 
-def _beads(device: Device, index: int) -> list[FloatArray]:
+def _pads(device: Device, index: int) -> tuple[Frustum, ...]:
+    """The pads under a mirror, on its carrier or on the holder."""
+    carriers = device.mirror_carriers
+    return carriers[index].pads if carriers else device.holder.pads_of_mirrors[index]
+
+
+def glue_beads(device: Device, index: int) -> list[FloatArray]:
     """Beads of glue midway between the grooves of a seat, clear of its pads: triangles (n, 3, 3) in the rig frame."""
     mirror, hardware = device.layout.mirrors[index], device.hardware
     pitch, radius = hardware.holder.groove_pitch_mm, bead_mm(hardware) / 2.0
     room = Polygon(mirror.outline_in_plane_mm).buffer(-BEAD_END_MM)
-    for pad in device.holder.pads_of_mirrors[index]:
+    for pad in _pads(device, index):
         in_plane = transform(inverse(mirror.rig_from_plane), pad.top)[:, :2]
         room = room.difference(Polygon(in_plane).buffer(radius + BEAD_END_MM))
     low, bottom, high, top = room.bounds
@@ -172,7 +178,7 @@ def _tape(device: Device, index: int) -> list[FloatArray]:
     """The squares of tape on a mirror's pads as triangles (n, 3, 3) in the rig frame."""
     mirror, holder = device.layout.mirrors[index], device.hardware.holder
     squares = []
-    for pad in device.holder.pads_of_mirrors[index]:
+    for pad in _pads(device, index):
         centre = transform(inverse(mirror.rig_from_plane), pad.top).mean(axis=0)
         square = trimesh.creation.box((holder.tape_pad_mm, holder.tape_pad_mm, holder.tape_mm))
         square.apply_translation((*centre[:2], pad_height_mm(mirror, device.hardware) + holder.tape_mm / 2.0))

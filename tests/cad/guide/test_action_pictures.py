@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from shapely import Polygon
 
-from mirrorcam.cad.guide.action_pictures import TIE_WIDTH_MM, action_names, peeled_film, tie_loops, tie_solids
+from mirrorcam.cad.assembly.device_plan import plan_device
+from mirrorcam.cad.guide.action_pictures import (
+    TIE_WIDTH_MM,
+    action_names,
+    glue_beads,
+    peeled_film,
+    tie_loops,
+    tie_solids,
+)
 from mirrorcam.cad.guide.picture_views import rendering_of
 from mirrorcam.cad.parts.ties import TIE_THICK_MM
 from mirrorcam.cad.plan.device_names import CLOSE_UPS
+from mirrorcam.cad.plan.hardware import HARDWARE
+from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_gaps import area_mm2
+from mirrorcam.optics.geometry.transforms import inverse, transform
 from tests.cad.guide.conftest import Made
 
 
@@ -38,6 +51,17 @@ def test_a_tie_surrounds_the_cable_and_passes_both_slots(made: Made) -> None:
     outside = Polygon(corners[np.argsort(np.arctan2(*(corners[:, :2] - content.mean(axis=0)).T)), :2]).convex_hull
     assert outside.area == pytest.approx(Polygon(content).convex_hull.buffer(TIE_THICK_MM).area, rel=0.02)
     assert end[:2] @ pull > (content @ pull).max()
+
+
+@pytest.mark.parametrize("mirrors", ["glue", "screws"])
+def test_each_mirror_has_beads_of_glue_clear_of_its_pads(make_parabola: Callable[..., Layout], mirrors: str) -> None:
+    layout = make_parabola(2, 2, gap_mm=4.0)
+    device = plan_device(layout, HARDWARE.replaced(holder=HARDWARE.holder.replaced(mirrors=mirrors)))
+    for index, mirror in enumerate(layout.mirrors):
+        beads = glue_beads(device, index)
+        assert len(beads) >= 2
+        in_plane = transform(inverse(mirror.rig_from_plane), np.concatenate(beads).reshape(-1, 3))
+        assert np.abs(in_plane[:, 0]).max() < np.abs(mirror.outline_in_plane_mm[:, 0]).max()
 
 
 @pytest.mark.parametrize("name", CLOSE_UPS)
