@@ -197,8 +197,8 @@ def _seat_lengths(right_mm: float, gap_mm: float, layout: Layout, hardware: Hard
     rim, (x, y) = hardware.holder.rim_mm, _seat_mm(layout, hardware)
     yield _length((right_mm, 0.0, 0.0), (right_mm, 0.0, PLATE_MM), "plate")
     if gap_mm:
-        x, y = _strip_end_mm(right_mm, hardware)
-        yield _length((x, y, 0.0), (x, y, gap_mm), "strip")
+        end = _strip_end_mm(right_mm, hardware)
+        yield _length((*end, 0.0), (*end, gap_mm), "strip")
     yield _length((rim, rim, PLATE_MM), (x - rim, rim, PLATE_MM), "seat")
     yield _length((rim, rim, PLATE_MM), (rim, y - rim, PLATE_MM), "seat")
 
