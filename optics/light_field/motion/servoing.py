@@ -14,12 +14,8 @@ import numpy as np
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.light_field.features.feature_set import Features
-from mirrorcam.optics.light_field.features.keypoints import nearest_pairs
 from mirrorcam.optics.light_field.light_field import Views
-from mirrorcam.optics.light_field.motion.pose_fit import robust_motion
-
-KEYPOINT_SIGMA_PX = 1.0
-"""Standard deviation of a keypoint's repeated detection in another picture, in px of the keypoint's scale."""
+from mirrorcam.optics.light_field.motion.point_matches import match_points, motion_between
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,20 +42,15 @@ class Matches:
 
 def match_features(views: Views, current: Features, taught: Features) -> Matches | None:
     """Match the features of two light fields with the same views; None if too few move like one rigid scene."""
-    first, second = nearest_pairs(current.descriptors, taught.descriptors)
-    sides = ((current, first), (taught, second))
-    here, there = (_points(views, features)[chosen] for features, chosen in sides)
-    angles = [KEYPOINT_SIGMA_PX * features.scale_px[chosen] / views.focal_px for features, chosen in sides]
-    depths = [features.depth_sigma_mm[chosen] for features, chosen in sides]
-    lateral_mm = np.hypot(angles[0] * here[:, 2], angles[1] * there[:, 2])
-    fit = robust_motion(here, there, np.column_stack([lateral_mm, lateral_mm, np.hypot(np.hypot(*depths), lateral_mm)]))
+    here, there = match_points(views, current, taught)
+    fit = motion_between(views, here, there)
     if fit is None:
         return None
     _, inliers = fit
-    angle = np.hypot(*angles)
-    inverse = np.hypot(depths[0] / here[:, 2] ** 2, depths[1] / there[:, 2] ** 2)
-    seen = [np.column_stack([points[:, :2] / points[:, 2:], 1.0 / points[:, 2]]) for points in (here, there)]
-    return Matches(seen[0][inliers], seen[1][inliers], np.column_stack([angle, angle, inverse])[inliers])
+    angle = np.hypot(here.keypoint_sigma_px, there.keypoint_sigma_px) / views.focal_px
+    inverse = np.hypot(*(seen.depth_sigma_mm / seen.points_mm[:, 2] ** 2 for seen in (here, there)))
+    x_y_w = [np.column_stack([p[:, :2] / p[:, 2:], 1.0 / p[:, 2]]) for p in (here.points_mm, there.points_mm)]
+    return Matches(x_y_w[0][inliers], x_y_w[1][inliers], np.column_stack([angle, angle, inverse])[inliers])
 
 
 def interaction(features: FloatArray) -> FloatArray:
@@ -91,8 +82,3 @@ def servo_velocity(matches: Matches, gain_per_s: float = 1.0) -> FloatArray:
     scale = np.array([1.0 / np.median(matches.current[:, 2])] * 3 + [1.0] * 3)  # mm of a radian at the scene
     solution, *_ = np.linalg.lstsq(rows * scale, error, rcond=None)
     return np.asarray(-gain_per_s * scale * solution)
-
-
-def _points(views: Views, features: Features) -> FloatArray:
-    """Return the points (n, 3) of features in the axes of the reference view, mm."""
-    return np.asarray((features.points_in_rig_mm - views.reference_view_in_rig_mm) @ views.view_from_rig.T)

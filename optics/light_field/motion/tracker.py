@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.disk.files import write_text
@@ -23,8 +22,8 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import inverse
 from mirrorcam.optics.light_field.features import FeatureDetector, FeatureFinder, Features
-from mirrorcam.optics.light_field.features.keypoints import nearest_pairs
 from mirrorcam.optics.light_field.light_field import LightField, Views
+from mirrorcam.optics.light_field.motion.point_matches import match_points, motion_between
 from mirrorcam.optics.light_field.motion.pose_fit import (
     Frame,
     Landmarks,
@@ -34,7 +33,6 @@ from mirrorcam.optics.light_field.motion.pose_fit import (
     fit_pose,
     observe,
     predict,
-    robust_motion,
 )
 
 # Fraction of visible landmarks below which a new key frame is created.
@@ -43,8 +41,6 @@ MIN_VISIBLE_FRACTION = 0.6
 MIN_TRACKED_FRACTION = 0.7
 # Shift due to a pose update above which patches are aligned again, because their warp depends on the pose.
 CONVERGED_PX, MAX_ALIGNMENTS = 0.5, 3
-# Standard deviation of a keypoint's repeated detection in another picture, in px of the keypoint's scale.
-KEYPOINT_SIGMA_PX = 1.0
 # Standard deviation of an error common to all slopes of a light field, in px of disparity in the view farthest from the
 # reference view: interpolation and alignment are biased. Measured on rendered reliefs.
 COMMON_SIGMA_PX = 0.002
@@ -190,24 +186,9 @@ class LightFieldTracker:
 
     def _start(self, key: Features, current: Features) -> FloatArray | None:
         """Return frame_from_key in closed form from similar features; None if too few agree."""
-        first, second = nearest_pairs(key.descriptors, current.descriptors)
-        key_points, current_points = self._points_in_view(key, first), self._points_in_view(current, second)
-        lateral_sigmas = [
-            features.scale_px[chosen] * KEYPOINT_SIGMA_PX * points[:, 2] / self.finder.views.focal_px
-            for features, chosen, points in zip(
-                (key, current), (first, second), (key_points, current_points), strict=True
-            )
-        ]
-        depth_sigmas = [features.depth_sigma_mm[chosen] for features, chosen in ((key, first), (current, second))]
-        lateral_sigma = np.hypot(*lateral_sigmas)
-        sigmas = np.stack([lateral_sigma, lateral_sigma, np.hypot(np.hypot(*depth_sigmas), lateral_sigma)], axis=1)
-        fit = robust_motion(key_points, current_points, sigmas)
-        return None if fit is None else fit[0]
-
-    def _points_in_view(self, features: Features, chosen: NDArray[np.int64]) -> FloatArray:
         views = self.finder.views
-        in_rig = features.points_in_rig_mm[chosen] - views.reference_view_in_rig_mm
-        return np.asarray(in_rig @ views.view_from_rig.T)
+        fit = motion_between(views, *match_points(views, key, current))
+        return None if fit is None else fit[0]
 
 
 def adjoint(dst_from_src: FloatArray) -> FloatArray:

@@ -121,10 +121,10 @@ class CameraBag:
         """Yield the frames after number `after`; a damaged picture, or one of another size or encoding, is lost."""
         last_ns = -1
         for number, time_ns, picture in self._pictures():
-            is_late, last_ns = time_ns > last_ns, max(time_ns, last_ns)
+            is_later, last_ns = time_ns > last_ns, max(time_ns, last_ns)
             if number <= after:
                 continue
-            if not is_late:
+            if not is_later:
                 yield Lost(number, WRONG_TIME)
                 continue
             try:
