@@ -68,8 +68,8 @@ MOVED_DEG = np.array([3.0, -2.0, -2.0, 3.0, 3.0, -4.0, 5.0])
 PERIOD_S, GAIN_PER_S, STEPS = 0.4, 1.0, 24
 CONTROLLERS: dict[str, Callable[[Matches], FloatArray]] = {
     "light field: 4-D features": lambda matches: servo_velocity(matches, GAIN_PER_S),
-    "one camera, told every depth in the taught view": lambda matches: one_camera(matches, matches.taught[:, 2]),
-    "one camera, told their median": lambda matches: one_camera(matches, np.median(matches.taught[:, 2])),
+    "one camera, given every depth in the taught view": lambda matches: one_camera(matches, matches.taught[:, 2]),
+    "one camera, given their median": lambda matches: one_camera(matches, np.median(matches.taught[:, 2])),
 }
 
 

@@ -163,5 +163,5 @@ def test_visual_servoing(tmp_path: Path) -> None:
     assert all(later < earlier for earlier, later in pairwise(distances[:8]))
     assert distances[-1] < 0.4
     assert float(light_field[-1]["turn_deg"]) < 0.05
-    assert "told their median: lost" in said
+    assert "given their median: lost" in said
     assert (tmp_path / "out" / "convergence.png").stat().st_size > 10_000
