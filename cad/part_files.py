@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from mirrorcam.cad.checks import check_part
+from mirrorcam.cad.checks.exported_mesh import is_manifold, read_3mf, solid_of
 from mirrorcam.cad.guide import write_drawing
 from mirrorcam.cad.guide.drawing_sheet import UNDATED, issue_date
 from mirrorcam.cad.parts.part_mark import engraved, plan_mark
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan, plain
+from mirrorcam.cad.plan.printed_volume import printed_mm3
 from mirrorcam.cad.write.part_export import mass_properties, write_step, write_stl
 from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.cad.write.threemf import write_3mf
@@ -58,7 +60,9 @@ def _make(part: PartPlan, printer: Printer, out: Path, screw: Fastening) -> Buil
     write_stl(stl, solid)
     write_3mf(threemf, stl, part, printer)
     write_drawing(out / "drawings", bare, part, printer, screw)
-    mass = mass_properties(solid, printer.plastic_g_per_cm3)
+    printed = solid_of(read_3mf(threemf))
+    filled = printed_mm3(printed, printer.wall_mm) / printed.volume() if is_manifold(printed) else 1.0
+    mass = mass_properties(solid, filled * printer.plastic_g_per_cm3)
     return BuiltPart.of(part, folder, mass, check_part(part, folder, printer))
 
 

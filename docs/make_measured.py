@@ -39,7 +39,7 @@ default_run | grid error, in grid spacings | {design.grid_error:.3f}
 default_run | usable share of the sensor at 300 mm | {design.usable_efficiency_300mm:.2f}
 default_run | predicted standard deviation of depth at 300 mm | {design.depth_sigma_300mm:.2f} mm
 default_run | rays blocked by parts | {cad.device.rays_blocked:.0f} of {cad.device.rays_cast:,.0f}
-default_run | mass, plastic as solid | {cad.device.mass_g:.0f} g
+default_run | mass | {cad.device.mass_g:.0f} g
 default_run | price of the parts, webcam included | {cad.device.price:.0f} EUR
 default_run | printing time | {cad.device.print_minutes:,.0f} min
 default_run | worst mirror normal against the truth | {validation.normal_error_max_deg:.4f}°

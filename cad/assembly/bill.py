@@ -38,15 +38,16 @@ SEEN_BY_LENS = (HOLDER, CARRIER)
 
 
 class PrintedLine(Value):
-    """A part to print. Time and mass of plastic, including infill, are from the slicer; null without a slicer."""
+    """A part to print."""
 
     number: str
     title: str
     file: str = Field(description="3MF file, relative to the folder of the bill")
     volume_cm3: float
-    solid_g: float = Field(description="mass if printed solid")
-    print_minutes: float | None = Field(description="rounded to a minute, so that the parts add up to the total")
-    print_g: float | None
+    print_minutes: float | None = Field(
+        description="by the slicer, null without one; rounded to a minute, so that the parts add up to the total"
+    )
+    print_g: float = Field(description="mass of plastic, infill included: by the slicer, or estimated without one")
     price: float = Field(description="price of its filament")
 
 
@@ -142,10 +143,8 @@ def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSh
     """Make the bill of materials of a device from its built parts and its stock sheets."""
     printer, prices = device.hardware.printer, device.hardware.prices
     printed = tuple(_printed(part, printer.plastic, prices) for part in parts)
-    grams = [line.print_g for line in printed]
-    sliced = None not in grams
+    sliced = all("print_g" in part.checks for part in parts)
     mirrors = _mirrors(device, sheets)
-    plastic_g = round(sum(g for g in grams if g is not None) if sliced else sum(p.solid_g for p in printed), 1)
     bought = (
         *_filaments(parts, printed, sliced, device),
         *map(_priced, _bought(device, {part.name: part.title.lower() for part in parts})),
@@ -155,7 +154,7 @@ def bill_of(device: Device, parts: Sequence[BuiltPart], sheets: Sequence[StockSh
     return Bom(
         layout_identity=device.layout.identity,
         plastic=printer.plastic,
-        plastic_g=plastic_g,
+        plastic_g=round(sum(line.print_g for line in printed), 1),
         sliced=sliced,
         printed=printed,
         mirrors=mirrors,
@@ -176,9 +175,9 @@ def _filaments(
         lines = [line for part, line in zip(parts, printed, strict=True) if part.name.startswith(SEEN_BY_LENS) == black]
         if not lines:
             continue
-        grams = sum((line.print_g if sliced else None) or line.solid_g for line in lines)
+        grams = sum(line.print_g for line in lines)
         title = f"{plastic} filament, 1.75 mm, {colour}"
-        amount = f"{grams:.0f} g {'as sliced' if sliced else 'if printed solid'}, priced with the printed parts"
+        amount = f"{grams:.0f} g {'as sliced' if sliced else 'estimated'}, priced with the printed parts"
         yield BoughtLine(
             title=title,
             count=None,
@@ -204,16 +203,16 @@ def _source(title: str, good: Good | None, more: Sequence[str] = ()) -> dict[str
 
 
 def _printed(part: BuiltPart, plastic: str, prices: Prices) -> PrintedLine:
-    minutes, grams = part.checks.get("print_minutes"), part.checks.get("print_g")
+    minutes, sliced_g = part.checks.get("print_minutes"), part.checks.get("print_g")
+    grams = sliced_g.value if sliced_g else round(part.mass.mass_g, 1)
     return PrintedLine(
         number=part.number,
         title=part.title,
         file=f"parts/{part.name}.3mf",
         volume_cm3=round(part.mass.volume_mm3 / 1000.0, 2),
-        solid_g=round(part.mass.mass_g, 1),
         print_minutes=float(round(minutes.value)) if minutes else None,
-        print_g=grams.value if grams else None,
-        price=round(prices.of_plastic(plastic, grams.value if grams else part.mass.mass_g), 2),
+        print_g=grams,
+        price=round(prices.of_plastic(plastic, grams), 2),
     )
 
 

@@ -314,10 +314,10 @@ class Load:
 
 
 def carried_load(mount: MountPlan, clip: ClipPlan, hardware: Hardware) -> Load:
-    """Mass and centre of all but the adapter: the holder as if solid, the mirrors, the mount, the clip and the camera.
+    """Mass and centre of all but the adapter: the holder as printed, the mirrors, the mount, the clip and the camera.
 
-    Overlapping pieces of a part count in full, so this is an upper bound, for the design of adapters. Checks use
-    the masses of the parts as made.
+    Mount and clip count as solid, and their overlapping pieces in full, so this is an upper bound, for the design of
+    adapters. Checks use the masses of the parts as printed.
     """
     body = body_box(hardware.camera)
     masses = [

@@ -16,7 +16,6 @@ from mirrorcam.cad.plan.part_plan import Connection, PurchasedItem
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.threads import COUNTERSUNK, thread_of
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.transforms import rigid
 
 HOOK, JAW = MonitorBack.parts
@@ -43,10 +42,13 @@ def plan_monitor(table: MonitorBack, foot: Foot, load: Load, hardware: Hardware)
     pad_z, x = low_z - PAD_MM, foot.half_width_mm + MOUNT_GAP_MM
     half = x + SCREW_TO_SIDE_MM
     heads = foot.screws - table.grip_mm * ABOVE
-    screen_y = _screen_y_mm(float(load.centre[1]), heads, thinnest, hardware)
+    # The edges of pad and plate are clear of the space below the heads of the foot's screws.
+    space = head_space_mm(hardware) + hardware.printer.wall_mm
+    to_back, to_front = float(heads[:, 1].min()) - space, float(heads[:, 1].max()) + space
+    screen_y = _screen_y_mm(float(load.centre[1]), to_back - HOOK_MM, to_front + thinnest - 1.0)
     first, last = (screen_y - thick - LEG_MM - TO_SCREW_MM for thick in (thinnest, thickest))
-    back_y = min(last - TAB_MM, foot.back_y_mm)
-    front_y = max(screen_y + HOOK_MM, foot.front_y_mm)
+    back_y = min(last - TAB_MM, foot.back_y_mm, to_back)
+    front_y = max(screen_y + HOOK_MM, foot.front_y_mm, to_front)
     hook_pieces = (
         box((-half, back_y, low_z), (half, front_y, foot_z)),
         box((-half, screen_y - thinnest + 1.0, pad_z), (half, screen_y + HOOK_MM, low_z)),
@@ -141,14 +143,12 @@ def plan_monitor(table: MonitorBack, foot: Foot, load: Load, hardware: Hardware)
     )
 
 
-def _screen_y_mm(load_y: float, heads: FloatArray, thinnest: float, hardware: Hardware) -> float:
+def _screen_y_mm(load_y: float, behind: float, before: float) -> float:
     """y of the screen: in front of the load, so that the device hangs on the monitor's back, or near it.
 
-    The hook and the pad behind it are clear of the space below the heads (4, 3) of the foot's screws.
+    It is not between `behind` and `before`, where the hook or its pad would be below the heads of the foot's screws.
     """
-    nominal, space = load_y + LOAD_TO_SCREEN_MM, head_space_mm(hardware) + hardware.printer.wall_mm
-    before = float(heads[:, 1].max()) + space + thinnest - 1.0
-    behind = float(heads[:, 1].min()) - space - HOOK_MM
+    nominal = load_y + LOAD_TO_SCREEN_MM
     if nominal >= before or nominal <= behind:
         return nominal
     return min(before, behind, key=lambda y: abs(y - nominal))

@@ -118,7 +118,7 @@ def check_device(device: Device, parts: Sequence[BuiltPart], folder: Path) -> di
         camera and fasteners as in the assembly, and the device's support as in the plan of the adapter.
     """
     made, hardware = DeviceAsMade.read(device, parts, folder), device.hardware
-    items, total = purchased_items(device), assembly_mass(hardware, made.assembly)
+    items, total = purchased_items(device), assembly_mass(hardware, made.assembly, parts)
     supports = supports_of(device, {name: made.valid[name] for name in item_names(items) if name in made.valid})
     return {
         **_check_pieces(made, parts),
@@ -215,8 +215,11 @@ def _expected_names(device: Device, printed: Sequence[BuiltPart]) -> set[str]:
     return names
 
 
-def assembly_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -> MassProperties:
-    """Mass properties of the assembly as one body, with solid plastic."""
+def assembly_mass(
+    hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh], printed: Sequence[BuiltPart]
+) -> MassProperties:
+    """Mass properties of the assembly as one body, with its parts as printed."""
+    plastic_g = {part.name: part.mass.mass_g for part in printed}
     bodies = []
     density: float
     for name, mesh in assembly.items():
@@ -227,7 +230,8 @@ def assembly_mass(hardware: Hardware, assembly: Mapping[str, trimesh.Trimesh]) -
         elif name.startswith(FASTENERS):
             density = BRASS_DENSITY if name.startswith("insert") else STEEL_DENSITY
         else:
-            density = hardware.printer.plastic_g_per_cm3
+            solid_g = hardware.printer.plastic_g_per_cm3 * mesh.volume / 1000.0  # of a piece that should not be there
+            density = plastic_g.get(name, solid_g) / (mesh.volume / 1000.0)
         bodies.append(mass_of(mesh, density))
     return combined(bodies)
 

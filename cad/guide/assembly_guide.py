@@ -246,7 +246,7 @@ def is_sliced(parts: Sequence[BuiltPart]) -> bool:
 
 
 def masses_of(parts: Sequence[BuiltPart]) -> dict[str, str]:
-    """Mass of every part by name, in grams: as sliced if every part was, else as solid plastic."""
+    """Mass of every part by name, in grams: as sliced if every part was, else estimated."""
     sliced = is_sliced(parts)
     return {part.name: f"{part.checks['print_g'].value if sliced else part.mass.mass_g:.0f}" for part in parts}
 

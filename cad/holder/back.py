@@ -268,7 +268,7 @@ def place_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> M
 
     Its width is between half of `holder.mount_of_width` and all of it. The insert's wall separates every hole from the
     edge of the footprint, from adjacent holes and, with half a pin's length, from the cuts; the thinnest wall separates
-    the hole and its nut's slot from the front. Raises InputError if no rectangle fits.
+    the hole and its nut's slot from the front, and the thinnest floor from the bottom of a groove there. Raises InputError if no rectangle fits.
     """
     return next(iter(mount_positions(front, hardware, cuts_mm)))
 
@@ -282,7 +282,8 @@ def mount_positions(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
     # Half the minimum distance between two holes: in the mount, a wall separates the spaces for their screws' heads.
     half_gap = head_space_mm(hardware) + hardware.printer.wall_mm / 2.0
     margin = boss_mm + hardware.holder.pin_mm[1] / 2.0
-    depth = screw_depths_mm(hardware)[2] + hardware.printer.wall_mm
+    cover = max(hardware.printer.wall_mm, hardware.holder.groove_depth_mm + hardware.printer.floor_mm)
+    depth = screw_depths_mm(hardware)[2] + cover
     # A part that is cut is thick enough for the pins everywhere.
     min_thickness = 2.0 * clearance_around_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0
     min_thickness = max(hardware.holder.floor_mm, min_thickness)

@@ -33,11 +33,11 @@ from mirrorcam.cad.holder.carriers import CarrierPlan, min_level_mm, plan_areas,
 from mirrorcam.cad.holder.holder_body import HolderPlan, body_of, one_piece
 from mirrorcam.cad.holder.holder_plan import baffle_of, border_of, column_to_back
 from mirrorcam.cad.holder.planar_csg import PlanarCsg
-from mirrorcam.cad.holder.printed_volume import printed_mm3
 from mirrorcam.cad.plan.cuts import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.dimension import Datum, Hole
 from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
+from mirrorcam.cad.plan.printed_volume import printed_mm3
 from mirrorcam.cad.plan.seats import keep_outs, outline_at, seat_height_mm
 from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.errors import InputError

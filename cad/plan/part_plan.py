@@ -150,7 +150,10 @@ class PurchasedItem:
 
 
 class MassProperties(Value):
-    """Mass of a solid of uniform density, its centre (3,), and its inertia (3, 3) about that centre, along rig axes."""
+    """Mass of a body of uniform density, its centre (3,), and its inertia (3, 3) about that centre, along rig axes.
+
+    The density of a printed part is that of its walls and infill spread over its volume.
+    """
 
     volume_mm3: float
     mass_g: float

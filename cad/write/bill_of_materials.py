@@ -31,9 +31,7 @@ def write_bom(folder: Path, bom: Bom) -> None:
 def as_markdown(bom: Bom) -> str:
     """The bill as Markdown tables: printed, cut and bought."""
     money = markdown_text(bom.currency)
-    basis = (
-        "as sliced" if bom.sliced else "if printed solid (install PrusaSlicer and build again for the mass as sliced)"
-    )
+    basis = "as sliced" if bom.sliced else "estimated (install PrusaSlicer and build again for the mass as sliced)"
     lines = [
         "# Parts list",
         "",
@@ -41,11 +39,11 @@ def as_markdown(bom: Bom) -> str:
         "",
         "## Printed",
         "",
-        f"| number | part | file | volume, cm³ | mass solid, g | mass sliced, g | time | {money} |",
-        "|---|---|---|---:|---:|---:|---:|---:|",
+        f"| number | part | file | volume, cm³ | mass, g | time | {money} |",
+        "|---|---|---|---:|---:|---:|---:|",
         *(
             f"| {line.number} | {line.title} | [{Path(line.file).name}]({line.file}) | {line.volume_cm3:.1f} "
-            f"| {line.solid_g:.1f} | {_or_dash(line.print_g, '.1f')} | {hours_text(line.print_minutes)} "
+            f"| {line.print_g:.1f} | {hours_text(line.print_minutes)} "
             f"| {line.price:.2f} |"
             for line in bom.printed
         ),
@@ -81,21 +79,19 @@ def as_csv(bom: Bom) -> str:
     """The bill as CSV, one row per line; a cell is empty where a column does not apply."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(("kind", "number", "item", "count", "file", "solid_g", "print_g", "print_minutes", "price", "note"))
+    writer.writerow(("kind", "number", "item", "count", "file", "print_g", "print_minutes", "price", "note"))
     for part in bom.printed:
-        printed = (part.solid_g, part.print_g, part.print_minutes, part.price)
+        printed = (part.print_g, part.print_minutes, part.price)
         note = spreadsheet_text(f"{bom.plastic}, {part.volume_cm3:g} cm3")
         writer.writerow(("printed", part.number, part.title, 1, part.file, *printed, note))
     for mirror in bom.mirrors:
         note = f"{mirror.to_buy}; {mirror.area_cm2:g} cm2; {mirror.supplier}: {mirror.search}"
-        writer.writerow(
-            ("mirror", "", mirror.sheet, mirror.count, " ".join(mirror.files), "", "", "", mirror.price, note)
-        )
+        writer.writerow(("mirror", "", mirror.sheet, mirror.count, " ".join(mirror.files), "", "", mirror.price, note))
     for line in bom.bought:
         note = ", ".join(text for text in (line.standard, line.note) if text)
-        writer.writerow(("bought", "", spreadsheet_text(line.title), line.count, "", "", "", "", line.price, note))
+        writer.writerow(("bought", "", spreadsheet_text(line.title), line.count, "", "", "", line.price, note))
     total = spreadsheet_text(f"{bom.currency}, {bom.prices_date}: {BASIS}; without tools")
-    writer.writerow(("total", "", "", "", "", "", "", bom.print_minutes, bom.price, total))
+    writer.writerow(("total", "", "", "", "", "", bom.print_minutes, bom.price, total))
     return stream.getvalue()
 
 

@@ -49,7 +49,7 @@ class GalleryCard(Value):
     size_mm
         Width, height and depth of the device in use, along the axes of a level view.
     mass_g
-        Mass with all plastic taken as solid, because not every part has a mass as sliced.
+        Mass with the parts as printed, camera included.
     print_minutes
         Time to print everything, None if no slicer is installed.
     focus_mm
@@ -95,7 +95,7 @@ class GalleryCard(Value):
             ("Mirrors", self.mirrors),
             ("Threads", self.fasteners),
             ("Size", f"{size}{NBSP}mm"),
-            ("Mass, as if solid", f"{self.mass_g:.0f} g"),
+            ("Mass", f"{self.mass_g:.0f} g"),
             ("Price, estimated", f"{self.price:.0f} {self.currency}"),
             ("Printing", "unknown" if self.print_minutes is None else hours_text(self.print_minutes)),
             ("Seen by all views", _range_text(f"{at.pixel_efficiency:.0%}" for at in self.at_depths)),

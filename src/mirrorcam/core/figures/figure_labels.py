@@ -13,7 +13,7 @@ ASSEMBLY: Mapping[str, str] = {
     "pieces_amiss": "pieces missing or unexpected",
     "parts_sliced": "parts checked with a slicer",
     "meshes_broken": "meshes that enclose no solid",
-    "mass_g": "mass, plastic as solid",
+    "mass_g": "mass",
     "centre_x_mm": "centre of mass, x",
     "centre_y_mm": "centre of mass, y",
     "centre_z_mm": "centre of mass, z",

@@ -9,8 +9,9 @@ import pytest
 from manifold3d import Manifold
 
 from mirrorcam.cad.assembly.device_plan import Device
-from mirrorcam.cad.holder.printed_volume import CLOSED_MM, printed_mm3
+from mirrorcam.cad.checks.exported_mesh import read_3mf, solid_of
 from mirrorcam.cad.plan.hardware import HARDWARE, PRINT_SETTINGS
+from mirrorcam.cad.plan.printed_volume import CLOSED_MM, printed_mm3
 from mirrorcam.cad.write.slicer import find_slicer
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
@@ -36,4 +37,16 @@ def test_the_holder_is_as_heavy_as_the_slicer_prints_it(
 ) -> None:
     sliced_g = built_default[2]["mirror_holder.print_g"].value
     grams = device.holder.printed_mm3 / 1000.0 * HARDWARE.printer.plastic_g_per_cm3
+    assert grams == pytest.approx(sliced_g, rel=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_slicer() is None, reason="PrusaSlicer is not installed")
+def test_a_device_is_as_heavy_as_the_slicer_prints_it(built_default: tuple[Layout, Path, dict[str, Metric]]) -> None:
+    _, folder, checks = built_default
+    sliced_g = sum(check.value for name, check in checks.items() if name.endswith(".print_g"))
+    printer = HARDWARE.printer
+    bodies = [solid_of(read_3mf(path)) for path in sorted((folder / "parts").glob("*.3mf"))]
+    grams = sum(printed_mm3(body, printer.wall_mm) for body in bodies) / 1000.0 * printer.plastic_g_per_cm3
+    assert len(bodies) >= 5
     assert grams == pytest.approx(sliced_g, rel=0.1)
