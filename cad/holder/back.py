@@ -268,7 +268,8 @@ def place_mount(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) -> M
 
     Its width is between half of `holder.mount_of_width` and all of it. The insert's wall separates every hole from the
     edge of the footprint, from adjacent holes and, with half a pin's length, from the cuts; the thinnest wall separates
-    the hole and its nut's slot from the front, and the thinnest floor from the bottom of a groove there. Raises InputError if no rectangle fits.
+    the hole and its nut's slot from the front, and the thinnest floor from a groove there. Raises InputError if no
+    rectangle fits.
     """
     return next(iter(mount_positions(front, hardware, cuts_mm)))
 

@@ -130,7 +130,7 @@ def test_a_small_device_on_screws_passes_the_checks_of_its_parts_together(kind: 
     guide_of(tmp_path, made.device, made.parts, made.components)
     guide = (tmp_path / "guide.md").read_text(encoding="utf-8")
     size = made.device.hardware.holder.spring.size
-    assert f"6 {TIMES} M3 x" in guide
-    assert f"6 {TIMES} {size} compression springs" in guide
+    assert f"6 {TIMES} [M3 x" in guide
+    assert f"6 {TIMES} [{size} compression springs" in guide
     assert isinstance(made.device.holder, ScrewedHolderPlan)
     assert f"strip {made.device.holder.adjuster.gap_mm:.1f} mm thick" in guide

@@ -82,7 +82,7 @@ def made(make_parabola: Callable[..., Layout], tmp_path_factory: pytest.TempPath
     write_glb(device.folder / "assembly.glb", device.components, device.device.back.rig_from_stand)
     for sheet in plan_sheets(layout, HARDWARE.cutting):
         write_dxf(device.folder / "mirrors" / f"{sheet.stem}.dxf", sheet)
-    write_bom(device.folder, bill_of(device.device, device.parts, ()))
+    write_bom(device.folder, bill_of(device.device, device.parts, plan_sheets(layout, HARDWARE.cutting)))
     write_documents(device)
     return device
 
@@ -90,8 +90,9 @@ def made(make_parabola: Callable[..., Layout], tmp_path_factory: pytest.TempPath
 def guide_of(
     folder: Path, device: Device, parts: Sequence[BuiltPart], components: Sequence[Component], **more: Any
 ) -> None:
-    """Write the guide with the bill of the same device, without mirrors."""
-    write_guide(folder, device, parts, components, bill_of(device, parts, ()), **more)
+    """Write the guide with the bill of the same device."""
+    bill = bill_of(device, parts, plan_sheets(device.layout, device.hardware.cutting))
+    write_guide(folder, device, parts, components, bill, **more)
 
 
 def write_documents(made: Made, checks: dict[str, Metric] = CHECKS) -> None:

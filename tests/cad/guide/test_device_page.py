@@ -65,7 +65,8 @@ def will_exist(made: Made) -> set[str]:
         | drawings
         | {"plates/plate_1.3mf", "pictures/live_view.png", "pictures/live_overlay.png"}
         | {picture.path for picture in made.pictures}
-        | {"checks.json", "robot/mirrorcam.xacro"}
+        | {"checks.json", "robot/mirrorcam.xacro", "drawings/side_view.svg", "source/hardware.toml"}
+        | {"mirrors/cutting.md", "mirrors/scale_bar.svg"}
     )
 
 

@@ -45,7 +45,7 @@ def test_walls_hide_the_surroundings_from_the_camera(default_layout: Layout, pla
     # With larger gaps between mirrors, too much of the picture would show the surroundings without walls.
     free = parabola(3, 3)
     walled = plan_holder(free, HARDWARE)
-    assert stray_light(free, body_of(PlanarCsg(), walled), mirror_solids(free)) < 0.1 * MAX_STRAY_LIGHT
+    assert stray_light(free, body_of(PlanarCsg(), walled), mirror_solids(free)) < 0.2 * MAX_STRAY_LIGHT
     assert stray_light(free, body_of(PlanarCsg(), without_walls(walled)), mirror_solids(free)) > MAX_STRAY_LIGHT
 
 
@@ -75,7 +75,7 @@ def test_walls_are_as_thick_as_the_table_says(plan: HolderPlan) -> None:
     assert PlanarCsg().solid(plan.walls).volume() > 1000.0
 
 
-@pytest.mark.parametrize(("reach_mm", "slit"), a_few(1, [(HARDWARE.holder.shade_out_mm, False), (2.0, True)]))
+@pytest.mark.parametrize(("reach_mm", "slit"), a_few(1, [(HARDWARE.holder.shade_out_mm, False), (1.0, True)]))
 def test_walls_leave_no_slit_beside_the_slab(default_layout: Layout, reach_mm: float, slit: bool) -> None:
     """Offsets of 0.25 mm outwards and back close gaps narrower than 0.5 mm; notches are a few mm2."""
     hardware = HARDWARE.replaced(holder=HARDWARE.holder.replaced(shade_out_mm=reach_mm))
@@ -83,7 +83,7 @@ def test_walls_leave_no_slit_beside_the_slab(default_layout: Layout, reach_mm: f
     lying = body_of(PlanarCsg(), plan).transform(np.linalg.inv(plan.rig_from_mount)[:3])
     section = polygons(lying.slice(-HARDWARE.holder.floor_mm - 1.0))
     closed = section.buffer(0.25, join_style="mitre").buffer(-0.25, join_style="mitre").difference(section).area
-    assert closed > 40.0 if slit else closed < 5.0
+    assert closed > 20.0 if slit else closed < 5.0
 
 
 def test_a_hood_rises_above_the_mirrors_wherever_light_permits(default_layout: Layout, plan: HolderPlan) -> None:

@@ -151,7 +151,7 @@ def test_a_hostile_name_is_text_in_every_file(
     # The plastic, its filament, the camera, and the camera among the items without a price.
     assert html.unescape(page).count(name) == 4
     rows = list(csv.reader((tmp_path / "bom.csv").read_text(encoding="utf-8").splitlines()))
-    assert [row[2] for row in rows if row[9] == "the camera"] == [f"'{name}"]
+    assert [row[2] for row in rows if row[8] == "the camera"] == [f"'{name}"]
     assert not [cell for row in rows for cell in row if cell.startswith(("=", "+", "@"))]
     assert json.loads((tmp_path / "bom.json").read_text(encoding="utf-8"))["plastic"] == name
 
@@ -169,7 +169,7 @@ def test_the_three_files_say_the_same(bom: Bom, tmp_path: Path) -> None:
     text = (tmp_path / "bom.md").read_text(encoding="utf-8")
     tables = [line for line in text.splitlines() if line.startswith("|") and not line.startswith("|---")]
     assert len(tables) == len(rows) + 3
-    assert "| MC-99 | Block | [block.3mf](parts/block.3mf) | 18.0 | 22.3 | 9.5 | 1:15 h | 0.21 |" in text
+    assert "| MC-99 | Block | [block.3mf](parts/block.3mf) | 18.0 | 9.5 | 1:15 h | 0.21 |" in text
     assert "PLA: 19 g as sliced; 2:30 h of printing in all." in text
     # No row has more or fewer cells than its header.
     for table in re.split(r"\n\n", text):

@@ -6,7 +6,6 @@ import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from shutil import copyfile
 from typing import Any
 
 import pytest
@@ -14,6 +13,7 @@ import simplejpeg
 from starlette.testclient import TestClient
 
 from mirrorcam.core.errors import InputError
+from mirrorcam.core.images.pictures import pictures_in, read_image, write_image
 from mirrorcam.optics.calibration.diagnostics.verdict import MIN_FRAMES
 from mirrorcam.optics.geometry.boards import save_board
 from mirrorcam.optics.geometry.camera import Camera
@@ -165,12 +165,12 @@ def test_the_pictures_taken_are_calibrated_by_a_job(whole_set: Path, tmp_path: P
     host.open(LiveRequest(whole_set / "layout.json", str(whole_set / "frames")), whole_set / "board.toml")
     try:
         (tmp_path / "pictures").mkdir()
-        frames = sorted((whole_set / "frames").glob("*.png"))
+        frames = pictures_in([whole_set / "frames"])
         for number, path in enumerate(frames, 1):
             if number == MIN_FRAMES:
                 with pytest.raises(InputError, match=rf"number of calibration pictures is 4, expected {MIN_FRAMES}"):
                     host.calibrate()
-            copyfile(path, tmp_path / "pictures" / f"picture_{number:04}.png")
+            write_image(tmp_path / "pictures" / f"picture_{number:04}.png", read_image(path))
         host.calibrate()
         with pytest.raises(InputError, match="running already"):
             host.calibrate()
