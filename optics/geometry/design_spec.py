@@ -173,11 +173,12 @@ class DesignSpec(Value):
         return written if self.pattern is None else {k: v for k, v in written.items() if k not in ("rows", "cols")}
 
     @cached_property
-    def keep_outs_in_rig_mm(self) -> tuple[FloatArray, ...]:
-        """Corners (8, 3) of the boxes around the camera with its clip, and around a lens; none if they are unknown."""
+    def keep_outs_in_rig_mm(self) -> FloatArray:
+        """Corners (n, 8, 3) of the boxes around the camera with its clip, and around a lens; none if they are unknown."""
         boxes = ((self.camera.body_mm, self.body_clearance_mm), (self.camera.lens_mm, LENS_CLEARANCE_MM))
         sides = np.array([[-1.0], [1.0]])
-        return tuple(box_corners(*(np.array(box) + sides * clearance)) for box, clearance in boxes if box is not None)
+        corners = [box_corners(*(np.array(box) + sides * clearance)) for box, clearance in boxes if box is not None]
+        return np.array(corners).reshape(-1, 8, 3)
 
     @model_validator(mode="after")
     def _check(self) -> Self:
