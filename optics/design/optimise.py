@@ -72,10 +72,10 @@ def design(spec: DesignSpec, calls: Calls = in_turn, *, progress: Progress = no_
     check_type("spec", spec, DesignSpec)
     check_obvious_infeasibility(spec)
     calls = counted(calls, progress)
-    optimum = _for_overlap(spec, calls)
-    if spec.objective == "depth":
-        optimum = _for_depth(spec, optimum, calls)
-    return _verified(with_allowed_sizes(optimum, calls))
+    overlap = with_allowed_sizes(_for_overlap(spec, calls), calls)
+    if spec.objective == "overlap":
+        return _verified(overlap)
+    return _verified(with_allowed_sizes(_for_depth(spec, overlap, calls), calls, overlap))
 
 
 def design_near(spec: DesignSpec, start: FloatArray) -> Layout | None:

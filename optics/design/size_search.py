@@ -1,7 +1,8 @@
 """Allowed sizes for the mirrors of a design of rectangles, whose sides were free so far.
 
 The design with free sides is the relaxation. Candidates give every mirror an allowed size, and for each the program is
-solved again with the sizes fixed. Sides in steps are rounded. Sizes that are sold start from the largest that fit into
+solved again with the sizes fixed. Sides in steps are rounded; a design for depth also tries the sizes of the design
+for overlap whose pixels and field of view it keeps. Sizes that are sold start from the largest that fit into
 the free rectangles, enlarged by several factors, and from one size for all: what all views share grows only if all
 mirrors grow. Then one mirror after another gets the size with the best optimum, until none improves.
 """
@@ -34,15 +35,18 @@ MIN_GAIN = 1e-4
 """Improvement of the objective for which a mirror changes its size."""
 
 
-def with_allowed_sizes(optimum: Optimum, calls: Calls) -> Optimum:
+def with_allowed_sizes(optimum: Optimum, calls: Calls, reference: Optimum | None = None) -> Optimum:
     """The best design found with allowed sizes; free outlines are returned as they are.
 
-    Raises InfeasibleDesign if no candidate has an optimum that meets all constraints.
+    `reference` is another design with allowed sizes, from which the search starts, too. Raises InfeasibleDesign if no
+    candidate has an optimum that meets all constraints.
     """
     sizes = optimum.spec.rectangle_sizes
     if sizes is None:
         return optimum
-    starts = _starts(optimum, sizes)
+    starts = [(optimum.values, size_mm) for size_mm in _starts(optimum, sizes)]
+    if reference is not None:
+        starts.append((reference.values, reference.sizes_mm))
     best = _best_of(optimum, starts, calls)
     if best is None:
         raise InfeasibleDesign(
@@ -58,11 +62,12 @@ def _starts(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
     free_mm = optimum.sizes_mm
     if not sizes.is_stock:
         step, spec = sizes.step_mm, optimum.spec
-        least = np.floor(spec.min_edge_mm / step) + 1.0
+        least = np.ceil(spec.min_edge_mm / step)
         low = np.maximum(np.floor(free_mm / step), least)
         if spec.same_size:
             return [step * (low + shift) for shift in product((0.0, 1.0), repeat=2)]
-        return [step * np.maximum(np.round(free_mm / step), least), step * low]
+        starts = (step * np.maximum(np.round(free_mm / step), least), step * low)
+        return [_with_area(start, spec.min_area_mm2, step) for start in starts]
     options = sizes.options_mm
     if optimum.spec.same_size:
         return [np.broadcast_to(options[k], free_mm.shape) for k in _by_distance(options, free_mm[0])[:TRIED]]
@@ -76,16 +81,24 @@ def _starts(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
     return list(np.unique(starts, axis=0))
 
 
+def _with_area(sizes_mm: FloatArray, area_mm2: float, step_mm: float) -> FloatArray:
+    """Sizes (n, 2) whose smaller sides are lengthened, in steps, until each has an area."""
+    widths, heights = sizes_mm.T
+    shorter = np.minimum(widths, heights)
+    needed = step_mm * np.ceil(area_mm2 / np.maximum(widths, heights) / step_mm)
+    return np.where(sizes_mm == shorter[:, None], np.maximum(shorter, needed)[:, None], sizes_mm)
+
+
 def _by_distance(options: FloatArray, free_mm: FloatArray) -> list[int]:
     """Indices of sizes (k, 2), those nearest to a free size (2,) first, by the ratio of their sides."""
     return [int(k) for k in np.abs(np.log(options / free_mm)).sum(axis=1).argsort(kind="stable")]
 
 
-def _best_of(optimum: Optimum, candidates: Sequence[FloatArray], calls: Calls) -> Optimum | None:
-    """The best optimum with one of the candidates' sizes (n, 2), mm, that meets all constraints on pairs."""
-    arguments = [(optimum.goal, optimum.values, size_mm) for size_mm in candidates]
-    with closing(calls([(sized_optimum, each) for each in arguments])) as outcomes:
-        solved = [(outcome, size_mm) for outcome, size_mm in zip(outcomes, candidates, strict=True) if outcome.solved]
+def _best_of(optimum: Optimum, candidates: Sequence[tuple[FloatArray, FloatArray]], calls: Calls) -> Optimum | None:
+    """The best optimum near a candidate's values, with its sizes (n, 2), mm, that meets all constraints on pairs."""
+    with closing(calls([(sized_optimum, (optimum.goal, *each)) for each in candidates])) as outcomes:
+        found = zip(outcomes, candidates, strict=True)
+        solved = [(outcome, size_mm) for outcome, (_, size_mm) in found if outcome.solved]
     for outcome, size_mm in sorted(solved, key=lambda pair: float(pair[0].objective)):
         if (best := _with_all_pairs(optimum, outcome, size_mm)) is not None:
             return best
@@ -94,8 +107,10 @@ def _best_of(optimum: Optimum, candidates: Sequence[FloatArray], calls: Calls) -
 
 def sized_optimum(goal: Goal, values: FloatArray, size_mm: FloatArray) -> SolverOutcome:
     """The optimum of a goal near given values, with the sizes (n, 2), mm, of all mirrors fixed."""
-    problem = replace(goal, max_iterations=MAX_ITERATIONS).problem()
-    return problem.solver.optimise(values, (problem.sizes.ravel(), size_mm.ravel() / goal.spec.scale_mm))
+    # A fixed size on its limit would leave the interior-point method no interior.
+    spec = goal.spec.replaced(min_edge_mm=0.9 * goal.spec.min_edge_mm, min_area_mm2=0.9 * goal.spec.min_area_mm2)
+    problem = replace(goal, spec=spec, max_iterations=MAX_ITERATIONS).problem()
+    return problem.solver.optimise(values, (problem.sizes.ravel(), size_mm.ravel() / spec.scale_mm))
 
 
 def _with_all_pairs(optimum: Optimum, outcome: SolverOutcome, size_mm: FloatArray) -> Optimum | None:
@@ -121,7 +136,7 @@ def _improved(optimum: Optimum, free_mm: FloatArray, sizes: RectangleSizes, call
                 size_mm = optimum.sizes_mm
                 if np.abs(option - size_mm[index]).max() > sizes.step_mm / 2.0:
                     size_mm[index] = option
-                    candidates.append(size_mm)
+                    candidates.append((optimum.values, size_mm))
             found = _best_of(optimum, candidates, calls) if candidates else None
             if found is not None and found.outcome.objective < optimum.outcome.objective - MIN_GAIN:
                 optimum = found

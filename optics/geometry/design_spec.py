@@ -174,7 +174,7 @@ class DesignSpec(Value):
 
     @cached_property
     def keep_outs_in_rig_mm(self) -> FloatArray:
-        """Corners (n, 8, 3) of the boxes around the camera with its clip, and around a lens; none if they are unknown."""
+        """Corners (n, 8, 3) of the boxes around camera and clip, and around a lens; none if they are unknown."""
         boxes = ((self.camera.body_mm, self.body_clearance_mm), (self.camera.lens_mm, LENS_CLEARANCE_MM))
         sides = np.array([[-1.0], [1.0]])
         corners = [box_corners(*(np.array(box) + sides * clearance)) for box, clearance in boxes if box is not None]

@@ -128,7 +128,7 @@ def test_a_design_for_depth_has_a_fifth_less_sigma_with_equal_pixels_and_field_o
         assert layout.metrics[sigma].value <= ratio * free.metrics[sigma].value
         assert layout.metrics[usable].value >= 0.99 * free.metrics[usable].value
     for axis in "xy":
-        assert layout.metrics[f"fov_{axis}_deg"].value >= 0.97 * free.metrics[f"fov_{axis}_deg"].value
+        assert layout.metrics[f"fov_{axis}_deg"].value >= 0.96 * free.metrics[f"fov_{axis}_deg"].value
 
 
 @pytest.mark.slow
@@ -209,7 +209,7 @@ def test_other_sizes(rows: int, cols: int, worst_error: float, least_efficiency:
     a_few(1, [(Pattern.hexagonal(1), 0.055, 0.55), (Pattern.ring(6), 0.12, 0.45)]),
 )
 def test_patterns(pattern: Pattern, worst_error: float, least_efficiency: float) -> None:
-    spec = DesignSpec(pattern=pattern)
+    spec = DesignSpec(pattern=pattern, shape="free")
     layout = designed(spec)
     assert stands(layout, spec)
     assert layout.pattern == pattern
@@ -237,7 +237,8 @@ def test_five_by_five() -> None:
 @pytest.mark.slow
 def test_tradeoff_trades_efficiency_for_the_grid() -> None:
     figures = [
-        designed(DesignSpec(rows=2, cols=2, fold_deg=90.0, tradeoff=t)).metrics for t in (0.1, 0.3, 0.4, 0.8, 1.0)
+        designed(DesignSpec(rows=2, cols=2, fold_deg=90.0, shape="free", tradeoff=t)).metrics
+        for t in (0.1, 0.3, 0.4, 0.8, 1.0)
     ]
     errors = [metrics["grid_error"].value for metrics in figures]
     shares = [
@@ -313,9 +314,10 @@ def test_pentagons_are_worth_more_than_quadrilaterals() -> None:
     [("shortest_edge_mm", "min_edge_mm", 20.0), ("smallest_area_mm2", "min_area_mm2", 800.0)],
 )
 def test_mirrors_are_as_large_as_requested_and_not_larger(name: str, field: str, requested: float) -> None:
-    free = designed(DesignSpec(rows=2, cols=4, fold_deg=90.0)).metrics
+    unlimited = DesignSpec(rows=2, cols=4, fold_deg=90.0, shape="free")
+    free = designed(unlimited).metrics
     assert free[name].value < 0.9 * requested
-    spec = DesignSpec(rows=2, cols=4, fold_deg=90.0).replaced(**{field: requested})
+    spec = unlimited.replaced(**{field: requested})
     layout = designed(spec)
     assert stands(layout, spec)
     assert layout.metrics[name].value == pytest.approx(requested, rel=1e-4)
@@ -337,8 +339,9 @@ def test_sub_images_are_as_far_apart_as_requested_and_not_farther() -> None:
 
 @pytest.mark.slow
 def test_a_robust_design_is_better_as_built_and_no_mirror_hides_another() -> None:
-    alone = designed(DesignSpec(rows=2, cols=2, fold_deg=90.0))
-    robust = designed(DesignSpec(rows=2, cols=2, fold_deg=90.0, robust_tilt_deg=0.3, robust_offset_mm=0.3))
+    spec = DesignSpec(rows=2, cols=2, fold_deg=90.0, shape="free")
+    alone = designed(spec)
+    robust = designed(spec.replaced(robust_tilt_deg=0.3, robust_offset_mm=0.3))
     assert robust.spec is not None
     assert robust.spec.robust_tilt_deg == 0.3
     drawn = draw_perturbations(Tolerances.hobby(), 4, 200, np.random.default_rng(0))
@@ -346,10 +349,7 @@ def test_a_robust_design_is_better_as_built_and_no_mirror_hides_another() -> Non
     assert not built_views(robust, drawn).hidden().any()
     # With equal gaps: the mean over devices other than those the optimiser drew.
     tilted = draw_perturbations(Tolerances.hobby().only("tilt_deg"), 4, 200, np.random.default_rng(1))
-    costs = [
-        _cost_as_built(designed(DesignSpec(rows=2, cols=2, fold_deg=90.0, robust_tilt_deg=tilt)), tilted)
-        for tilt in (0.0, 0.3)
-    ]
+    costs = [_cost_as_built(designed(spec.replaced(robust_tilt_deg=tilt)), tilted) for tilt in (0.0, 0.3)]
     assert costs[1] < costs[0] - 1e-3
 
 

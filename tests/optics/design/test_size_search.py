@@ -40,6 +40,24 @@ def test_one_size_of_stock_keeps_most_of_the_pixels_at_the_best_fold() -> None:
     assert usable(layout) >= 0.72 * usable(designed(DesignSpec(fold_deg="auto")))
 
 
+@pytest.mark.parametrize(
+    ("field", "least", "name"),
+    [("min_edge_mm", 20.0, "shortest_edge_mm"), ("min_area_mm2", 800.0, "smallest_area_mm2")],
+)
+def test_rectangles_are_as_large_as_requested(field: str, least: float, name: str) -> None:
+    layout = design(DesignSpec(rows=2, cols=4, fold_deg=90.0).replaced(**{field: least}))
+    assert least * (1.0 - 1e-6) <= layout.metrics[name].value < 1.1 * least
+
+
+@pytest.mark.slow
+def test_rectangles_for_depth_have_a_fifth_less_sigma_than_those_for_overlap() -> None:
+    overlap, depth = (design(DesignSpec.model_validate({"objective": name})) for name in ("overlap", "depth"))
+    for working in (300, 500):
+        sigma, usable_there = f"depth_sigma_{working}mm", f"usable_efficiency_{working}mm"
+        assert depth.metrics[sigma].value < 0.8 * overlap.metrics[sigma].value
+        assert depth.metrics[usable_there].value >= 0.98 * overlap.metrics[usable_there].value
+
+
 @pytest.mark.parametrize("surface", ["first", "second"])
 def test_sides_are_multiples_of_the_step_on_the_reflecting_surface(surface: str) -> None:
     spec = SMALL.replaced(shape="rectangles", size_step_mm=2.5, surface=surface, thickness_mm=2.0)
