@@ -25,6 +25,8 @@ from mirrorcam.optics.geometry.rectangle_sizes import RectangleSizes
 
 FITS = (0.98, 1.04, 1.1, 1.18, 1.27)
 """Factors on the free sides up to which a size that is sold fits: mirrors can make room for each other."""
+SHRUNK = (0.95, 0.9, 0.8)
+"""Ratios to the free sides that are tried if those rounded down have no optimum."""
 TRIED = 3
 """Number of sizes that are tried, those nearest to the free size, for one mirror or for all."""
 MAX_ITERATIONS = 100
@@ -48,6 +50,8 @@ def with_allowed_sizes(optimum: Optimum, calls: Calls, reference: Optimum | None
     if reference is not None:
         starts.append((reference.values, reference.sizes_mm))
     best = _best_of(optimum, starts, calls)
+    if best is None and not sizes.is_stock:
+        best = _best_of(optimum, [(optimum.values, size_mm) for size_mm in _other_sizes(optimum, sizes)], calls)
     if best is None:
         raise InfeasibleDesign(
             "size", f"mirrors of the shape {_text(optimum.spec)} meet no optimum near sizes of {_range(optimum)}"
@@ -79,6 +83,18 @@ def _starts(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
     middle = np.median(free_mm, axis=0)
     starts += [np.broadcast_to(options[k], free_mm.shape) for k in _by_distance(options, middle)[:TRIED]]
     return list(np.unique(starts, axis=0))
+
+
+def _other_sizes(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
+    """Sizes (n, 2), mm, in steps, to try where neither rounded nor smaller ones have an optimum.
+
+    Where constraints leave little space, one side may grow while the other shrinks, or both shrink by more.
+    """
+    spec, step = optimum.spec, sizes.step_mm
+    least = np.ceil(spec.min_edge_mm / step)
+    whole = np.floor(optimum.sizes_mm / step)
+    others = [*(whole + side for side in np.eye(2)), *(np.floor(ratio * whole) for ratio in SHRUNK)]
+    return [_with_area(step * np.maximum(other, least), spec.min_area_mm2, step) for other in others]
 
 
 def _with_area(sizes_mm: FloatArray, area_mm2: float, step_mm: float) -> FloatArray:

@@ -107,15 +107,20 @@ class Draft:
         self.program.add(term, [self.fold, *parts], [self.optics, *parameters])
 
 
+SHORTEST_MM = 3.0
+"""Side of a rectangle that the search does not go below, unless shorter ones are allowed."""
+
+
 def _sizes(spec: DesignSpec, seed: Seed, program: Program) -> Indices:
     """Add the sizes of rectangles; returns their indices (n, 2), or (0, 2) for free outlines.
 
-    Sides vary freely between the smallest and the largest that are sold, or that can be cut.
+    Sides vary freely, those of sizes that are sold between the smallest and the largest. The terms of the mirrors limit
+    the smallest edge, so that the limit can be relaxed.
     """
     sizes = spec.rectangle_sizes
     if sizes is None:
         return np.zeros((0, 2), dtype=np.int64)
-    low, high = spec.min_edge_mm / spec.scale_mm, np.inf
+    low, high = min(spec.min_edge_mm, SHORTEST_MM) / spec.scale_mm, np.inf
     if sizes.is_stock:
         low, high = sizes.stock_mm.min() / spec.scale_mm, sizes.stock_mm.max() / spec.scale_mm
     starts = np.clip(seed.edges(spec.view_from_rig), low, high)
