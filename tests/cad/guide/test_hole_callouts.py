@@ -167,7 +167,7 @@ def test_an_oblique_hole_is_placed_where_its_axis_is_seen_in_true_length() -> No
 def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, expected: str) -> None:
     sheet = DrawingSheet(200.0, 200.0)
     hole = oblique(turned_deg)
-    draw_oblique(sheet, PlacedView(VIEWS[1], 1.0, np.array([60.0, 60.0])), hole)
+    draw_oblique(sheet, PlacedView(VIEWS[1], 1.0, np.array([60.0, 60.0])), [hole])
     assert [box.text for box in sheet.text_boxes] == [f"{expected}°"]
     at = np.array([80.0, 90.0])
     arc = max((line for line, _ in sheet.drawn_lines), key=len)
