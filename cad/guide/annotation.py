@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 import shapely
-from shapely import LineString, MultiLineString, MultiPoint, Polygon
+from shapely import LineString, MultiPoint, Polygon
 
 from mirrorcam.cad.guide.dimension_lines import (
     FIRST_TIER_MM,
@@ -251,27 +251,26 @@ def draw_aligned(sheet: DrawingSheet, placed: PlacedView, dimensions: Iterable[L
         text, (start, _) = text_of(dimension), dimension.points_in_rig
         start, end = placed.paper(np.array([start, start + dimension.span_in_rig]))
         if text_fits(float(np.linalg.norm(end - start)), text):
-            _draw_parallel(sheet, placed, start, end, text)
+            _draw_parallel(sheet, start, end, text)
         else:
             narrow.append((start, end, text))
     for start, end, text in narrow:
         _draw_narrow(sheet, start, end, text)
 
 
-def _draw_parallel(sheet: DrawingSheet, placed: PlacedView, start: FloatArray, end: FloatArray, text: str) -> None:
-    """Draw an aligned dimension between two points (2,), on the side where it crosses fewer edges."""
+def _draw_parallel(sheet: DrawingSheet, start: FloatArray, end: FloatArray, text: str) -> None:
+    """Draw an aligned dimension between two points (2,), on the side where fewer lines are."""
     # Its text reads from below or, if it is vertical, from the right.
     if (round(float(end[0] - start[0]), 3), end[1]) < (0.0, start[1]):
         start, end = end, start
     direction = (end - start) / np.linalg.norm(end - start)
     normal = np.array([-direction[1], direction[0]])
-    edges = MultiLineString([line * placed.scale + placed.shift for line in placed.view.visible])
+    _, lines = sheet.occupied()
 
     def crossed_mm(side: float) -> float:
         band = [side * (FIRST_TIER_MM + 2.0 * TEXT_MM) * normal, side * GAP_MM * normal]
-        return float(
-            Polygon([start + band[0], end + band[0], end + band[1], start + band[1]]).intersection(edges).length
-        )
+        area = Polygon([start + band[0], end + band[0], end + band[1], start + band[1]])
+        return float(shapely.length(shapely.intersection(lines.geometries[lines.query(area)], area)).sum())
 
     side = min((1.0, -1.0), key=crossed_mm)
     offset, gap = side * FIRST_TIER_MM * normal, side * GAP_MM * normal
