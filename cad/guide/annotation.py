@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 import shapely
-from shapely import LineString, MultiLineString, MultiPoint, Polygon
+from shapely import LineString, MultiPoint, Polygon
 
 from mirrorcam.cad.guide.dimension_lines import (
     FIRST_TIER_MM,
@@ -25,7 +25,7 @@ from mirrorcam.cad.guide.dimension_lines import (
     number,
     text_fits,
 )
-from mirrorcam.cad.guide.drawing_sheet import ARROW_MM, FIELD_MM, INK, DrawingSheet, text_width_mm
+from mirrorcam.cad.guide.drawing_sheet import ARROW_MM, FIELD_MM, INK, DrawingSheet, overlaps, text_width_mm
 from mirrorcam.cad.guide.hole_callouts import (
     AXIS_MM,
     CENTRE_DASHES_MM,
@@ -57,6 +57,9 @@ MIN_EDGE_MM = 1.0
 TEXT_POSITIONS = (0.5, 0.47, 0.53, 0.44, 0.56, 0.41, 0.59, 0.35, 0.65, 0.2, 0.8)
 # Candidate distances of the shelf with the text of a narrow dimension.
 SHELVES_MM = tuple(range(6, 70, 2))
+# Candidate angles by which its leader turns off the dimension, the straight one first, and the sine of the smallest
+# angle from its shelf at which it does.
+TURNS_DEG, MIN_RISE = (0.0, -30.0, 30.0, -60.0, 60.0), 0.25
 
 
 @dataclass(frozen=True)
@@ -87,9 +90,10 @@ def annotate(
 ) -> FloatArray:
     """Draw the overall dimensions and those of the plan, each in the view that shows it best.
 
-    `free_mm` is the free space left of, below and above the views. `cutting_lines` are possible cutting-plane lines of
-    a section: the index of the view, the coordinate, x (0) or y (1), that is constant along the line, and its value
-    on paper. Returns the space (n, 3) that the annotations need left of, below and above each view.
+    `free_mm` is the free space left of, below and above the views. `cutting_lines` are lines that no text of a
+    dimension may cross, possible cutting-plane lines of a section and the edges of the field: the index of the view,
+    the coordinate, x (0) or y (1), that is constant along the line, and its value on paper. Returns the space (n, 3)
+    that the annotations need left of, below and above each view.
     """
     per_view = [Annotations([], [], [], []) for _ in placed]
     _add_overall(placed, per_view)
@@ -101,12 +105,12 @@ def annotate(
     groups = hole_groups(views, dimensions)
     for (index, text), group in groups.items():
         _draw_holes(sheet, placed[index], per_view[index], text, group)
-    for index, hole in oblique_holes(groups, views, lengths):
+    oblique = oblique_holes(groups, views, lengths)
+    for index, hole in oblique:
         for tier, linear in zip(
             (per_view[index].below, per_view[index].left), oblique_lengths(placed[index], hole), strict=True
         ):
             _add(tier, linear)
-        draw_oblique(sheet, placed[index], hole)
     needed = np.zeros((len(placed), 3))
     for index, (view, view_annotations) in enumerate(zip(placed, per_view, strict=True)):
         lines_x, lines_y = (
@@ -120,9 +124,9 @@ def annotate(
         below = draw_tiers(sheet, view.box, view_annotations.below, free_mm[1], vertical=False, cutting_lines=lines_x)
         needed[index] = left, below, _draw_notes(sheet, view.box, view_annotations.notes, free_mm[2])
     # These avoid what is there.
-    for view, view_annotations in zip(placed, per_view, strict=True):
-        for aligned in view_annotations.aligned:
-            draw_aligned(sheet, view, aligned)
+    for index, (view, view_annotations) in enumerate(zip(placed, per_view, strict=True)):
+        draw_oblique(sheet, view, [hole for of_view, hole in oblique if of_view == index])
+        draw_aligned(sheet, view, view_annotations.aligned)
     return needed
 
 
@@ -240,25 +244,33 @@ def _draw_axis(sheet: DrawingSheet, box: FloatArray, coordinate: int, value: flo
     sheet.lines([ends], AXIS_MM, INK, CENTRE_DASHES_MM)
 
 
-def draw_aligned(sheet: DrawingSheet, placed: PlacedView, dimension: Length) -> None:
-    """Draw a length parallel to itself, where it crosses fewer edges; a narrow one across the feature."""
-    text, (start, _) = text_of(dimension), dimension.points_in_rig
-    start, end = placed.paper(np.array([start, start + dimension.span_in_rig]))
-    if not text_fits(float(np.linalg.norm(end - start)), text):
+def draw_aligned(sheet: DrawingSheet, placed: PlacedView, dimensions: Iterable[Length]) -> None:
+    """Draw lengths parallel to themselves, then narrow ones, which have more places, across the feature."""
+    narrow = []
+    for dimension in dimensions:
+        text, (start, _) = text_of(dimension), dimension.points_in_rig
+        start, end = placed.paper(np.array([start, start + dimension.span_in_rig]))
+        if text_fits(float(np.linalg.norm(end - start)), text):
+            _draw_parallel(sheet, start, end, text)
+        else:
+            narrow.append((start, end, text))
+    for start, end, text in narrow:
         _draw_narrow(sheet, start, end, text)
-        return
+
+
+def _draw_parallel(sheet: DrawingSheet, start: FloatArray, end: FloatArray, text: str) -> None:
+    """Draw an aligned dimension between two points (2,), on the side where fewer lines are."""
     # Its text reads from below or, if it is vertical, from the right.
     if (round(float(end[0] - start[0]), 3), end[1]) < (0.0, start[1]):
         start, end = end, start
     direction = (end - start) / np.linalg.norm(end - start)
     normal = np.array([-direction[1], direction[0]])
-    edges = MultiLineString([line * placed.scale + placed.shift for line in placed.view.visible])
+    _, lines = sheet.occupied()
 
     def crossed_mm(side: float) -> float:
         band = [side * (FIRST_TIER_MM + 2.0 * TEXT_MM) * normal, side * GAP_MM * normal]
-        return float(
-            Polygon([start + band[0], end + band[0], end + band[1], start + band[1]]).intersection(edges).length
-        )
+        area = Polygon([start + band[0], end + band[0], end + band[1], start + band[1]])
+        return float(shapely.length(shapely.intersection(lines.geometries[lines.query(area)], area)).sum())
 
     side = min((1.0, -1.0), key=crossed_mm)
     offset, gap = side * FIRST_TIER_MM * normal, side * GAP_MM * normal
@@ -276,47 +288,57 @@ def _draw_narrow(sheet: DrawingSheet, first: FloatArray, second: FloatArray, lab
     is_radius = "R" in label
     inward = (second - first) / np.linalg.norm(second - first)
     width = text_width_mm(label, TEXT_MM) + 2.0
-    boxes = np.array([Polygon(box.corners) for box in sheet.text_boxes])
-    lines = np.array([LineString(line) for line, _ in sheet.drawn_lines])
+    boxes, lines = sheet.occupied()
     field = shapely.box(*FIELD_MM.ravel())
     # A radius has its text on the side of its centre, a wall on either side.
     sides = [(first, second, -inward)] if is_radius else [(first, second, -inward), (second, first, inward)]
-    places = [(start, end, direction, distance) for distance in SHELVES_MM for start, end, direction in sides]
+    stub = ARROW_MM[0] + 1.5
+    places = [
+        (*side, distance, turn)
+        for turn in ((0.0,) if is_radius else TURNS_DEG)
+        for distance in SHELVES_MM
+        for side in sides
+    ]
 
-    def shelf_of(start: FloatArray, direction: FloatArray, distance: float) -> FloatArray:
-        knee = start + distance * direction
-        return np.array([knee, knee + np.array([width if direction[0] >= -PARALLEL else -width, 0.0])])
+    def leader_of(start: FloatArray, direction: FloatArray, distance: float, turn_deg: float) -> FloatArray:
+        cosine, sine = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+        turned = np.array([[cosine, -sine], [sine, cosine]]) @ direction
+        bend = start + stub * direction
+        knee = bend + (distance - stub) * turned
+        return np.array([start, bend, knee, knee + np.array([width if turned[0] >= -PARALLEL else -width, 0.0])])
 
-    def overlaps(place: tuple[FloatArray, FloatArray, FloatArray, float]) -> tuple[bool, int, int]:
-        start, _, direction, distance = place
-        shelf = shelf_of(start, direction, distance)
+    def cost(place: tuple[FloatArray, FloatArray, FloatArray, float, float]) -> tuple[int, ...]:
+        start, _, direction, distance, turn_deg = place
+        leader = leader_of(start, direction, distance, turn_deg)
+        shelf = leader[2:]
+        flat = turn_deg != 0.0 and abs(leader[2, 1] - leader[1, 1]) < MIN_RISE * (distance - stub)
         area = shapely.box(*shelf.min(axis=0), *(shelf.max(axis=0) + np.array([0.0, 1.4 * TEXT_MM]))).buffer(1.0)
-        covered = shapely.union(area, LineString([start, shelf[0]]))
-        texts, crossings = (int(shapely.intersects(*pair).sum()) for pair in ((covered, boxes), (area, lines)))
-        return not field.contains(area), texts, crossings
+        covered = shapely.union(area, LineString(leader[:3]))
+        return not field.contains(area), *overlaps(covered, boxes), *overlaps(area, lines), flat
 
-    start, end, direction, distance = min(places, key=overlaps)
-    shelf = shelf_of(start, direction, distance)
-    sheet.lines([np.array([end if is_radius else start, *shelf])], LINE_MM)
+    start, end, direction, distance, turn_deg = min(places, key=cost)
+    leader = leader_of(start, direction, distance, turn_deg)
+    sheet.lines([np.array([end, *leader[1:]]) if is_radius else leader], LINE_MM)
     if is_radius:
         sheet.arrow_head(end, -direction)
     else:
-        sheet.lines([np.array([end, end - (ARROW_MM[0] + 1.5) * direction])], LINE_MM)
+        sheet.lines([np.array([end, end - stub * direction])], LINE_MM)
         sheet.arrow_head(start, -direction)
         sheet.arrow_head(end, direction)
+    shelf = leader[2:]
     sheet.text(shelf.mean(axis=0) + np.array([0.0, 0.8]), label, TEXT_MM, align="center")
 
 
 def _draw_along(sheet: DrawingSheet, bases: Sequence[FloatArray], direction: FloatArray, text: str) -> None:
     """Draw a text along a direction (2,), its base centred at the candidate (2,) that crosses the fewest lines."""
     half, normal = text_width_mm(text, TEXT_MM) / 2.0 * direction, np.array([-direction[1], direction[0]])
-    lines = [LineString(line) for line, _ in sheet.drawn_lines]
+    _, lines = sheet.occupied()
 
-    def crossings(centre: FloatArray) -> int:
+    def crossings(centre: FloatArray) -> tuple[int, ...]:
         box = Polygon(
             [centre - half, centre + half, centre + half + TEXT_MM * normal, centre - half + TEXT_MM * normal]
         )
-        return sum(box.intersects(line) for line in lines)
+        return overlaps(box, lines)
 
     angle = float(np.degrees(np.arctan2(direction[1], direction[0])))
     sheet.text(min(bases, key=crossings), text, TEXT_MM, align="center", rotation_deg=angle)

@@ -207,18 +207,12 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
     line_positions = [
         (index, line.constant_axis, float(line.ends[0, line.constant_axis])) for index, line in cutting_lines.items()
     ]
-    annotate(sheet, placed, dimensions, free_mm, line_positions)
+    field_edges = [
+        (index, axis, float(edge)) for index in range(len(placed)) for axis in (0, 1) for edge in FIELD_MM[:, axis]
+    ]
+    annotate(sheet, placed, dimensions, free_mm, [*line_positions, *field_edges])
     free = _free_rectangles(sheet, placed, free_mm[2], table_left, table_low)
     section_view, corner_low, corner_high = _place_section(section, free, scale)
-    detail = seat_detail(plan, solid, pad_zone_mm(plan, Tolerances()) / 2.0) if seat_tables else None
-    if detail:
-        detail_scale, detail_centre, corner_low, corner_high = place_detail(detail, corner_low, corner_high)
-        draw_detail(sheet, detail, detail_scale, detail_centre, placed[0])
-    _draw_view(sheet, _isometric(isometric, placed, corner_low, corner_high), SMALL_MM)
-    if section and section_view:
-        hatch(sheet, section.faces, section_view.scale, section_view.shift)
-        _draw_view(sheet, section_view, VISIBLE_MM if section_view.scale >= 1.0 else SMALL_MM)
-        _draw_section_marks(sheet, tuple(cutting_lines.values()), section_view, scale)
     if seats:
         draw_holder_datums(sheet, placed[1])
         low, high = placed[0].box
@@ -228,6 +222,15 @@ def draw(solid: Part, part: PartPlan, printer: Printer, screw: Fastening = HARDW
             if (position > low).all() and (position < high).all():
                 base = position - (0.0, TEXT_MM / 2.0)
                 sheet.text(base, name, TEXT_MM, align="center", colour=SOFT, over_lines=True)
+    detail = seat_detail(plan, solid, pad_zone_mm(plan, Tolerances()) / 2.0) if seat_tables else None
+    if detail:
+        detail_scale, detail_centre, corner_low, corner_high = place_detail(detail, corner_low, corner_high)
+        draw_detail(sheet, detail, detail_scale, detail_centre, placed[0])
+    _draw_view(sheet, _isometric(isometric, placed, corner_low, corner_high), SMALL_MM)
+    if section and section_view:
+        hatch(sheet, section.faces, section_view.scale, section_view.shift)
+        _draw_view(sheet, section_view, VISIBLE_MM if section_view.scale >= 1.0 else SMALL_MM)
+        _draw_section_marks(sheet, tuple(cutting_lines.values()), section_view, scale)
     material, model = printed_material(printer.plastic), f"parts/{part.name}.step"
     tolerance = GAUGE_TOLERANCE if isinstance(plan, CouponPlan) else GENERAL_TOLERANCE
     draw_title_block(sheet, Title(part.title, part.number, material, scale, part.identity, model, tolerance))

@@ -15,6 +15,7 @@ from typing import Any, Literal
 
 import matplotlib as mpl
 import numpy as np
+import shapely
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
@@ -157,6 +158,11 @@ class DrawingSheet:
         corners = corners @ np.array([(cosine, sine), (-sine, cosine)])
         self.text_boxes.append(TextBox(text, corners + np.asarray(start), over_lines))
 
+    def occupied(self) -> tuple[shapely.STRtree, shapely.STRtree]:
+        """The areas of all labels, and all lines, mm, to search."""
+        texts = [shapely.Polygon(box.corners) for box in self.text_boxes]
+        return shapely.STRtree(texts), shapely.STRtree([shapely.LineString(line) for line, _ in self.drawn_lines])
+
     def write(self, stem: Path, title: str) -> tuple[Path, Path]:
         """Write STEM.svg and STEM.pdf, and return their paths; the same sheet gives the same bytes."""
         metadata_by_format: dict[str, dict[str, Any]] = {
@@ -170,6 +176,11 @@ class DrawingSheet:
                 with atomic(path) as temporary:
                     self._figure.savefig(temporary, format=kind, metadata=metadata)
         return svg, pdf
+
+
+def overlaps(area: shapely.Geometry, *drawn: shapely.STRtree) -> tuple[int, ...]:
+    """For each part of a sheet, the number of its geometries that an area intersects."""
+    return tuple(len(tree.query(area, predicate="intersects")) for tree in drawn)
 
 
 A3_MM = (420.0, 297.0)

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import shapely
 from build123d import Part
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
@@ -19,7 +20,7 @@ from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
 from OCP.TopAbs import TopAbs_State
 
 from mirrorcam.cad.guide.dimension_lines import LINE_MM, TEXT_MM, LinearDimension, number
-from mirrorcam.cad.guide.drawing_sheet import INK, Align, DrawingSheet
+from mirrorcam.cad.guide.drawing_sheet import ARROW_MM, INK, DrawingSheet, overlaps, text_width_mm
 from mirrorcam.cad.guide.part_views import PartView, PlacedView
 from mirrorcam.cad.plan.dimension import DrawingTable, Hole, Length
 from mirrorcam.cad.plan.fasteners import NUT_FIT_MM, OUTSIDE_MM
@@ -171,8 +172,11 @@ AXIS_MM = 0.13
 CENTRE_DASHES_MM = (2.0, 0.6, 0.5, 0.6)
 VIEWS = ("view from above", "front view", "view from the right")
 NUMBER_MM = 2.0
-ARC_MM = 9.0
-"""Radius of the arc of an angle dimension."""
+AXIS_END_MM = 3.0
+"""Length of the axis of an oblique hole outside the part."""
+
+ARCS_MM = (9.0, 11.0, 13.0, 15.0, 18.0, 21.0, 24.0)
+"""Candidate radii of the arc of an angle dimension, in the order of preference."""
 
 Groups = dict[tuple[int, str], list[Hole]]
 
@@ -279,32 +283,71 @@ def oblique_lengths(placed: PlacedView, hole: Hole) -> tuple[LinearDimension, Li
     return horizontal, vertical
 
 
-def draw_oblique(sheet: DrawingSheet, placed: PlacedView, hole: Hole) -> None:
-    """Draw the axis of an oblique hole in a view parallel to it, and its angle to the nearer axis of the view."""
-    point = placed.paper(hole.centre_in_rig)
+@dataclass(frozen=True)
+class _Angle:
+    """The angle at a point (2,) of the sheet from an axis of the view to the axis of an oblique hole."""
+
+    point: FloatArray
+    reference_deg: float
+    axis_deg: float
+
+    @property
+    def size_deg(self) -> float:
+        return abs(self.axis_deg - self.reference_deg)
+
+    def at(self, radius: float, fraction: float) -> FloatArray:
+        """The point (2,) at a radius, from the reference (0) to the hole's axis (1)."""
+        radians = np.radians(self.reference_deg + fraction * (self.axis_deg - self.reference_deg))
+        return self.point + radius * np.array([np.cos(radians), np.sin(radians)])
+
+    def text_centre(self, arc_mm: float, width: float) -> FloatArray:
+        """The centre (2,) of a text outside the middle of an arc."""
+        along = np.abs(self.at(1.0, 0.5) - self.point) @ np.array([width, TEXT_MM]) / 2.0
+        return self.at(arc_mm + 1.8 + float(along), 0.5)
+
+
+def _angle_of(placed: PlacedView, hole: Hole) -> _Angle:
+    """The angle of an oblique hole to the nearer axis of a view, outside the part."""
     outward = -(placed.view.axes_in_rig[:2] @ _unit(hole.axis_in_rig))
     angle_deg = float(np.degrees(np.arctan2(outward[1], outward[0])))
     horizontal = float(np.copysign(180.0, angle_deg)) if outward[0] < 0.0 else 0.0
     reference = horizontal if abs(angle_deg - horizontal) < 45.0 + PARALLEL else float(np.copysign(90.0, angle_deg))
-    ends = np.array([-hole.diameter_mm * placed.scale, ARC_MM + 2.0])
-    sheet.lines([point + np.outer(ends, outward)], AXIS_MM, INK, CENTRE_DASHES_MM)
+    return _Angle(placed.paper(hole.centre_in_rig), reference, angle_deg)
 
-    def ray(deg: float) -> FloatArray:
-        return np.array([np.cos(np.radians(deg)), np.sin(np.radians(deg))])
 
-    sheet.lines([point + np.outer([1.0, ARC_MM + 2.0], ray(reference))], LINE_MM)
-    sheet.lines([np.array([point + ARC_MM * ray(deg) for deg in np.linspace(reference, angle_deg, 25)])], LINE_MM)
-    sign = np.sign(angle_deg - reference)
-    for deg, side in ((reference, -sign), (angle_deg, sign)):
-        sheet.arrow_head(point + ARC_MM * ray(deg), side * np.array([-ray(deg)[1], ray(deg)[0]]))
-    centre = point + (ARC_MM + 1.5) * ray((reference + angle_deg) / 2.0)
-    align: Align = "left" if centre[0] >= point[0] else "right"
-    sheet.text(
-        (float(centre[0]), float(centre[1]) - TEXT_MM / 2.0),
-        f"{number(abs(angle_deg - reference))}°",
-        TEXT_MM,
-        align=align,
-    )
+def draw_oblique(sheet: DrawingSheet, placed: PlacedView, holes: Iterable[Hole]) -> None:
+    """Draw the axes of oblique holes in a view parallel to them, and their angles to the nearer axis of the view.
+
+    Parallel holes share an angle dimension, at the hole and with the arc that keep its text and its arrows clear.
+    """
+    parallel: dict[float, list[_Angle]] = defaultdict(list)
+    for hole in holes:
+        angle = _angle_of(placed, hole)
+        parallel[round(angle.axis_deg % 180.0, 2)].append(angle)
+        ends = [angle.at(radius, 1.0) for radius in (-hole.diameter_mm * placed.scale, AXIS_END_MM)]
+        sheet.lines([np.array(ends)], AXIS_MM, INK, CENTRE_DASHES_MM)
+    for angles in parallel.values():
+        count = f"{len(angles)}x " if len(angles) > 1 else ""
+        _draw_angle(sheet, angles, f"{count}{number(angles[0].size_deg)}°")
+
+
+def _draw_angle(sheet: DrawingSheet, angles: Sequence[_Angle], text: str) -> None:
+    width = text_width_mm(text, TEXT_MM)
+    texts, lines = sheet.occupied()
+
+    def cost(place: tuple[_Angle, float]) -> tuple[int, ...]:
+        angle, arc_mm = place
+        centre, margin = angle.text_centre(arc_mm, width), np.array([width / 2.0 + 0.5, TEXT_MM])
+        area = shapely.box(*(centre - margin), *(centre + margin))
+        return *overlaps(area, texts, lines), arc_mm * np.radians(angle.size_deg) < 2.0 * ARROW_MM[0] + 1.0
+
+    angle, arc_mm = min(((angle, arc_mm) for arc_mm in ARCS_MM for angle in angles), key=cost)
+    sheet.lines([np.array([angle.at(AXIS_END_MM, 1.0), angle.at(arc_mm + 1.2, 1.0)])], AXIS_MM, INK, CENTRE_DASHES_MM)
+    arc = np.array([angle.at(arc_mm, fraction) for fraction in np.linspace(0.0, 1.0, 25)])
+    sheet.lines([np.array([angle.at(1.0, 0.0), angle.at(arc_mm + 1.2, 0.0)]), arc], LINE_MM)
+    for tip, beside in ((arc[0], arc[1]), (arc[-1], arc[-2])):
+        sheet.arrow_head(tip, tip - beside)
+    sheet.text(angle.text_centre(arc_mm, width) - (0.0, TEXT_MM / 2.0), text, TEXT_MM, align="center")
 
 
 def _unit(vector: FloatArray) -> FloatArray:

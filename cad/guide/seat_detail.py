@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from build123d import Face, Part, Plane
-from shapely import LineString, MultiLineString, Polygon, get_parts
+from shapely import LineString, MultiLineString, Point, Polygon, get_parts
 
 from mirrorcam.cad.guide.annotation import draw_aligned
 from mirrorcam.cad.guide.dimension_lines import TEXT_MM
-from mirrorcam.cad.guide.drawing_sheet import DrawingSheet, ratio
+from mirrorcam.cad.guide.drawing_sheet import DrawingSheet, overlaps, ratio
 from mirrorcam.cad.guide.part_views import PartView, PlacedView
 from mirrorcam.cad.guide.sections import HATCH_LINE_MM, LETTER_MM, areas_of, hatch
 from mirrorcam.cad.holder.carriers import CarrierPlan
@@ -30,6 +30,8 @@ VISIBLE_MM, MARK_MM = 0.35, 0.5
 SIDE_MM, BELOW_MM, ABOVE_MM = 2.0, 2.0, 0.5
 # Space round the detail for its dimensions, mm on paper, and for its label.
 DIMENSIONS_MM, LABEL_MM = 16.0, 8.0
+# Length of an arrow of the cutting-plane line, and candidate extensions of its ends, in the order of preference.
+ARROW_MM, EXTENSIONS_MM = 5.0, (3.0, 1.0, 5.0, 7.0, 9.0)
 PARALLEL = 1e-6
 
 
@@ -135,15 +137,14 @@ def draw_detail(sheet: DrawingSheet, detail: SeatDetail, scale: float, centre: F
     placed = PlacedView(detail.view, scale, centre - (0.0, LABEL_MM / 2.0) - (low + high) / 2.0 * scale)
     hatch(sheet, detail.faces, scale, placed.shift)
     sheet.lines([line * scale + placed.shift for line in detail.view.visible], VISIBLE_MM)
-    for each in detail.lengths:
-        draw_aligned(sheet, placed, each)
+    draw_aligned(sheet, placed, detail.lengths)
     label = np.array([float(placed.box[:, 0].mean()), centre[1] + detail.size_mm(scale)[1] / 2.0 - LABEL_MM])
     sheet.text(label, f"{LETTER}-{LETTER} ({ratio(scale)})", LETTER_MM, align="center", bold=True)
     _draw_trace(sheet, detail, top)
 
 
 def _draw_trace(sheet: DrawingSheet, detail: SeatDetail, top: PlacedView) -> None:
-    """Draw the ends of the cutting-plane line in the view from above, with arrows and letters."""
+    """Draw the ends of the cutting-plane line in the view from above, with arrows and letters clear of text."""
     points = np.concatenate(detail.view.visible)
     origin = detail.lengths[0].points_in_rig[0]
     along = detail.view.axes_in_rig[0]
@@ -152,13 +153,25 @@ def _draw_trace(sheet: DrawingSheet, detail: SeatDetail, top: PlacedView) -> Non
     direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
     to_viewer = top.view.axes_in_rig[:2] @ detail.view.axes_in_rig[2]
     arrow = -to_viewer / np.linalg.norm(to_viewer)
+    texts, _ = sheet.occupied()
+
+    def overlaps_of(outer: FloatArray, letter: FloatArray) -> tuple[int, ...]:
+        mark = LineString([outer, outer + ARROW_MM * arrow]).union(Point(letter).buffer(0.6 * TEXT_MM)).buffer(0.5)
+        return overlaps(mark, texts)
+
     for end, side in zip(ends, (-1.0, 1.0), strict=True):
-        outer = end + side * 3.0 * direction
+        # The letter is behind the arrow, or else in front of it.
+        places = [
+            (outer, outer + distance * arrow)
+            for outer in (end + side * extension * direction for extension in EXTENSIONS_MM)
+            for distance in (-2.4, ARROW_MM + 2.4)
+        ]
+        outer, letter = min(places, key=lambda place: overlaps_of(*place))
         sheet.lines([np.array([end, outer])], MARK_MM)
-        tip = outer + 5.0 * arrow
+        tip = outer + ARROW_MM * arrow
         sheet.lines([np.array([outer, tip])], HATCH_LINE_MM)
         sheet.arrow_head(tip, arrow)
-        base = outer - 2.4 * arrow - np.array([0.0, TEXT_MM / 2.0])
+        base = letter - np.array([0.0, TEXT_MM / 2.0])
         sheet.text(base, LETTER, TEXT_MM, align="center", bold=True, over_lines=True)
 
 

@@ -12,7 +12,7 @@ import shapely
 from build123d import Compound, Face, GeomType, Keep, Part, Plane
 from shapely import LineString, MultiLineString, Polygon
 
-from mirrorcam.cad.guide.drawing_sheet import FIELD_MM, INK, DrawingSheet
+from mirrorcam.cad.guide.drawing_sheet import FIELD_MM, INK, DrawingSheet, overlaps
 from mirrorcam.cad.guide.hole_callouts import DEPTH
 from mirrorcam.cad.guide.part_views import FRONT, RIGHT, TOP, PartView, PlacedView, polylines, project
 from mirrorcam.cad.parts.dust_cover import CoverPlan
@@ -178,20 +178,19 @@ def draw_cutting_plane_line(sheet: DrawingSheet, candidates: Sequence[CuttingPla
 
     Each end extends beyond the view until arrow and letter are clear.
     """
-    boxes = np.array([Polygon(box.corners) for box in sheet.text_boxes])
-    drawn = np.array([LineString(line) for line, _ in sheet.drawn_lines])
+    boxes, drawn = sheet.occupied()
 
-    def overlaps(line: CuttingPlaneLine, end: int) -> tuple[int, int]:
+    def overlaps_of(line: CuttingPlaneLine, end: int) -> tuple[int, ...]:
         # The line itself may cross the view and its dimensions, but no text.
         mark = line.marks[end]
         covered = shapely.union_all([mark, LineString([line.ends.mean(axis=0), line.ends[end]])])
-        return int(shapely.intersects(covered, boxes).sum()), int(shapely.intersects(mark, drawn).sum())
+        return *overlaps(covered, boxes), *overlaps(mark, drawn)
 
     extended = []
     for line in candidates:
         costs = [
             min(
-                (*overlaps(line.extended((extension, extension)), end), extension)
+                (*overlaps_of(line.extended((extension, extension)), end), extension)
                 for extension in EXTENSIONS_MM
                 if _is_on_sheet(line, extension)
             )

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from build123d import Box, Cylinder, Part, Pos
+from shapely import Polygon
 
 from mirrorcam.cad.assembly.catalogue import parts_of
 from mirrorcam.cad.assembly.device_plan import Device
@@ -167,7 +168,7 @@ def test_an_oblique_hole_is_placed_where_its_axis_is_seen_in_true_length() -> No
 def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, expected: str) -> None:
     sheet = DrawingSheet(200.0, 200.0)
     hole = oblique(turned_deg)
-    draw_oblique(sheet, PlacedView(VIEWS[1], 1.0, np.array([60.0, 60.0])), hole)
+    draw_oblique(sheet, PlacedView(VIEWS[1], 1.0, np.array([60.0, 60.0])), [hole])
     assert [box.text for box in sheet.text_boxes] == [f"{expected}°"]
     at = np.array([80.0, 90.0])
     arc = max((line for line, _ in sheet.drawn_lines), key=len)
@@ -178,6 +179,23 @@ def test_its_angle_is_to_the_nearer_axis_of_the_view(turned_deg: float, expected
     assert np.abs(ways[0]).max() == pytest.approx(1.0)
     out: FloatArray = -hole.axis_in_rig[[0, 2]]
     np.testing.assert_allclose(ways[-1], out, atol=1e-9)
+
+
+def test_parallel_oblique_holes_share_an_angle_whose_text_keeps_clear() -> None:
+    placed, hole = PlacedView(VIEWS[1], 1.0, np.array([60.0, 60.0])), oblique(30.0)
+    opposite = replace(hole, centre_in_rig=hole.centre_in_rig + 40.0 * UP, axis_in_rig=-hole.axis_in_rig)
+    other = replace(oblique(70.0), centre_in_rig=hole.centre_in_rig - 30.0 * UP)
+    sheet = DrawingSheet(200.0, 200.0)
+    draw_oblique(sheet, placed, [hole, opposite, other])
+    texts = [box.text for box in sheet.text_boxes]
+    assert texts == ["2x 30°", "20°"]
+    # The same place, with a text in it.
+    taken = sheet.text_boxes[0].corners
+    sheet = DrawingSheet(200.0, 200.0)
+    sheet.text(taken[0], "a text", 2.5)
+    draw_oblique(sheet, placed, [hole, opposite, other])
+    first, second, _ = (Polygon(box.corners) for box in sheet.text_boxes)
+    assert not first.intersects(second)
 
 
 def test_the_screw_at_the_corner_of_a_clip_is_placed(device: Device) -> None:
