@@ -15,33 +15,37 @@ import numpy as np
 from pydantic import Field
 from shapely import MultiPoint, Polygon
 
-from mirrorcam.cad.plan.hardware import HARDWARE, MIRROR_DENSITIES, Hardware
+from mirrorcam.cad.plan.hardware import HARDWARE, MIRROR_DENSITIES, Hardware, mirror_weight_n
 from mirrorcam.cad.plan.rectangles import is_sold_in_size
-from mirrorcam.cad.plan.seats import mirror_prism
+from mirrorcam.cad.plan.seats import Frustum, mirror_prism
 from mirrorcam.cad.plan.stand import lean_deg, rig_from_stand
 from mirrorcam.core.values import FloatArray, Value
 from mirrorcam.optics.geometry.design_spec import box_corners
 from mirrorcam.optics.geometry.layout import Layout
 
-# Grams of the holder per cm2 of its back and per cm2 of its rims, the mirrors' edges.
-HOLDER_G_PER_CM2, RIM_G_PER_CM2 = 0.53, 0.0
-# Grams of the mount per cm2 of its width times the device's height, and its smallest width: that of the clip's screws.
-MOUNT_G_PER_CM2, MOUNT_MM = 0.495, 51.6
-# Grams of the camera clip per cm2 of the camera's body, and of plate and fit coupon together.
-CLIP_G_PER_CM2, REST_G, COUPON_G = 0.163, 5.9, 9.4
-# Printing time per gram of plastic.
-H_PER_G = 0.0497
-# Mass of the fasteners.
-FASTENERS_G = 18.0
-# Prices of the fasteners.
-FASTENERS_EUR = 4.3
-# Share of a sheet of stock that is used at most, with the gaps between mirrors.
-SHEET_USE = 0.8
-# How far the device reaches beyond mirrors and camera, mm, along the stand's x, y and z.
-BEYOND_MIRRORS_MM = np.array([[3.0, 40.0, 0.0], [3.0, 0.0, 19.0]])
-BEYOND_CAMERA_MM = np.array([[4.8, 12.0, 45.0], [17.6, 12.3, 0.0]])
-# Errors of the estimates: standard deviations relative to the figures of devices that the fit has not seen.
-SIZE_ERROR, MASS_ERROR, PLASTIC_ERROR, PRINT_ERROR, PRICE_ERROR = 0.03, 0.05, 0.05, 0.05, 0.02
+GRAVITY_N_PER_G = 9.80665e-3
+# Holder: grams per cm2 of its back, per cm of the back's outline with its walls, and per cm2 of the mirrors' edges.
+HOLDER_G = (0.330, 0.345, 0.158)
+# Mount and plate: grams per cm2 of the mount's width times its path up and back, and per gram of load and (10 cm)^2 of
+# height, since the mount is as stiff as the load needs.
+MOUNT_G = (0.47, 0.037)
+# Width of the narrowest mount, that of the clip's screws, and what a mount is wider than the holder's screws.
+MOUNT_MM, MOUNT_BESIDE_MM = 51.6, 13.0
+# Clip and fit coupon: grams, and grams per cm2 of the camera's surface.
+CLIP_G, COUPON_G = (4.1, 0.129), (6.1, 0.029)
+# Hours of printing per gram of the holder, the mount and all else: short walls are slower than long ones.
+H_PER_G = (0.070, 0.029, 0.063)
+# Fasteners of all devices, and those that press a camera against its clip.
+JOINTS_G, SPRUNG_G = 16.8, 5.3
+JOINTS_EUR, SPRUNG_EUR = 3.2, 1.1
+# Largest share of a sheet of stock that becomes mirrors.
+SHEET_USE = 0.7
+# How far the device reaches past the mirrors and past the camera, mm, to the left and to the right.
+PAST_MIRRORS_MM, PAST_CAMERA_MM = (3.0, 3.0), (4.8, 17.6)
+# Height and depth of the device: mm, and per mm from mirrors to camera.
+HEIGHT, DEPTH = (41.0, 1.17), (26.7, 1.34)
+# Standard deviations of the errors, relative to the figures.
+SIZE_ERROR, MASS_ERROR, PLASTIC_ERROR, PRINT_ERROR, PRICE_ERROR = 0.04, 0.04, 0.05, 0.05, 0.02
 
 
 class DeviceEstimate(Value):
@@ -82,16 +86,20 @@ def estimate_device(layout: Layout, hardware: Hardware = HARDWARE) -> DeviceEsti
         If the views look so steeply that no device stands like this (`lean_deg`).
     """
     hardware = hardware.for_layout(layout)
-    parts = _Parts(layout, hardware)
-    size = parts.size_mm
-    plastic_g = parts.plastic_g
-    mass_g = plastic_g - COUPON_G + parts.mirrors_g + hardware.camera.mass_g + FASTENERS_G
-    print_h = H_PER_G * plastic_g
+    device = DeviceMeasures(layout, hardware)
+    size = device.size_mm
+    holder_g, mount_g, clip_g, coupon_g = device.plastic_g
+    plastic_g = holder_g + mount_g + clip_g + coupon_g
+    is_pressed = hardware.camera.held_by.kind == "lips"
+    fasteners_g, fasteners_eur = JOINTS_G + SPRUNG_G * is_pressed, JOINTS_EUR + SPRUNG_EUR * is_pressed
+    mass_g = plastic_g - coupon_g + device.mirrors_g + hardware.camera.mass_g + fasteners_g
+    print_h = float(np.array(H_PER_G) @ [holder_g, mount_g, clip_g + coupon_g])
     camera_eur = hardware.prices.of_item(hardware.camera.name) or 0.0
-    price = parts.price(plastic_g) + camera_eur
+    filament_eur = hardware.prices.of_plastic(hardware.printer.plastic, plastic_g)
+    price = camera_eur + device.mirrors_eur + filament_eur + fasteners_eur
     return DeviceEstimate(
-        size_mm=(float(size[0]), float(size[2]), float(size[1])),
-        size_error_mm=SIZE_ERROR * float(size.max()),
+        size_mm=size,
+        size_error_mm=SIZE_ERROR * max(size),
         mass_g=mass_g,
         mass_error_g=MASS_ERROR * mass_g,
         plastic_g=plastic_g,
@@ -105,75 +113,89 @@ def estimate_device(layout: Layout, hardware: Hardware = HARDWARE) -> DeviceEsti
 
 
 @dataclass(frozen=True, eq=False)
-class _Parts:
-    """Measures of a device that follow from its layout."""
+class DeviceMeasures:
+    """Measures of a device that follow from its layout and its hardware."""
 
     layout: Layout
     hardware: Hardware
 
     @cached_property
-    def prisms(self) -> list[FloatArray]:
-        """Corners of each mirror: (n, 3) of its back, then of its front, in the rig frame."""
-        return [np.vstack([prism.base, prism.top]) for prism in map(mirror_prism, self.layout.mirrors)]
+    def prisms(self) -> list[Frustum]:
+        """The mirrors as cut, in the rig frame."""
+        return [mirror_prism(mirror) for mirror in self.layout.mirrors]
 
     @cached_property
-    def size_mm(self) -> FloatArray:
-        """Size (3,) along the stand's x (right), y (forward) and z (up)."""
-        turn = rig_from_stand(lean_deg(self.layout, self.hardware))
-        mirrors, camera = np.vstack(self.prisms) @ turn, box_corners(*self.hardware.camera.box_mm) @ turn
-        low = np.minimum(mirrors.min(axis=0) - BEYOND_MIRRORS_MM[0], camera.min(axis=0) - BEYOND_CAMERA_MM[0])
-        high = np.maximum(mirrors.max(axis=0) + BEYOND_MIRRORS_MM[1], camera.max(axis=0) + BEYOND_CAMERA_MM[1])
-        return np.asarray(high - low)
-
-    @cached_property
-    def back_cm2(self) -> float:
-        """Area of the holder's back: the outline of all mirrors along their mean normal."""
-        normal = np.mean([mirror.normal_in_rig for mirror in self.layout.mirrors], axis=0)
-        axes = np.linalg.svd(normal[None])[2][1:]
-        return float(MultiPoint(np.vstack(self.prisms) @ axes.T).convex_hull.area) / 100.0
-
-    @cached_property
-    def rims_cm2(self) -> float:
-        """Area of the mirrors' edges."""
-        outlines = (Polygon(mirror.outline_in_plane_mm).length * mirror.thickness_mm for mirror in self.layout.mirrors)
-        return sum(outlines) / 100.0
-
-    @cached_property
-    def mirrors_cm2(self) -> float:
-        """Area of all mirrors."""
-        return sum(Polygon(mirror.outline_in_plane_mm).area for mirror in self.layout.mirrors) / 100.0
+    def extremes_mm(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Lowest and highest coordinates (3,) in the stand frame of the mirrors, then of the camera's body."""
+        rig_from_mount = rig_from_stand(lean_deg(self.layout, self.hardware))
+        corners = np.vstack([face for prism in self.prisms for face in (prism.base, prism.top)])
+        mirrors, camera = corners @ rig_from_mount, box_corners(*self.hardware.camera.box_mm) @ rig_from_mount
+        return mirrors.min(axis=0), mirrors.max(axis=0), camera.min(axis=0), camera.max(axis=0)
 
     @property
+    def reach_mm(self) -> tuple[float, float]:
+        """Height from the camera's bottom to the mirrors' top, and depth from the mirrors' to the camera's front."""
+        mirrors_low, mirrors_high, camera_low, camera_high = self.extremes_mm
+        return float(mirrors_high[2] - camera_low[2]), float(camera_high[1] - mirrors_low[1])
+
+    @property
+    def size_mm(self) -> tuple[float, float, float]:
+        """Width, height and depth of the device in use."""
+        mirrors_low, mirrors_high, camera_low, camera_high = self.extremes_mm
+        left = min(mirrors_low[0] - PAST_MIRRORS_MM[0], camera_low[0] - PAST_CAMERA_MM[0])
+        right = max(mirrors_high[0] + PAST_MIRRORS_MM[1], camera_high[0] + PAST_CAMERA_MM[1])
+        height_mm, depth_mm = self.reach_mm
+        return float(right - left), HEIGHT[0] + HEIGHT[1] * height_mm, DEPTH[0] + DEPTH[1] * depth_mm
+
+    @cached_property
+    def back(self) -> Polygon:
+        """The outline of all mirrors' backs, seen along their mean normal, mm."""
+        normal = np.mean([mirror.normal_in_rig for mirror in self.layout.mirrors], axis=0)
+        across = np.linalg.svd(normal[None])[2][1:]
+        return MultiPoint(np.vstack([prism.base for prism in self.prisms]) @ across.T).convex_hull
+
+    @property
+    def holder(self) -> FloatArray:
+        """Area of the holder's back, cm2, length of its outline, cm, and area of the mirrors' edges, cm2."""
+        edges = (Polygon(mirror.outline_in_plane_mm).length * mirror.thickness_mm for mirror in self.layout.mirrors)
+        return np.array([self.back.area / 100.0, self.back.length / 10.0, sum(edges) / 100.0])
+
+    @property
+    def mount(self) -> FloatArray:
+        """Width of the mount times its path, cm2, and its load, g, times its height squared, in (10 cm)^2."""
+        mirrors_low, mirrors_high, _, _ = self.extremes_mm
+        screws_mm = self.hardware.holder.mount_of_width * float(mirrors_high[0] - mirrors_low[0])
+        width_mm = max(MOUNT_MM, screws_mm + MOUNT_BESIDE_MM)
+        load_g = float(self.holder @ HOLDER_G) + self.mirrors_g
+        return np.array([width_mm * sum(self.reach_mm) / 100.0, load_g * (self.reach_mm[0] / 100.0) ** 2])
+
+    @property
+    def camera_cm2(self) -> float:
+        """Surface of the camera's body."""
+        body = self.hardware.camera
+        sides = body.width_mm * body.height_mm + (body.width_mm + body.height_mm) * body.depth_mm
+        return 2.0 * sides / 100.0
+
+    @property
+    def plastic_g(self) -> tuple[float, float, float, float]:
+        """Plastic of the holder, of mount and plate, of the clip and of the fit coupon."""
+        clip, coupon = (constant + slope * self.camera_cm2 for constant, slope in (CLIP_G, COUPON_G))
+        return float(self.holder @ HOLDER_G), float(self.mount @ MOUNT_G), clip, coupon
+
+    @cached_property
     def mirrors_g(self) -> float:
         """Mass of the mirrors."""
-        volumes = (Polygon(m.outline_in_plane_mm).area * m.thickness_mm / 1000.0 for m in self.layout.mirrors)
-        return MIRROR_DENSITIES[self.hardware.cutting.material] * sum(volumes)
+        density = MIRROR_DENSITIES[self.hardware.cutting.material]
+        return sum(mirror_weight_n(mirror, density) for mirror in self.layout.mirrors) / GRAVITY_N_PER_G
 
     @property
-    def plastic_g(self) -> float:
-        """Plastic of all prints."""
-        camera = self.hardware.camera
-        sides = camera.width_mm * camera.height_mm + (camera.width_mm + camera.height_mm) * camera.depth_mm
-        width_mm = max(MOUNT_MM, self.hardware.holder.mount_of_width * float(self.size_mm[0]))
-        return (
-            HOLDER_G_PER_CM2 * self.back_cm2
-            + RIM_G_PER_CM2 * self.rims_cm2
-            + MOUNT_G_PER_CM2 * width_mm * float(self.size_mm[2]) / 100.0
-            + CLIP_G_PER_CM2 * 2.0 * sides / 100.0
-            + REST_G
-            + COUPON_G
-        )
-
-    def price(self, plastic_g: float) -> float:
-        """Price of everything but the camera."""
+    def mirrors_eur(self) -> float:
+        """Price of the glue and of the mirrors: of whole sheets of stock, or of pieces with a spare one."""
         prices, cutting, mirrors = self.hardware.prices, self.hardware.cutting, self.layout.mirrors
-        stocks = {cutting.stock(mirror.surface, mirror.thickness_mm) for mirror in mirrors}
-        glue = prices.of_item("Glue for mirrors") or 0.0
-        filament = prices.of_plastic(self.hardware.printer.plastic, plastic_g)
+        mirror = max(mirrors, key=lambda mirror: mirror.thickness_mm)
+        stock, glue = cutting.stock(mirror.surface, mirror.thickness_mm), prices.of_item("Glue for mirrors") or 0.0
         if is_sold_in_size(self.layout):
-            stock = prices.of_mirror_pieces(max(stocks), len(mirrors) + 1)
-        else:
-            sheet_cm2 = cutting.sheet_mm[0] * cutting.sheet_mm[1] / 100.0
-            sheets = math.ceil(self.mirrors_cm2 / (SHEET_USE * sheet_cm2))
-            stock = sum(prices.of_mirrors(name, sheets * sheet_cm2) for name in stocks) / len(stocks)
-        return stock + filament + FASTENERS_EUR + glue
+            return prices.of_mirror_pieces(stock, len(mirrors) + 1) + glue
+        areas = (Polygon(mirror.outline_in_plane_mm).area for mirror in mirrors)
+        sheet_mm2 = cutting.sheet_mm[0] * cutting.sheet_mm[1]
+        return prices.of_mirrors(stock, math.ceil(sum(areas) / (SHEET_USE * sheet_mm2)) * sheet_mm2 / 100.0) + glue

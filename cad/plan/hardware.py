@@ -389,7 +389,7 @@ class Hardware(Value):
     )
 
     def for_layout(self, layout: Layout) -> Hardware:
-        """The hardware with the body of a layout's camera in the library, and for its mirrors, unless these are given."""
+        """The hardware with the body of a layout's camera, and for its mirrors, unless these are given."""
         match = None if "camera" in self.model_fields_set else profile_of(layout.camera)
         return (self if match is None else self.replaced(camera=match.body)).for_mirrors_of(layout)
 
