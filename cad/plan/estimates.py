@@ -126,11 +126,13 @@ class DeviceMeasures:
 
     @cached_property
     def extremes_mm(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Lowest and highest coordinates (3,) in the stand frame of the mirrors, then of the camera's body."""
-        rig_from_mount = rig_from_stand(lean_deg(self.layout, self.hardware))
+        """Lowest and highest coordinates (3,) in the stand frame of the mirrors, then of the camera with its posts."""
+        lean, body = lean_deg(self.layout, self.hardware), self.hardware.camera
         corners = np.vstack([face for prism in self.prisms for face in (prism.base, prism.top)])
-        mirrors, camera = corners @ rig_from_mount, box_corners(*self.hardware.camera.box_mm) @ rig_from_mount
-        return mirrors.min(axis=0), mirrors.max(axis=0), camera.min(axis=0), camera.max(axis=0)
+        mirrors, camera = corners @ rig_from_stand(lean), box_corners(*body.box_mm) @ rig_from_stand(lean)
+        posts_mm = body.held_by.post_mm if body.held_by.kind == "board" else 0.0
+        below = np.array([0.0, 0.0, posts_mm * math.cos(math.radians(lean))])
+        return mirrors.min(axis=0), mirrors.max(axis=0), camera.min(axis=0) - below, camera.max(axis=0)
 
     @property
     def reach_mm(self) -> tuple[float, float]:
