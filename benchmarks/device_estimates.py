@@ -48,9 +48,12 @@ DEVICES: dict[str, dict[str, Any]] = {
     "1x3 100 free acrylic": {"rows": 1, "cols": 3, "scale_mm": 100.0} | LASER,
     "3x3 65 second glass": {"scale_mm": 65.0} | stock_fields("second-glass-2"),
     "3x4 75 fold 110 free": {"rows": 3, "cols": 4, "scale_mm": 75.0, "fold_deg": 110.0} | LASER,
+    "elp_4k 2x4 80": {"camera": "elp_4k", "rows": 2, "cols": 4},
+    "oak_d 2x2 70 acrylic": {"camera": "oak_d", "rows": 2, "cols": 2, "scale_mm": 70.0} | LASER,
+    "c922 3x3 95 fold 126": {"camera": "c922", "scale_mm": 95.0, "fold_deg": 126.0},
 }
 """Fields of the designs that differ from the default."""
-TESTED = tuple(DEVICES)[-6:]
+TESTED = tuple(DEVICES)[-9:]
 """Devices that the fit does not see."""
 FIGURES = ("height", "depth", "width", "mass", "plastic", "printing", "price")
 
@@ -126,16 +129,13 @@ def estimated(layout: Layout) -> FloatArray:
 Terms = Callable[[DeviceMeasures, BuiltDevice], Sequence[float] | FloatArray]
 Measured = Callable[[BuiltDevice], float]
 FITS: dict[str, tuple[Terms, Measured]] = {
-    "HEIGHT": (lambda m, _: (1.0, m.reach_mm[0]), lambda b: b.size_mm[1]),
+    "HEIGHT": (lambda m, _: (1.0 / np.cos(np.deg2rad(m.lean_deg)), m.reach_mm[0]), lambda b: b.size_mm[1]),
     "DEPTH": (lambda m, _: (1.0, m.reach_mm[1]), lambda b: b.size_mm[2]),
     "HOLDER_G": (lambda m, _: m.holder, lambda b: b.grams("mirror_holder")),
     "MOUNT_G": (lambda m, _: m.mount, lambda b: b.grams("mount", "adapter")),
     "CLIP_G": (lambda m, _: (1.0, m.camera_cm2), lambda b: b.grams("camera_clip")),
     "COUPON_G": (lambda m, _: (1.0, m.camera_cm2), lambda b: b.grams("fit_coupon")),
-    "H_PER_G": (
-        lambda _, b: (b.grams("mirror_holder"), b.grams("mount", "adapter"), b.grams("camera_clip", "fit_coupon")),
-        lambda b: b.print_h,
-    ),
+    "PRINT_H": (lambda m, b: (b.plastic_g, len(m.layout.mirrors), 1.0), lambda b: b.print_h),
 }
 """Coefficients of the estimates, the terms that they multiply, and what was measured."""
 

@@ -24,17 +24,17 @@ from mirrorcam.optics.geometry.design_spec import box_corners
 from mirrorcam.optics.geometry.layout import Layout
 
 GRAVITY_N_PER_G = 9.80665e-3
-# Holder: grams per cm2 of its back, per cm of the back's outline with its walls, and per cm2 of the mirrors' edges.
-HOLDER_G = (0.330, 0.345, 0.158)
-# Mount and plate: grams per cm2 of the mount's width times its path up and back, and per gram of load and (10 cm)^2 of
-# height, since the mount is as stiff as the load needs.
-MOUNT_G = (0.47, 0.037)
+# Holder: grams per cm2 of its back, per cm of the back's outline with its walls, and per cm3 between back and mirrors.
+HOLDER_G = (0.335, 0.322, 0.126)
+# Mount and plate: grams per cm2 of the mount's width times its length, and per gram of load and (10 cm)^2 of height,
+# since the mount is as stiff as its load needs.
+MOUNT_G = (0.429, 0.0254)
 # Width of the narrowest mount, that of the clip's screws, and what a mount is wider than the holder's screws.
 MOUNT_MM, MOUNT_BESIDE_MM = 51.6, 13.0
 # Clip and fit coupon: grams, and grams per cm2 of the camera's surface.
-CLIP_G, COUPON_G = (4.1, 0.129), (6.1, 0.029)
-# Hours of printing per gram of the holder, the mount and all else: short walls are slower than long ones.
-H_PER_G = (0.070, 0.029, 0.063)
+CLIP_G, COUPON_G = (4.14, 0.129), (6.07, 0.0291)
+# Hours of printing per gram of plastic, per mirror, and per device.
+PRINT_H = (0.0422, 0.0359, 0.531)
 # Fasteners of all devices, and those that press a camera against its clip.
 JOINTS_G, SPRUNG_G = 16.8, 5.3
 JOINTS_EUR, SPRUNG_EUR = 3.2, 1.1
@@ -42,10 +42,10 @@ JOINTS_EUR, SPRUNG_EUR = 3.2, 1.1
 SHEET_USE = 0.7
 # How far the device reaches past the mirrors and past the camera, mm, to the left and to the right.
 PAST_MIRRORS_MM, PAST_CAMERA_MM = (3.0, 3.0), (4.8, 17.6)
-# Height and depth of the device: mm, and per mm from mirrors to camera.
-HEIGHT, DEPTH = (41.0, 1.17), (26.7, 1.34)
+# Height and depth of the device: mm, of the height for an upright foot, and per mm from mirrors to camera.
+HEIGHT, DEPTH = (30.5, 1.23), (26.7, 1.37)
 # Standard deviations of the errors, relative to the figures.
-SIZE_ERROR, MASS_ERROR, PLASTIC_ERROR, PRINT_ERROR, PRICE_ERROR = 0.04, 0.04, 0.05, 0.05, 0.02
+SIZE_ERROR, MASS_ERROR, PLASTIC_ERROR, PRINT_ERROR, PRICE_ERROR = 0.05, 0.025, 0.04, 0.04, 0.005
 
 
 class DeviceEstimate(Value):
@@ -93,7 +93,7 @@ def estimate_device(layout: Layout, hardware: Hardware = HARDWARE) -> DeviceEsti
     is_pressed = hardware.camera.held_by.kind == "lips"
     fasteners_g, fasteners_eur = JOINTS_G + SPRUNG_G * is_pressed, JOINTS_EUR + SPRUNG_EUR * is_pressed
     mass_g = plastic_g - coupon_g + device.mirrors_g + hardware.camera.mass_g + fasteners_g
-    print_h = float(np.array(H_PER_G) @ [holder_g, mount_g, clip_g + coupon_g])
+    print_h = float(np.array(PRINT_H) @ [plastic_g, len(layout.mirrors), 1.0])
     camera_eur = hardware.prices.of_item(hardware.camera.name) or 0.0
     filament_eur = hardware.prices.of_plastic(hardware.printer.plastic, plastic_g)
     price = camera_eur + device.mirrors_eur + filament_eur + fasteners_eur
@@ -125,9 +125,14 @@ class DeviceMeasures:
         return [mirror_prism(mirror) for mirror in self.layout.mirrors]
 
     @cached_property
+    def lean_deg(self) -> float:
+        """The angle by which the device leans back from upright."""
+        return lean_deg(self.layout, self.hardware)
+
+    @cached_property
     def extremes_mm(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Lowest and highest coordinates (3,) in the stand frame of the mirrors, then of the camera with its posts."""
-        lean, body = lean_deg(self.layout, self.hardware), self.hardware.camera
+        lean, body = self.lean_deg, self.hardware.camera
         corners = np.vstack([face for prism in self.prisms for face in (prism.base, prism.top)])
         mirrors, camera = corners @ rig_from_stand(lean), box_corners(*body.box_mm) @ rig_from_stand(lean)
         posts_mm = body.held_by.post_mm if body.held_by.kind == "board" else 0.0
@@ -147,29 +152,32 @@ class DeviceMeasures:
         left = min(mirrors_low[0] - PAST_MIRRORS_MM[0], camera_low[0] - PAST_CAMERA_MM[0])
         right = max(mirrors_high[0] + PAST_MIRRORS_MM[1], camera_high[0] + PAST_CAMERA_MM[1])
         height_mm, depth_mm = self.reach_mm
-        return float(right - left), HEIGHT[0] + HEIGHT[1] * height_mm, DEPTH[0] + DEPTH[1] * depth_mm
+        below_mm = HEIGHT[0] / math.cos(math.radians(self.lean_deg))
+        return float(right - left), below_mm + HEIGHT[1] * height_mm, DEPTH[0] + DEPTH[1] * depth_mm
 
     @cached_property
-    def back(self) -> Polygon:
-        """The outline of all mirrors' backs, seen along their mean normal, mm."""
-        normal = np.mean([mirror.normal_in_rig for mirror in self.layout.mirrors], axis=0)
-        across = np.linalg.svd(normal[None])[2][1:]
-        return MultiPoint(np.vstack([prism.base for prism in self.prisms]) @ across.T).convex_hull
-
-    @property
     def holder(self) -> FloatArray:
-        """Area of the holder's back, cm2, length of its outline, cm, and area of the mirrors' edges, cm2."""
-        edges = (Polygon(mirror.outline_in_plane_mm).length * mirror.thickness_mm for mirror in self.layout.mirrors)
-        return np.array([self.back.area / 100.0, self.back.length / 10.0, sum(edges) / 100.0])
+        """Area of the holder's back, cm2, length of its outline, cm, and volume between it and the mirrors, cm3.
+
+        The back is normal to the mirrors' mean normal, and touches the mirror that reaches farthest back.
+        """
+        normal = np.mean([mirror.normal_in_rig for mirror in self.layout.mirrors], axis=0)
+        axes = np.linalg.svd(normal[None])[2]
+        backs = [prism.base @ (axes * np.sign(axes[0] @ normal)).T for prism in self.prisms]
+        outline = MultiPoint(np.vstack(backs)[:, 1:]).convex_hull
+        farthest = min(float(back[:, 0].min()) for back in backs)
+        volume = sum(Polygon(back[:, 1:]).area * float(back[:, 0].mean() - farthest) for back in backs)
+        return np.array([outline.area / 100.0, outline.length / 10.0, volume / 1000.0])
 
     @property
     def mount(self) -> FloatArray:
-        """Width of the mount times its path, cm2, and its load, g, times its height squared, in (10 cm)^2."""
+        """Width of the mount times its length, cm2, and its load, g, times the height squared, in (10 cm)^2."""
         mirrors_low, mirrors_high, _, _ = self.extremes_mm
         screws_mm = self.hardware.holder.mount_of_width * float(mirrors_high[0] - mirrors_low[0])
-        width_mm = max(MOUNT_MM, screws_mm + MOUNT_BESIDE_MM)
+        width_mm, height_mm = max(MOUNT_MM, screws_mm + MOUNT_BESIDE_MM), self.size_mm[1]
+        length_mm = height_mm / math.cos(math.radians(self.lean_deg))
         load_g = float(self.holder @ HOLDER_G) + self.mirrors_g
-        return np.array([width_mm * sum(self.reach_mm) / 100.0, load_g * (self.reach_mm[0] / 100.0) ** 2])
+        return np.array([width_mm * length_mm / 100.0, load_g * (height_mm / 100.0) ** 2])
 
     @property
     def camera_cm2(self) -> float:

@@ -48,8 +48,9 @@ def test_if_no_design_meets_the_target_different_terms_give_way() -> None:
     first, second = found.designs
     assert first.gives_way[0] != second.gives_way[0]
     for design in found.designs:
-        (missed,) = [term for term, excess in design.excess.items() if excess > 0.02]
-        assert missed == design.gives_way[0]
+        main, *others = sorted(design.excess.values(), reverse=True)
+        assert main == design.excess[design.gives_way[0]]
+        assert max(others) < 0.1 * main
 
 
 def test_the_same_target_gives_the_same_designs() -> None:
