@@ -11,6 +11,7 @@ import argparse
 import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -126,28 +127,39 @@ def estimated(layout: Layout) -> FloatArray:
     return np.array([height, depth, width, found.mass_g, found.plastic_g, found.print_h, found.price_eur])
 
 
-Terms = Callable[[DeviceMeasures, BuiltDevice], Sequence[float] | FloatArray]
-Measured = Callable[[BuiltDevice], float]
-FITS: dict[str, tuple[Terms, Measured]] = {
-    "HEIGHT": (lambda m, _: (1.0 / np.cos(np.deg2rad(m.lean_deg)), m.reach_mm[0]), lambda b: b.size_mm[1]),
-    "DEPTH": (lambda m, _: (1.0, m.reach_mm[1]), lambda b: b.size_mm[2]),
-    "HOLDER_G": (lambda m, _: m.holder, lambda b: b.grams("mirror_holder")),
-    "MOUNT_G": (lambda m, _: m.mount, lambda b: b.grams("mount", "adapter")),
-    "CLIP_G": (lambda m, _: (1.0, m.camera_cm2), lambda b: b.grams("camera_clip")),
-    "COUPON_G": (lambda m, _: (1.0, m.camera_cm2), lambda b: b.grams("fit_coupon")),
-    "PRINT_H": (lambda m, b: (b.plastic_g, len(m.layout.mirrors), 1.0), lambda b: b.print_h),
+@dataclass(frozen=True)
+class Fit:
+    """Coefficients of the estimates: the terms that they multiply, what was measured, and what is known of it."""
+
+    terms: Callable[[DeviceMeasures, BuiltDevice], Sequence[float] | FloatArray]
+    measured: Callable[[BuiltDevice], float]
+    known: Callable[[DeviceMeasures], float] = lambda _: 0.0
+
+
+FITS = {
+    "HEIGHT": Fit(
+        lambda m, _: (1.0 / np.cos(np.deg2rad(m.lean_deg)), m.mirrors_reach_mm[0]),
+        lambda b: b.size_mm[1],
+        lambda m: m.camera_reach_mm[0],
+    ),
+    "DEPTH": Fit(lambda m, _: (1.0, m.mirrors_reach_mm[1]), lambda b: b.size_mm[2], lambda m: m.camera_reach_mm[1]),
+    "HOLDER_G": Fit(lambda m, _: m.holder, lambda b: b.grams("mirror_holder")),
+    "MOUNT_G": Fit(lambda m, _: m.mount, lambda b: b.grams("mount", "adapter")),
+    "CLIP_G": Fit(lambda m, _: (1.0, m.camera_cm2), lambda b: b.grams("camera_clip")),
+    "COUPON_G": Fit(lambda m, _: (1.0,), lambda b: b.grams("fit_coupon")),
+    "PRINT_H": Fit(lambda m, b: (b.plastic_g, len(m.layout.mirrors), 1.0), lambda b: b.print_h),
 }
-"""Coefficients of the estimates, the terms that they multiply, and what was measured."""
 
 
 def fitted(measures: Mapping[str, DeviceMeasures], devices: Mapping[str, BuiltDevice]) -> dict[str, FloatArray]:
     """The coefficients with the smallest sum of squared relative errors, over the devices that are not tested."""
     names = [name for name in devices if name not in TESTED]
     found = {}
-    for coefficients, (terms, measured) in FITS.items():
-        wanted = np.array([measured(devices[name]) for name in names])
-        rows = np.array([terms(measures[name], devices[name]) for name in names])
-        found[coefficients] = np.linalg.lstsq(rows / wanted[:, None], np.ones(len(names)), rcond=None)[0]
+    for coefficients, fit in FITS.items():
+        wanted = np.array([fit.measured(devices[name]) for name in names])
+        rows = np.array([fit.terms(measures[name], devices[name]) for name in names]) / wanted[:, None]
+        known = np.array([fit.known(measures[name]) for name in names]) / wanted
+        found[coefficients] = np.linalg.lstsq(rows, 1.0 - known, rcond=None)[0]
     return found
 
 

@@ -31,8 +31,8 @@ HOLDER_G = (0.335, 0.322, 0.126)
 MOUNT_G = (0.429, 0.0254)
 # Width of the narrowest mount, that of the clip's screws, and what a mount is wider than the holder's screws.
 MOUNT_MM, MOUNT_BESIDE_MM = 51.6, 13.0
-# Clip and fit coupon: grams, and grams per cm2 of the camera's surface.
-CLIP_G, COUPON_G = (4.14, 0.129), (6.07, 0.0291)
+# Clip: grams, and grams per cm2 of the camera's surface. Fit coupon: grams.
+CLIP_G, COUPON_G = (4.14, 0.129), 8.9
 # Hours of printing per gram of plastic, per mirror, and per device.
 PRINT_H = (0.0422, 0.0359, 0.531)
 # Fasteners of all devices, and those that press a camera against its clip.
@@ -42,10 +42,10 @@ JOINTS_EUR, SPRUNG_EUR = 3.2, 1.1
 SHEET_USE = 0.7
 # How far the device reaches past the mirrors and past the camera, mm, to the left and to the right.
 PAST_MIRRORS_MM, PAST_CAMERA_MM = (3.0, 3.0), (4.8, 17.6)
-# Height and depth of the device: mm, of the height for an upright foot, and per mm from mirrors to camera.
-HEIGHT, DEPTH = (30.5, 1.23), (26.7, 1.37)
+# Size past the camera, of the height for an upright device, and size per mm of the mirrors' reach, which a mount exceeds.
+HEIGHT, DEPTH = (34.4, 1.24), (36.3, 1.34)
 # Standard deviations of the errors, relative to the figures.
-SIZE_ERROR, MASS_ERROR, PLASTIC_ERROR, PRINT_ERROR, PRICE_ERROR = 0.05, 0.025, 0.04, 0.04, 0.005
+SIZE_ERROR, MASS_ERROR, PLASTIC_ERROR, PRINT_ERROR, PRICE_ERROR = 0.045, 0.023, 0.04, 0.037, 0.003
 
 
 class DeviceEstimate(Value):
@@ -88,11 +88,11 @@ def estimate_device(layout: Layout, hardware: Hardware = HARDWARE) -> DeviceEsti
     hardware = hardware.for_layout(layout)
     device = DeviceMeasures(layout, hardware)
     size = device.size_mm
-    holder_g, mount_g, clip_g, coupon_g = device.plastic_g
-    plastic_g = holder_g + mount_g + clip_g + coupon_g
+    printed_g = device.printed_g
+    plastic_g = printed_g + COUPON_G
     is_pressed = hardware.camera.held_by.kind == "lips"
     fasteners_g, fasteners_eur = JOINTS_G + SPRUNG_G * is_pressed, JOINTS_EUR + SPRUNG_EUR * is_pressed
-    mass_g = plastic_g - coupon_g + device.mirrors_g + hardware.camera.mass_g + fasteners_g
+    mass_g = printed_g + device.mirrors_g + hardware.camera.mass_g + fasteners_g
     print_h = float(np.array(PRINT_H) @ [plastic_g, len(layout.mirrors), 1.0])
     camera_eur = hardware.prices.of_item(hardware.camera.name) or 0.0
     filament_eur = hardware.prices.of_plastic(hardware.printer.plastic, plastic_g)
@@ -140,10 +140,16 @@ class DeviceMeasures:
         return mirrors.min(axis=0), mirrors.max(axis=0), camera.min(axis=0) - below, camera.max(axis=0)
 
     @property
-    def reach_mm(self) -> tuple[float, float]:
-        """Height from the camera's bottom to the mirrors' top, and depth from the mirrors' to the camera's front."""
-        mirrors_low, mirrors_high, camera_low, camera_high = self.extremes_mm
-        return float(mirrors_high[2] - camera_low[2]), float(camera_high[1] - mirrors_low[1])
+    def camera_reach_mm(self) -> tuple[float, float]:
+        """How far the camera reaches below and in front of the pupil."""
+        _, _, low, high = self.extremes_mm
+        return -float(low[2]), float(high[1])
+
+    @property
+    def mirrors_reach_mm(self) -> tuple[float, float]:
+        """How far the mirrors reach above and behind the pupil."""
+        low, high, _, _ = self.extremes_mm
+        return float(high[2]), -float(low[1])
 
     @property
     def size_mm(self) -> tuple[float, float, float]:
@@ -151,9 +157,9 @@ class DeviceMeasures:
         mirrors_low, mirrors_high, camera_low, camera_high = self.extremes_mm
         left = min(mirrors_low[0] - PAST_MIRRORS_MM[0], camera_low[0] - PAST_CAMERA_MM[0])
         right = max(mirrors_high[0] + PAST_MIRRORS_MM[1], camera_high[0] + PAST_CAMERA_MM[1])
-        height_mm, depth_mm = self.reach_mm
-        below_mm = HEIGHT[0] / math.cos(math.radians(self.lean_deg))
-        return float(right - left), below_mm + HEIGHT[1] * height_mm, DEPTH[0] + DEPTH[1] * depth_mm
+        (below_mm, front_mm), (above_mm, behind_mm) = self.camera_reach_mm, self.mirrors_reach_mm
+        height_mm = below_mm + HEIGHT[0] / math.cos(math.radians(self.lean_deg)) + HEIGHT[1] * above_mm
+        return float(right - left), height_mm, front_mm + DEPTH[0] + DEPTH[1] * behind_mm
 
     @cached_property
     def holder(self) -> FloatArray:
@@ -187,10 +193,10 @@ class DeviceMeasures:
         return 2.0 * sides / 100.0
 
     @property
-    def plastic_g(self) -> tuple[float, float, float, float]:
-        """Plastic of the holder, of mount and plate, of the clip and of the fit coupon."""
-        clip, coupon = (constant + slope * self.camera_cm2 for constant, slope in (CLIP_G, COUPON_G))
-        return float(self.holder @ HOLDER_G), float(self.mount @ MOUNT_G), clip, coupon
+    def printed_g(self) -> float:
+        """Plastic of holder, mount, plate and clip."""
+        clip_g = CLIP_G[0] + CLIP_G[1] * self.camera_cm2
+        return float(self.holder @ HOLDER_G) + float(self.mount @ MOUNT_G) + clip_g
 
     @cached_property
     def mirrors_g(self) -> float:
