@@ -42,7 +42,7 @@ JOINTS_EUR, SPRUNG_EUR = 3.2, 1.1
 SHEET_USE = 0.7
 # How far the device reaches past the mirrors and past the camera, mm, to the left and to the right.
 PAST_MIRRORS_MM, PAST_CAMERA_MM = (3.0, 3.0), (4.8, 17.6)
-# Size past the camera, of the height for an upright device, and size per mm of the mirrors' reach, which a mount exceeds.
+# Size past the camera, of the height for an upright device, and per mm of the mirrors' reach, which the mount exceeds.
 HEIGHT, DEPTH = (34.4, 1.24), (36.3, 1.34)
 # Standard deviations of the errors, relative to the figures.
 SIZE_ERROR, MASS_ERROR, PLASTIC_ERROR, PRINT_ERROR, PRICE_ERROR = 0.045, 0.023, 0.04, 0.037, 0.003
