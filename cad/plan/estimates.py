@@ -45,7 +45,7 @@ PAST_MIRRORS_MM, PAST_CAMERA_MM = (3.0, 3.0), (4.8, 17.6)
 # Size past the camera, of the height for an upright device, and per mm of the mirrors' reach, which the mount exceeds.
 HEIGHT, DEPTH = (34.4, 1.24), (36.3, 1.34)
 # Standard deviations of the errors, relative to the figures.
-SIZE_ERROR, MASS_ERROR, PLASTIC_ERROR, PRINT_ERROR, PRICE_ERROR = 0.045, 0.023, 0.04, 0.037, 0.003
+SIZE_ERROR, MASS_ERROR, PLASTIC_ERROR, PRINT_ERROR, PRICE_ERROR = 0.043, 0.023, 0.041, 0.033, 0.003
 
 
 class DeviceEstimate(Value):

@@ -78,6 +78,12 @@ def test_a_search_without_any_design_is_refused_with_the_reason() -> None:
         designs_for("300g", SPEC, vary=("scale_mm",), calls=refused)
 
 
+def test_mirrors_that_cannot_be_cut_are_no_design() -> None:
+    thick = DesignSpec(rows=3, cols=4, scale_mm=40.0, thickness_mm=6.0)
+    with pytest.raises(InputError, match="no design was found for 300g: mirrors are too narrow"):
+        designs_for("300g", thick, vary=(), calls=sketched)
+
+
 def test_unknown_fields_are_refused() -> None:
     with pytest.raises(InputError, match="vary: colour, expected some of rows, cols"):
         designs_for(EASY, SPEC, vary=("colour",))

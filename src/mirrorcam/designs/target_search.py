@@ -52,6 +52,7 @@ SCALE_STEP = 1.15
 """Factor on a scale at which there is no design."""
 MOST = 3
 """Largest number of designs that meet a target."""
+TOO_NARROW = "mirrors are too narrow to be cut from their stock"
 
 
 class TargetDesigns(Value):
@@ -246,10 +247,13 @@ class _Search:
                 self._refusal = str(refusal)
                 continue
             found[scale_mm] = self._excesses(measure(layout, self._target, self._hardware))
-            # Widths are proportional to the scale.
-            least_mm = scale_mm / narrowest(layout)
+            # Widths are proportional to the scale; those that are sold are not sketched.
+            sizes = spec.rectangle_sizes
+            least_mm = 0.0 if sizes is not None and sizes.is_stock else scale_mm / narrowest(layout)
         if found:
             least_mm = max(least_mm, min(found))
+            if least_mm > max(found):
+                self._refusal = TOO_NARROW
             scales, excesses = np.array(list(found)), np.array(list(found.values()))
             self._families.append(_Family(spec, scales, excesses, least_mm, max(found)))
 
@@ -274,17 +278,16 @@ class _Search:
 
     def _is_better(self, choice: _Choice) -> bool:
         """Whether a choice improves on the designs made: with its number of mirrors, or in which its term gives way."""
-        if not self._designs:
-            return True
-        met = [design for design in self._designs if design.meets]
-        same = [design for design in met if counts_of(design) == choice.counts]
-        costs = sorted(_Cost.of(self._excesses(design), choice.yields) for design in same or met or self._designs)
-        if met and not same and len(costs) < MOST:
-            return choice.cost.missed == 0.0
-        if same or not met:
-            is_alone = choice.cost.others == 0.0
-            return choice.cost.improves(costs[0]) and (is_alone or choice.cost.improves(self._by_cost()[0][0]))
-        return choice.cost.improves(costs[MOST - 1])
+        made = self._by_cost()
+        met = {counts_of(design): cost for cost, design, _ in reversed(made) if design.meets}
+        if choice.counts in met:
+            return choice.cost.improves(met[choice.counts])
+        if met:
+            is_among_best = len(met) < MOST or choice.cost.improves(sorted(met.values())[MOST - 1])
+            return choice.cost.missed == 0.0 and is_among_best
+        same = [cost for cost, _, yields in made if yields == choice.yields]
+        is_alone = choice.cost.others == 0.0
+        return not made or (choice.cost.improves(same[0]) and (is_alone or choice.cost.improves(made[0][0])))
 
     def _by_cost(self) -> list[tuple[_Cost, TargetDesign, int]]:
         """The designs for every term that may give way, by increasing cost."""
@@ -324,7 +327,7 @@ class _Search:
         family.corrections.append(self._excesses(design) - family.sketched(np.array([scale_mm]))[0])
         if narrowest(layout) < 1.0:
             family.least_mm = scale_mm / narrowest(layout)
-            self._refusal = "mirrors are too narrow to be cut from their stock"
+            self._refusal = TOO_NARROW
             return
         self._designs.append(design)
 
