@@ -73,7 +73,7 @@ def estimate_device(layout: Layout, hardware: Hardware = HARDWARE) -> DeviceEsti
         Layout of any kind.
     hardware
         Dimensions and prices; its camera body and mirror material are the layout's unless they are given. The estimates
-        are for glued mirrors, the adapter for a desk, and the default dimensions.
+        are for glued mirrors, the adapter for a desk, and the default dimensions and speeds of the printer.
 
     Returns
     -------

@@ -116,7 +116,7 @@ def design(
     target: Annotated[
         tuple[str, ...] | None,
         Parameter(
-            metavar="TERM",
+            metavar="TERM...",
             help="find the numbers of mirrors, the scale and the fold for a task, such as 0.3mm@400mm 150x120mm@400mm "
             "300g 8h: standard deviation of depth and field of all views at a distance, 90EUR or 60EUR+camera, mass, "
             "printing time, 180mm (largest side)",
