@@ -30,7 +30,7 @@ from mirrorcam.cad.holder.carriers import tilt_per_turn_deg, travel_turns
 from mirrorcam.cad.holder.glue import bead_mm, glue_amount
 from mirrorcam.cad.holder.screwed_holder import ScrewedHolderPlan
 from mirrorcam.cad.mirrors.laser_settings import REFERENCE_MM, SOURCE, laser_settings
-from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of, stock_kind
+from mirrorcam.cad.mirrors.stock_sheets import SURFACES, facing_of
 from mirrorcam.cad.parts.camera_box import CONTACT_TURNS
 from mirrorcam.cad.parts.coupon import gauges_of, spacer_mm
 from mirrorcam.cad.parts.reclamping import CONTACT_MM, repeatability
@@ -131,7 +131,7 @@ def write_guide(
         step_of=step_of,
         pictures_at={step.name: step.pictures for step in STEPS if step.pictures},
         sheets=sorted(
-            {stock_kind(mirror.surface, mirror.thickness_mm, hardware.cutting) for mirror in device.layout.mirrors}
+            {hardware.cutting.stock(mirror.surface, mirror.thickness_mm) for mirror in device.layout.mirrors}
         ),
         sheet_files=sorted(path.name for path in (folder / "mirrors").glob("mirrors*.*")),
         mirrors=_mirror_rows(device),

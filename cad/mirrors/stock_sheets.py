@@ -201,7 +201,7 @@ class StockSheet:
 
     @property
     def kind(self) -> str:
-        return stock_kind(self.surface, self.thickness_mm, self.cutting)
+        return self.cutting.stock(self.surface, self.thickness_mm)
 
     def _line_notes(self, facing: Facing) -> tuple[str, str]:
         """The meaning of the lines on both layers."""
@@ -236,11 +236,6 @@ class StockSheet:
             f"Seen from the {facing.up} of the mirrors: do not mirror the drawing",
             *self._line_notes(facing),
         )
-
-
-def stock_kind(surface: Surface, thickness_mm: float, cutting: Cutting) -> str:
-    """The name of a mirror's stock in parts list, guide and cut files: "first-surface acrylic mirror, 1 mm"."""
-    return f"{surface}-surface {cutting.material} mirror, {thickness_mm:g} mm"
 
 
 def outline_from_back(mirror: Mirror, cutting: Cutting) -> FloatArray:

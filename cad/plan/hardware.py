@@ -22,7 +22,7 @@ from mirrorcam.core.names import Name
 from mirrorcam.core.values import Value, with_tuples
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody
-from mirrorcam.optics.geometry.camera_library import read_body
+from mirrorcam.optics.geometry.camera_library import profile_of, read_body
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.mirror_stock import WIDTH_TO_THICKNESS, Material, material_of
@@ -330,6 +330,10 @@ class Cutting(Value):
         """Distance of the cut files' lines outside the finished edge."""
         return self.kerf_mm / 2.0 if self.material == "acrylic" else 0.0
 
+    def stock(self, surface: str, thickness_mm: float) -> str:
+        """The name of a mirror's stock in parts list, guide and cut files: "first-surface acrylic mirror, 1 mm"."""
+        return f"{surface}-surface {self.material} mirror, {thickness_mm:g} mm"
+
     @property
     def min_width_to_thickness(self) -> float:
         """Smallest ratio of a mirror's width to its thickness."""
@@ -383,6 +387,11 @@ class Hardware(Value):
     camera: Annotated[CameraBody, BeforeValidator(_named, json_schema_input_type=CameraBody | str)] = Field(
         default_factory=lambda: read_body("c920"), description="body, name in the library, or path of a TOML file"
     )
+
+    def for_layout(self, layout: Layout) -> Hardware:
+        """The hardware with the body of a layout's camera, and for its mirrors, unless these are given."""
+        match = None if "camera" in self.model_fields_set else profile_of(layout.camera)
+        return (self if match is None else self.replaced(camera=match.body)).for_mirrors_of(layout)
 
     def for_mirrors_of(self, layout: Layout) -> Hardware:
         """The hardware with the material of a layout's mirrors, and pads that bear them, unless these are given."""

@@ -54,11 +54,20 @@ def width_mm(outline: FloatArray) -> float:
     return float(np.ptp(outline @ normals.T, axis=0).min())
 
 
+def _widths(layout: Layout) -> list[float]:
+    """Widths of the mirrors relative to their thicknesses."""
+    return [width_mm(mirror.outline_in_plane_mm) / mirror.thickness_mm for mirror in layout.mirrors]
+
+
+def narrowest(layout: Layout) -> float:
+    """Width of the narrowest mirror, relative to the smallest width that can be cut from its stock."""
+    return min(_widths(layout)) / WIDTH_TO_THICKNESS[material_of(layout)]
+
+
 def too_narrow(layout: Layout) -> str:
     """Advice if a mirror is too narrow to be cut from its stock; "" if none is."""
     material = material_of(layout)
-    ratio = WIDTH_TO_THICKNESS[material]
-    widths = [width_mm(mirror.outline_in_plane_mm) / mirror.thickness_mm for mirror in layout.mirrors]
+    ratio, widths = WIDTH_TO_THICKNESS[material], _widths(layout)
     index = int(np.argmin(widths))
     if widths[index] >= ratio:
         return ""

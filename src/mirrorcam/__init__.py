@@ -43,6 +43,7 @@ __all__ = [
     "SceneObject",
     "SensorModel",
     "SetRequest",
+    "TargetDesigns",
     "Tolerances",
     "Uncertainty",
     "Validation",
@@ -53,6 +54,7 @@ __all__ = [
     "calibrate",
     "calibrate_camera",
     "design",
+    "designs_for",
     "estimate_depth",
     "load_board",
     "open_camera",
@@ -79,6 +81,7 @@ if TYPE_CHECKING:
     from mirrorcam.core.video.newest_frame import ArrivedFrame, NewestFrame
     from mirrorcam.core.video.video import Video
     from mirrorcam.core.video.video_files import open_video
+    from mirrorcam.designs.target_search import TargetDesigns, designs_for
     from mirrorcam.optics.calibration.calibration import calibrate
     from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
     from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
@@ -136,6 +139,7 @@ else:
         "SceneObject": "render_scenes.tabletop.objects",
         "SensorModel": "render_scenes.settings",
         "SetRequest": "render_scenes.sets.set_request",
+        "TargetDesigns": "designs.target_search",
         "Tolerances": "optics.geometry.tolerances",
         "Uncertainty": "optics.geometry.layout",
         "Validation": "calibration.validation",
@@ -148,6 +152,7 @@ else:
         "calibrate": "optics.calibration.calibration",
         "calibrate_camera": "optics.calibration.plain_camera",
         "design": "optics.design.optimise",
+        "designs_for": "designs.target_search",
         "estimate_depth": "optics.light_field.depth.estimate",
         "load_board": "optics.geometry.boards",
         "open_camera": "core.video.camera_addresses",

@@ -14,6 +14,8 @@ from mirrorcam.core.processes.calls import Calls, in_turn
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.designs.design_command import DesignChanges
 from mirrorcam.designs.design_files import request_toml
+from mirrorcam.designs.target import Target, measure
+from mirrorcam.designs.target_search import TargetDesigns
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.arrangement import Pattern
@@ -161,3 +163,38 @@ def test_options_replace_fields_of_a_request_in_a_file(
     assert designed == [request, request.replaced(**changes, tradeoff=0.0, fold_deg="auto")]
     assert_refused_here(["design", "design.toml", "--pattern", "hex7"], capsys, "rows or cols are given with a pattern")
     assert_refused_here(["design", "none.toml"], capsys, "none.toml: no such file")
+
+
+@pytest.mark.parametrize(("terms", "status"), [(["900g", "90h"], 0), (["900g", "1h"], 1)])
+def test_a_target_writes_the_best_design_and_prints_what_gives_way(
+    terms: list[str],
+    status: int,
+    solved: Layout,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: dict[str, object] = {}
+
+    def found(target: Target, spec: DesignSpec, vary: set[str], **_: object) -> TargetDesigns:
+        asked.update(spec=spec, vary=vary)
+        return TargetDesigns(target=target, designs=(measure(solved, target),))
+
+    monkeypatch.setattr("mirrorcam.designs.target_search.designs_for", found)
+    command = ["design", "--target", *terms, "--rows", "2", "--camera", "brio", "--out", str(tmp_path)]
+    assert main(command) == status
+    assert asked == {
+        "spec": DesignSpec(rows=2, camera=read_camera("brio")),
+        "vary": {"cols", "scale_mm", "fold_deg", "depths_mm"},
+    }
+    assert Layout.load(tmp_path / "layout.json") == solved
+    printed = capsys.readouterr().out
+    rows = [line for line in printed.splitlines() if line.startswith(tuple(terms))]
+    assert [row.endswith("!") for row in rows] == [False, status == 1]
+    assert ("1h gives way" in printed) == (status == 1)
+
+
+def test_a_target_that_cannot_be_is_refused_before_any_work(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    assert_refused_here(["design", "--target", "90USD", "--out", str(out)], capsys, "'90USD': expected 0.3mm@400mm")
+    assert not out.exists()

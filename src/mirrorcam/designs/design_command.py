@@ -16,6 +16,7 @@ from mirrorcam.core.errors import InputError
 if TYPE_CHECKING:
     from mirrorcam.core.values import Metric
     from mirrorcam.designs.design_files import DesignComparison
+    from mirrorcam.designs.target_search import TargetDesigns
     from mirrorcam.optics.design.assess.monte_carlo import Study
     from mirrorcam.optics.geometry.design_spec import DesignSpec
 
@@ -112,6 +113,15 @@ def design(
     /,
     *,
     changes: DesignChanges = DesignChanges(),
+    target: Annotated[
+        tuple[str, ...] | None,
+        Parameter(
+            metavar="TERM...",
+            help="find the numbers of mirrors, the scale and the fold for a task, such as 0.3mm@400mm 150x120mm@400mm "
+            "300g 8h: standard deviation of depth and field of all views at a distance, 90EUR or 60EUR+camera, mass, "
+            "printing time, 180mm (largest side)",
+        ),
+    ] = None,
     tolerance: Annotated[
         bool, Parameter(help="also simulate devices as built with the tolerances of design.toml, or made by hand")
     ] = False,
@@ -123,27 +133,44 @@ def design(
     Writes layout.json, parabola.json (the faceted parabola, for comparison), before_after.png and focus.png;
     with --tolerance, tolerance.json and tolerance.png. Options replace the fields of design.toml.
 
+    With --target, the search chooses rows, columns, scale, fold and working depths, unless an option or design.toml
+    states them. It prints the designs that meet all terms, or the nearest and what gives way, and writes the best; the
+    exit code is 1 if none meets them. Figures of the device are estimates.
+
     Examples:
         mirrorcam design --rows 2 --cols 4 --scale-mm 60 --depths-mm 280 400
         mirrorcam design --mirror second-glass-3 --out output/glass
         mirrorcam design --mirror first-acrylic-1 --shape free --out output/laser
         mirrorcam design --shape stock:30x20 --fold-deg auto --out output/stock
         mirrorcam design design.toml --fold-deg auto --tolerance --out output/mine
+        mirrorcam design --target 0.3mm@400mm 150x120mm@400mm 300g 8h --camera brio --out output/task
     """
     from mirrorcam.core.disk.output_folder import output_folder
     from mirrorcam.core.processes.worker_pool import in_two_processes
-    from mirrorcam.designs.design_files import DesignRequest, read_request, write_design
+    from mirrorcam.designs.design_files import DesignRequest, read_request, write_design, write_layout
+    from mirrorcam.designs.target import Target
+    from mirrorcam.designs.target_search import VARIED, designs_for
 
     requested = DesignRequest() if request is None else read_request(request)
     spec = changes.of(requested.spec)
+    wanted = None if target is None else Target.of(target)
+    answer = None
     with (
         output_folder(out, "design", force=force) as output,
         in_two_processes(preload=["mirrorcam.optics.design.optimise"]) as calls,
     ):
         output.refuse_others(*FILES)
         with output.staged(result="layout.json") as folder:
-            with long_work("design", f"{spec.arrangement.text} mirrors", "searches") as advance:
-                comparison = write_design(spec, folder, calls, advance)
+            if wanted is None:
+                with long_work("design", f"{spec.arrangement.text} mirrors", "searches") as advance:
+                    comparison = write_design(spec, folder, calls, advance)
+            else:
+                stated = requested.model_fields_set | {
+                    name for name, value in vars(changes).items() if value is not None
+                }
+                with long_work("design", f"for {wanted.text}", "steps") as advance:
+                    answer = designs_for(wanted, spec, vary=set(VARIED) - stated, calls=calls, progress=advance)
+                comparison = write_layout(answer.designs[0].layout, folder)
             study, tolerance_error = None, None
             if tolerance:
                 from mirrorcam.designs.tolerance import write_tolerance
@@ -154,6 +181,8 @@ def design(
                 except InputError as error:  # the design is written without it
                     tolerance_error = error
     print_design(comparison, best_fold=spec.fold_deg == "auto")
+    if answer is not None:
+        print_target(answer)
     written = ", ".join(name for name in FILES[:4] if (out / name).exists())
     say("design", f"{written} written to {out}")
     if study is not None:
@@ -161,7 +190,30 @@ def design(
         say("tolerance", f"{out / 'tolerance.json'} and {out / 'tolerance.png'} written")
     if tolerance_error is not None:
         raise tolerance_error
-    return 0
+    return 0 if answer is None or answer.met else 1
+
+
+def print_target(answer: TargetDesigns) -> None:
+    """Print the figures of the designs for a target next to its terms, and the terms that give way."""
+    from mirrorcam.core.console.progress import print_table
+
+    specs = [design.layout.spec for design in answer.designs]
+    heads = [f"{s.arrangement.text}, {s.scale_mm:g} mm, {s.fold_deg:g}°" for s in specs if s is not None]
+    rows = [
+        (
+            term.text,
+            *(f"{each.figure_text(term)}{' !' if term.text in each.gives_way else ''}" for each in answer.designs),
+        )
+        for term in answer.target.terms
+    ]
+    print_table(("target", *heads), rows)
+    for head, design in zip(heads, answer.designs, strict=True):
+        if not design.meets:
+            say("design", f"{head}: {', '.join(design.gives_way)} gives way")
+    if answer.met:
+        say("design", f"{heads[0]} meets the target best")
+    else:
+        say("design", "no design was found that meets the target")
 
 
 def print_design(comparison: DesignComparison, *, best_fold: bool) -> None:

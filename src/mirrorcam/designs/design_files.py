@@ -104,33 +104,34 @@ class DesignComparison:
     no_parabola: str = ""
 
 
-def compare_designs(spec: DesignSpec, calls: Calls = in_turn, progress: Progress = no_progress) -> DesignComparison:
-    """Optimise a layout and evaluate the faceted parabola of the same spec; `calls` and `progress` as for `design`.
-
-    Raises InfeasibleDesign if no layout meets the spec.
-    """
-    optimised = optimise.design(spec, calls, progress=progress)
-    try:
-        return DesignComparison(optimised, assessed_parabola(spec))
-    except InputError as error:
-        return DesignComparison(optimised, None, str(error))
-
-
 def write_design(
     spec: DesignSpec, folder: Path, calls: Calls = in_turn, progress: Progress = no_progress
 ) -> DesignComparison:
-    """Write layout.json (optimised), parabola.json (if the spec has one) and before_after.png into a folder.
+    """Optimise a layout, and write its files (`write_layout`); `calls` and `progress` as for `design`.
 
-    Unless the camera is a pinhole, also write focus.png of the optimised layout. `calls` and `progress` as for
-    `design`. Raises InfeasibleDesign, before anything is written, if no layout meets the spec.
+    Raises InfeasibleDesign, before anything is written, if no layout meets the spec.
+    """
+    return write_layout(optimise.design(spec, calls, progress=progress), folder)
+
+
+def write_layout(optimised: Layout, folder: Path) -> DesignComparison:
+    """Write layout.json, parabola.json (if the layout's spec has one) and before_after.png into a folder.
+
+    Unless the camera is a pinhole, also write focus.png of the optimised layout.
     """
     from mirrorcam.designs.design_figure import before_after, focus_figure
 
-    comparison = compare_designs(spec, calls, progress)
-    comparison.optimised.save(folder / "layout.json")
+    spec = optimised.spec
+    if spec is None:
+        raise ValueError("the layout has no spec, expected a design")
+    try:
+        comparison = DesignComparison(optimised, assessed_parabola(spec))
+    except InputError as error:
+        comparison = DesignComparison(optimised, None, str(error))
+    optimised.save(folder / "layout.json")
     if comparison.parabola is not None:
         comparison.parabola.save(folder / "parabola.json")
-    before_after(comparison.parabola, comparison.optimised, folder / "before_after.png")
+    before_after(comparison.parabola, optimised, folder / "before_after.png")
     if spec.camera.aperture_mm > 0.0:
-        focus_figure(comparison.optimised, spec.depths_mm, folder / "focus.png")
+        focus_figure(optimised, spec.depths_mm, folder / "focus.png")
     return comparison

@@ -60,15 +60,13 @@ class HardwareChoice(Value):
         from mirrorcam.cad.plan.back_table import FileBack, back_of
         from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
         from mirrorcam.core.disk.files import read_model
-        from mirrorcam.optics.geometry.camera_library import profile_of, read_body
+        from mirrorcam.optics.geometry.camera_library import read_body
 
         hardware = HARDWARE if self.hardware is None else read_model(Hardware, self.hardware)
         if self.body:
             hardware = hardware.replaced(camera=read_body(self.body))
-        elif layout is not None and "camera" not in hardware.model_fields_set and (match := profile_of(layout.camera)):
-            hardware = hardware.replaced(camera=match.body)
         if layout is not None:
-            hardware = hardware.for_mirrors_of(layout)
+            hardware = hardware.for_layout(layout)
         if self.mounting:
             hardware = hardware.replaced(holder=hardware.holder.replaced(mirrors=self.mounting))
         if self.adapter and self.adapter != hardware.back.kind:

@@ -10,11 +10,11 @@ import pytest
 
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, grid_error
 from mirrorcam.optics.design.optimise import design
-from mirrorcam.optics.design.preview import CHANGES, _cost, _mixture, differences, preview
+from mirrorcam.optics.design.preview import CHANGES, _cost, _mixture, differences, preview, sketch
 from mirrorcam.optics.design.program.design_problem import REFERENCE_GRID_ERROR
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
-from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from tests.nightly import a_few
 
@@ -164,3 +164,20 @@ def test_the_mixture_interpolates_between_the_nearest() -> None:
     corners = [{"a": 1.0, "b": 1.0}, {"a": 1.0, "b": -1.0}, {"a": -1.0, "b": 1.0}, {"a": -1.0, "b": -1.0}]
     assert _mixture(corners) == pytest.approx([0.25] * 4, abs=0.02)
     assert _mixture([{}, {"a": 1.0}]) == pytest.approx([1.0, 0.0])
+
+
+@pytest.mark.slow
+def test_a_sketch_shows_the_field_of_the_design_and_the_trend_of_its_depth() -> None:
+    fields, sigmas = [], []
+    for scale_mm in (60.0, 90.0):
+        spec = SMALL.replaced(scale_mm=scale_mm, depths_mm=(400.0,))
+        sketched, exact = (evaluate(layout, spec.depths_mm) for layout in (sketch(spec), designed(spec)))
+        fields += [sketched[name].value / exact[name].value for name in ("fov_x_deg", "fov_y_deg")]
+        sigmas.append(sketched["depth_sigma_400mm"].value / exact["depth_sigma_400mm"].value)
+    assert fields == pytest.approx([1.0] * 4, abs=0.25)
+    assert sigmas[0] == pytest.approx(sigmas[1], rel=0.15)
+
+
+def test_a_scene_nearer_than_the_mirrors_has_no_sketch() -> None:
+    with pytest.raises(InfeasibleDesign, match="is nearer than the mirrors"):
+        sketch(SMALL.replaced(fold_deg=60.0, scale_mm=300.0, depths_mm=(100.0,)))

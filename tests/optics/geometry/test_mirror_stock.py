@@ -9,7 +9,7 @@ import pytest
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.geometry.mirror_stock import material_of, stock_fields, too_narrow
+from mirrorcam.optics.geometry.mirror_stock import material_of, narrowest, stock_fields, too_narrow
 
 
 def test_a_name_gives_the_fields_of_a_design() -> None:
@@ -33,9 +33,11 @@ def test_the_material_is_that_of_the_refractive_index(default_layout: Layout, na
 
 def test_a_mirror_too_narrow_for_its_glass_names_stock_and_a_scale_that_fit(default_layout: Layout) -> None:
     assert too_narrow(default_layout) == ""
+    assert narrowest(default_layout) > 1.0
     thick = default_layout.replaced(mirrors=tuple(m.replaced(thickness_mm=6.0) for m in default_layout.mirrors))
     assert re.search(
         r"mirror \d-\d is 1\d\.\d+ mm across, expected at least 4 times its thickness, 24 mm: design with "
         r"--mirror first-glass-3 or --mirror first-acrylic-1 or --scale-mm 1\d\d$",
         too_narrow(thick),
     )
+    assert narrowest(thick) == pytest.approx(narrowest(default_layout) / 2.0)
