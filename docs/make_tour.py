@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import argparse
 import re
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from docs.page_code import run_page
 from mirrorcam.core.disk.files import write_bytes
@@ -21,7 +21,7 @@ from mirrorcam.core.images.pictures import encoded_image, read_image
 
 TOUR = Path(__file__).with_name("tour.md")
 MAX_WIDTH_PX = 1440
-JPEG_QUALITY = 88
+JPEG_QUALITY, MOVIE_QUALITY = 84, 60
 GAP_PX = 6
 
 
@@ -43,9 +43,10 @@ def illustrations(text: str) -> list[Illustration]:
 
 
 def illustrate(made_of: list[Path], picture: Path) -> None:
-    """Write a picture: files side by side, no wider than `MAX_WIDTH_PX`; an animation is copied."""
+    """Write a picture: files side by side, no wider than `MAX_WIDTH_PX`, or an animation in another format."""
     if made_of[0].suffix == ".gif":
-        shutil.copyfile(made_of[0], picture)
+        with Image.open(made_of[0]) as animation:
+            animation.save(picture, save_all=True, quality=MOVIE_QUALITY)
         return
     images = [read_image(path) for path in made_of]
     height = min(image.shape[0] for image in images)

@@ -10,7 +10,7 @@ import pytest
 from docs.make_tour import TOUR, Illustration, illustrate, illustrations
 from mirrorcam.core.images.pictures import read_image, write_image
 
-LARGEST_BYTES = 1_500_000
+LARGEST_BYTES = 300_000
 
 
 def test_every_picture_is_there() -> None:
