@@ -1,7 +1,8 @@
 """Run the code of pages as a reader does, from first line to last: `python -m docs.page_code PAGE... --work FOLDER`.
 
 Blocks run in order in one folder: `sh` in bash, `python` as a program. A `toml` block that begins with a file name in
-a comment is written to that file. Shell lines that end with `# needs ...`, such as a camera or the network, do not run.
+a comment is written to that file. A shell line does not run if it ends with `# needs ...`, such as a camera or the
+network, or if such a comment stands above it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 BLOCK = re.compile(r"^```(sh|python|toml)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
-COMMENT = re.compile(r"(?:^|\s)#(.*)$")
+LINE = re.compile(r"^[ \t]*(.*?)[ \t]*(?:(?<!\S)#(.*))?$", flags=re.MULTILINE)
+"""A line of a shell block: its command and its comment."""
 NEEDS = " needs "
 FILE_NAME = re.compile(r"# (\S+\.toml)\n")
 
@@ -31,12 +33,13 @@ class Block:
     @property
     def commands(self) -> list[tuple[str, str]]:
         """Each command line of a shell block, without its comment, and what it needs ("" if nothing)."""
-        found = []
-        for line in self.text.splitlines():
-            comment = match[1] if (match := COMMENT.search(line)) else ""
-            command = COMMENT.sub("", line).strip()
+        found, needs = [], ""
+        for command, comment in LINE.findall(self.text):
+            if comment.startswith(NEEDS):
+                needs = comment.removeprefix(NEEDS)
             if command:
-                found.append((command, comment.removeprefix(NEEDS) if comment.startswith(NEEDS) else ""))
+                found.append((command, needs))
+                needs = ""
         return found
 
     def run(self, folder: Path) -> None:

@@ -26,6 +26,8 @@ rows = 2
 ```sh
 cp a.toml b.toml     # a copy
 false                # needs a camera
+# needs ROS 2
+exit 1
 cd /tmp && echo "#1"
 ```
 
@@ -46,6 +48,7 @@ def test_blocks_run_in_order_in_one_folder(tmp_path: Path) -> None:
     assert blocks(PAGE, "sh")[0].commands == [
         ("cp a.toml b.toml", ""),
         ("false", "a camera"),
+        ("exit 1", "ROS 2"),
         ('cd /tmp && echo "#1"', ""),
     ]
     run_page(page, tmp_path)
