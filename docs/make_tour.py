@@ -1,29 +1,27 @@
-"""Make the pictures of docs/tour.md by its commands: `python docs/make_tour.py [--work FOLDER]`.
+"""Make the pictures of docs/tour.md by its commands: `python -m docs.make_tour [--work FOLDER]`.
 
-Commands run in the folder, by default output/tour, with empty output folders; an existing scene is
-not rendered again. Above each picture, a comment names the files that it is made of, which are placed side by side.
+The page runs in the folder, by default output/tour, where finished results of an earlier run are kept. Above each
+picture, a comment names the files that it is made of, which are placed side by side.
 """
 
 from __future__ import annotations
 
 import argparse
 import re
-import shlex
-import shutil
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from PIL import Image
 
+from docs.page_code import run_page
 from mirrorcam.core.disk.files import write_bytes
 from mirrorcam.core.images.pictures import encoded_image, read_image
 
 TOUR = Path(__file__).with_name("tour.md")
 MAX_WIDTH_PX = 1440
-JPEG_QUALITY = 88
+JPEG_QUALITY, MOVIE_QUALITY = 84, 60
 GAP_PX = 6
 
 
@@ -33,17 +31,6 @@ class Illustration:
 
     picture: str
     made_of: tuple[str, ...]
-
-
-def commands(text: str) -> list[str]:
-    """The command lines of a tour, in order."""
-    blocks = re.findall(r"^```sh\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
-    return [line for block in blocks for line in block.splitlines() if line.strip()]
-
-
-def files(text: str) -> dict[str, str]:
-    """The TOML files that commands of a tour read, by the name in their first line."""
-    return dict(re.findall(r"^```toml\n# (\S+)\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL))
 
 
 def illustrations(text: str) -> list[Illustration]:
@@ -56,9 +43,10 @@ def illustrations(text: str) -> list[Illustration]:
 
 
 def illustrate(made_of: list[Path], picture: Path) -> None:
-    """Write a picture: files side by side, no wider than `MAX_WIDTH_PX`; an animation is copied."""
+    """Write a picture: files side by side, no wider than `MAX_WIDTH_PX`, or an animation in another format."""
     if made_of[0].suffix == ".gif":
-        shutil.copyfile(made_of[0], picture)
+        with Image.open(made_of[0]) as animation:
+            animation.save(picture, save_all=True, quality=MOVIE_QUALITY)
         return
     images = [read_image(path) for path in made_of]
     height = min(image.shape[0] for image in images)
@@ -71,24 +59,13 @@ def illustrate(made_of: list[Path], picture: Path) -> None:
 
 
 def main() -> None:
-    """Run all commands, then write all pictures."""
+    """Run the page, then write all pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--work", type=Path, default=Path("output/tour"))
     work: Path = parser.parse_args().work
     work.mkdir(parents=True, exist_ok=True)
-    text = TOUR.read_text(encoding="utf-8")
-    for name, content in files(text).items():
-        (work / name).write_text(content, encoding="utf-8")
-    for line in commands(text):
-        print(f"$ {line}", flush=True)
-        program, *arguments = shlex.split(line)
-        if program != "mirrorcam":
-            raise ValueError(f"{line!r}, expected a command of mirrorcam")
-        out = work / arguments[arguments.index("--out") + 1]
-        if arguments[0] != "scene" and out.exists():
-            shutil.rmtree(out)
-        subprocess.run([sys.executable, "-m", "mirrorcam", *arguments], cwd=work, check=True)
-    for illustration in illustrations(text):
+    run_page(TOUR, work)
+    for illustration in illustrations(TOUR.read_text(encoding="utf-8")):
         illustrate([work / name for name in illustration.made_of], TOUR.parent / illustration.picture)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from cyclopts import CycloptsError
 
+from docs.page_code import blocks
 from mirrorcam.cli import application
 
 ROOT = Path(__file__).parents[1]
@@ -19,12 +20,11 @@ PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS]
 
 def command_lines(text: str) -> list[str]:
     """The `mirrorcam` command lines of a page's shell blocks, without comments and what stands for something else."""
-    blocks = re.findall(r"^```sh\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
     parts = [
         part.strip()
-        for block in blocks
-        for line in block.splitlines()
-        for part in re.split(r"(?:^|\s)#", line)[0].split("&&")
+        for block in blocks(text, "sh")
+        for command, _ in block.commands
+        for part in re.split(r"&&|\|\|", command)
     ]
     return [part for part in parts if part.startswith("mirrorcam ") and "…" not in part]
 

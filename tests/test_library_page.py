@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import mirrorcam
+from docs.page_code import blocks
 from mirrorcam.calibration.validation import mirror_errors
 
 CAMERA = mirrorcam.Camera(width_px=960, height_px=540, fx_px=680.0, fy_px=680.0, cx_px=479.5, cy_px=269.5)
@@ -24,16 +25,8 @@ ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "library.md").read_text(encoding="utf-8")
 
 
-def programs(page: str) -> list[str]:
-    """The Python code of a page."""
-    return re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
-
-
-TASKS = dict(
-    re.findall(
-        r"### (.*?)\n.*?```python\n(.*?)```", PAGE.partition("## Eight tasks")[2].partition("\n## ")[0], flags=re.DOTALL
-    )
-)
+SECTIONS = PAGE.partition("## Eight tasks")[2].partition("\n## ")[0].split("\n### ")[1:]
+TASKS = {section.partition("\n")[0]: blocks(section, "python")[0].text for section in SECTIONS}
 
 
 def run(program: str, folder: Path) -> str:
@@ -57,7 +50,7 @@ def test_the_examples_are_listed() -> None:
 @pytest.mark.slow
 @pytest.mark.skipif(find_spec("mitsuba") is None, reason="rendering needs the extra render")
 def test_the_programs_of_the_page_run(tmp_path: Path) -> None:
-    sure = run("".join(programs(PAGE)[:2]), tmp_path)
+    sure = run("".join(block.text for block in blocks(PAGE, "python")[:2]), tmp_path)
     assert float(sure.partition("%")[0]) > 30.0
     out = tmp_path / "output" / "library"
     assert (out / "points.ply").stat().st_size > 100_000

@@ -56,34 +56,47 @@ def row(camera: ComparedCamera, measured: Mapping[str, Measured]) -> list[str]:
         f"{camera.view_px[0]} {TIMES} {camera.view_px[1]}",
         pair(camera.baseline_mm[0], TIMES, camera.baseline_mm[1]),
         pair(camera.field_mm[0], TIMES, camera.field_mm[1]),
+        camera.price,
+        camera.rate,
         *depths,
         "{:.1f}; {:.1f}".format(*wrong),
         f"{refocus:.1f}",
         f"{viewpoint:.1f}",
-        camera.price,
-        camera.rate,
     ]
 
 
-COLUMNS = (
+DESCRIBED = (
     "camera",
     "views",
     "pixels a view",
     "baseline and reach of a new viewpoint, mm",
     "common field at 400 mm, mm",
-    *(f"sure depth at {low:.0f} to {high:.0f} mm: error (sigma), bound, mm; share" for low, high in BANDS_MM),
-    "wrong depth, %: of all; of the sure",
-    "refocus, dB",
-    "new viewpoint, dB",
     "price",
     "frames per second",
 )
+COLUMNS = (
+    *DESCRIBED,
+    *(f"depth at {low:.0f} to {high:.0f} mm" for low, high in BANDS_MM),
+    "wrong depths, %",
+    "refocus, dB",
+    "new viewpoint, dB",
+)
 
 
-def write_page(docs: Path, rows: Table, values: Mapping[str, str]) -> None:
-    """Write docs/compared.md from the table and the texts of its settings."""
+def columns(table: Table, names: Sequence[str]) -> Table:
+    """Return some columns of a table."""
+    chosen = [table.columns.index(name) for name in names]
+    return Table(columns=tuple(names), rows=tuple(tuple(cells[index] for index in chosen) for cells in table.rows))
+
+
+def write_page(docs: Path, table: Table, values: Mapping[str, str]) -> None:
+    """Write docs/compared.md from the table of all columns and the texts of its settings."""
     template = Path(__file__).with_name("page.md").read_text(encoding="utf-8")
-    write_text(docs / "compared.md", template.format(table=rows.markdown(), **values))
+    tables = {
+        "described": columns(table, DESCRIBED).markdown(),
+        "measured": columns(table, ("camera", *COLUMNS[len(DESCRIBED) :])).markdown(),
+    }
+    write_text(docs / "compared.md", template.format(**tables, **values))
 
 
 def draw(path: Path, results: Results, scene: str) -> None:

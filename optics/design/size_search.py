@@ -70,8 +70,8 @@ def _starts(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
         low = np.maximum(np.floor(free_mm / step), least)
         if spec.same_size:
             return [step * (low + shift) for shift in product((0.0, 1.0), repeat=2)]
-        starts = (step * np.maximum(np.round(free_mm / step), least), step * low)
-        return [_with_area(start, spec.min_area_mm2, step) for start in starts]
+        rounded = np.maximum(np.round(free_mm / step), least)
+        return [_with_area(step * whole, spec.min_area_mm2, step) for whole in (rounded, low)]
     options = sizes.options_mm
     if optimum.spec.same_size:
         return [np.broadcast_to(options[k], free_mm.shape) for k in _by_distance(options, free_mm[0])[:TRIED]]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from benchmarks.cameras_compared.cameras import FIELD_MM, FOCUS_MM, ComparedCamera, cameras
 from benchmarks.cameras_compared.measures import WINDOW_PX, depth_bound_mm, inner
+from benchmarks.cameras_compared.page import COLUMNS, write_page
 from benchmarks.cameras_compared.pictures import noise_variance
+from benchmarks.records import Table
 
 
 @pytest.fixture(scope="module")
@@ -38,3 +42,11 @@ def test_bound_of_a_ramp_is_the_closed_form(compared: list[ComparedCamera]) -> N
     # Two equal views 60 mm apart: the sum of squared distances from their mean is 60^2 / 2.
     expected = 500.0**2 / (camera.views.focal_px * np.sqrt(60.0**2 / 2.0)) * noise / (slope * WINDOW_PX)
     assert bound == pytest.approx(expected, rel=1e-3)
+
+
+def test_both_tables_of_the_page_together_have_every_cell(tmp_path: Path) -> None:
+    cells = tuple(f"cell {number}" for number in range(len(COLUMNS)))
+    settings = dict.fromkeys(("scene", "scenes", "sure", "field", "noise", "dots", "stated"), "")
+    write_page(tmp_path, Table(columns=COLUMNS, rows=(cells,)), settings)
+    rows = [line for line in (tmp_path / "compared.md").read_text().splitlines() if line.startswith("| cell 0 |")]
+    assert [cell for row in rows for cell in row.strip("| ").split(" | ")] == [*cells[:7], cells[0], *cells[7:]]

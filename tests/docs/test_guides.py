@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import pytest
 
+from docs.page_code import blocks
 from mirrorcam.optics.geometry.layout import Layout
 
 DOCS = Path(__file__).parents[2] / "docs"
 PEOPLE = ("maker", "designer", "roboticist", "biologist", "ci")
 
 
-def programs(page: str) -> list[str]:
-    """The Python programs of a page."""
-    text = (DOCS / page).read_text(encoding="utf-8")
-    return re.findall(r"^```python\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+def program(page: str) -> str:
+    """The Python program of a page that has one."""
+    (block,) = blocks((DOCS / page).read_text(encoding="utf-8"), "python")
+    return block.text
 
 
 def test_there_is_a_guide_for_everyone() -> None:
@@ -39,8 +39,7 @@ def test_what_failed_is_printed(
     (tmp_path / "output" / "smoke").mkdir(parents=True)
     (tmp_path / "output" / "smoke" / "metrics.json").write_text(json.dumps(figures), encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    (program,) = programs("guides/ci.md")
-    exec(program, {})
+    exec(program("guides/ci.md"), {})
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["large", "small"]
 
 
@@ -52,6 +51,5 @@ def test_a_schema_is_used(
     (tmp_path / "docs" / "schemas").symlink_to(DOCS / "schemas")
     default_layout.save(tmp_path / "output" / "default" / "design" / "layout.json")
     monkeypatch.chdir(tmp_path)
-    (program,) = programs("files.md")
-    exec(program, {})
+    exec(program("files.md"), {})
     assert capsys.readouterr().out == ""
