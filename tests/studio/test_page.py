@@ -142,6 +142,21 @@ def test_mirrors_are_rectangles_of_stock(page: Watched, studio: tuple[str, Path]
     assert "shape=stock" in page.page.url
 
 
+def test_a_pattern_and_mirrors_are_chosen_by_name(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    page.page.get_by_role("combobox", name="Mirrors").select_option("second, glass 2 mm")
+    page.page.wait_for_selector("#status.exact")
+    chosen = {name: page.drawn["spec"][name] for name in ("surface", "thickness_mm", "refractive_index")}
+    assert chosen == {"surface": "second", "thickness_mm": 2, "refractive_index": 1.52}
+    page.page.get_by_role("combobox", name="Arrangement").select_option("ring of 6")
+    page.page.wait_for_selector("#sensor path.mirror >> nth=5")
+    assert "pattern=ring6" in page.page.url
+    assert page.page.is_hidden("[data-name=rows]")
+    page.page.click("#undo")
+    page.page.wait_for_selector("#status.exact")
+    assert len(page.drawn["mirrors"]) == 2 and page.page.is_visible("[data-name=rows]")
+
+
 @pytest.mark.parametrize("request_", [{"rows": 2}, {"scale_mm": 60.0, "depths_mm": [200.0, 400.0]}, {}, "pattern"])
 def test_an_address_leads_to_its_design_whatever_the_studio_began_with(
     page: Watched, studio: tuple[str, Path], request_: dict[str, Any] | str

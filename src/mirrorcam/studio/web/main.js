@@ -7,7 +7,7 @@
   const source = Studio.source;
   Studio.defaults = { ...start.defaults, ...start.optional };
   const groups = start.controls.flatMap((group) => group.controls);
-  Studio.cameras = groups.find(({ kind }) => kind === "camera")?.cameras;
+  Studio.named = Object.fromEntries(groups.filter(({ name }) => name === "camera" || name === "pattern").map(({ name, named }) => [name, named]));
 
   const style = () => {
     const read = getComputedStyle(document.documentElement);
