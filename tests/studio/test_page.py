@@ -12,7 +12,7 @@ from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.atlas import AtlasGrid, atlas
-from mirrorcam.studio.page import PageStart, script_json, snapshot_page, studio_page
+from mirrorcam.studio.page import script_json, snapshot_page, studio_page
 from tests.shared import built_once
 from tests.studio.browser import NARROW, WIDE, Watched, browser_page
 
@@ -347,7 +347,7 @@ def test_a_page_without_a_server_shows_the_designs_that_it_carries(
 
 
 def test_only_scripts_with_the_nonce_run() -> None:
-    page = studio_page(PageStart(DesignSpec()), Path("somewhere"), nonce="abc")
+    page = studio_page(DesignSpec(), Path("somewhere"), nonce="abc")
     assert page.count("<script") == page.count('nonce="abc"') - page.count("<style")
 
 

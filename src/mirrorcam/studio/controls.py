@@ -301,8 +301,8 @@ _MIRRORS = (
         name="surface",
         label="Mirrors",
         kind="named",
-        help="First-surface mirrors have no ghosts; second-surface ones are cheap and robust. Change thickness and index "
-        "below.",
+        help="First-surface mirrors have no ghosts; second-surface ones are cheap and robust. Thickness and index can "
+        "be changed below.",
         named=tuple(
             Named(text=name.replace("-", ", ", 1).replace("-", " ") + " mm", fields=dict(stock_fields(name)))
             for name in (

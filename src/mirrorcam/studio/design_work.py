@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
+from pathlib import Path
+from queue import SimpleQueue
+from typing import TYPE_CHECKING
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Calls, in_parallel, in_turn
@@ -15,7 +19,18 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.studio.controls import change_text
-from mirrorcam.studio.design_values import RefusedDesign, SolvedDesign, SuggestedRequest, ToleranceBars
+from mirrorcam.studio.design_values import (
+    FigureText,
+    FoundDesign,
+    RefusedDesign,
+    SolvedDesign,
+    SuggestedRequest,
+    TargetProgress,
+    ToleranceBars,
+)
+
+if TYPE_CHECKING:
+    from mirrorcam.designs.target import TargetDesign
 
 PRELOAD = (
     "mirrorcam.studio.drawing",
@@ -57,14 +72,24 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
 def solved_design(spec: DesignSpec, layout: Layout) -> SolvedDesign:
     """Return a solved layout with its faceted parabola, and their drawings."""
     from mirrorcam.optics.design.optimise import assessed_parabola
-    from mirrorcam.studio.drawing import design_drawing
+    from mirrorcam.studio.drawing import compared_values, design_drawing
 
     exact = design_drawing(layout, spec, "exact")
+    values = compared_values(exact.figures)
     try:
         parabola = assessed_parabola(spec)
     except InputError:  # the request has none
-        return SolvedDesign(layout, exact, None, None)
-    return SolvedDesign(layout, exact, parabola, design_drawing(parabola, spec, "parabola"))
+        return SolvedDesign(layout, exact, values, None, None)
+    return SolvedDesign(layout, exact, values, parabola, design_drawing(parabola, spec, "parabola"))
+
+
+def stored_values(paths: Sequence[Path]) -> list[dict[str, float | None]]:
+    """Return the values to compare of designs in files, at low priority."""
+    at_low_priority()
+    from mirrorcam.studio.drawing import compared_values, device_figures, grouped_figures
+
+    layouts = map(Layout.load, paths)
+    return [compared_values(grouped_figures(layout.metrics) | {"device": device_figures(layout)}) for layout in layouts]
 
 
 _known_layouts: deque[Layout] = deque(maxlen=MAX_LAYOUTS)
@@ -124,6 +149,61 @@ def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
 def next_suggestion() -> SuggestedRequest | None:
     """Return the next feasible request; None at the end, or without a search."""
     return next(_suggestions[0], None) if _suggestions else None
+
+
+_progress = SimpleQueue[TargetProgress | Exception | None]()
+"""Progress of the search that `next_of_target` follows, None at its end."""
+
+
+def begin_target(terms: str, spec: DesignSpec) -> None:
+    """Begin a search, in a thread, for designs that meet a target; `next_of_target` returns its progress."""
+    from mirrorcam.designs.target_search import designs_for
+
+    calls = in_parallel(_partner())
+
+    def show(done: int, total: int) -> None:
+        _progress.put(TargetProgress(done, total))
+
+    def search() -> None:
+        try:
+            found = designs_for(terms, spec, calls=calls, progress=show)
+            _progress.put(TargetProgress(1, 1, tuple(map(_found_design, found.designs))))
+        except InputError as error:
+            _progress.put(TargetProgress(1, 1, refusal=str(error)))
+        except Exception as error:  # raised again where the progress is read
+            _progress.put(error)
+        _progress.put(None)
+
+    threading.Thread(target=search, daemon=True, name="target").start()
+
+
+def next_of_target() -> TargetProgress | None:
+    """Wait for the next progress of the search for a target; None at its end."""
+    progress = _progress.get()
+    if isinstance(progress, Exception):
+        raise progress
+    return progress
+
+
+def _found_design(found: TargetDesign) -> FoundDesign:
+    from mirrorcam.designs.target import Term
+
+    layout = found.layout
+    assert layout.spec is not None
+    terms = [
+        FigureText(
+            name=text,
+            label=text,
+            text=Term.of(text).figure_text(metric.value),
+            value=metric.value if metric.known else None,
+            reason=metric.reason,
+            limit=text,
+            passed=metric.passed,
+            lower_is_better=metric.lower_is_better,
+        )
+        for text, metric in found.reached.items()
+    ]
+    return FoundDesign(solved_design(layout.spec, layout), terms)
 
 
 def tolerance(layout: Layout) -> ToleranceBars:

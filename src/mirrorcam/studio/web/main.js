@@ -7,6 +7,7 @@
   const source = Studio.source;
   Studio.defaults = { ...start.defaults, ...start.optional };
   const groups = start.controls.flatMap((group) => group.controls);
+  Studio.compared = start.compared;
   Studio.named = Object.fromEntries(groups.filter(({ name }) => name === "camera" || name === "pattern").map(({ name, named }) => [name, named]));
 
   const style = () => {
@@ -226,14 +227,17 @@
     Object.assign(byId("cancel"), { hidden: false, textContent: "Solve" });
   });
 
-  // Neighbours are solved ahead: show what they give as they come.
-  const STEPS_MS = [1500, 3000, 6000, 12000];
-  const followSteps = async (spec, serial) => {
-    for (const wait of STEPS_MS) {
+  // Neighbours are solved ahead: show them as they come, for as long as this design is shown.
+  const LONGEST_WAIT_MS = 15_000;
+  const followNearby = async (spec, serial) => {
+    const isShown = () => serial === requests.exact && state.drawing.kind === "exact";
+    for (let wait = 1500; isShown(); wait = Math.min(1.3 * wait, LONGEST_WAIT_MS)) {
+      const nearby = await source.nearby(spec).catch(() => null);
+      if (!nearby || !isShown()) return;
+      map.show(nearby, spec);
+      Studio.drawSteps(state.drawing, nearby.points, (next) => history.settle(next));
+      if (!nearby.pending) return;
       await new Promise((resolve) => setTimeout(resolve, wait));
-      if (serial !== requests.exact || state.drawing.kind !== "exact") return;
-      const steps = await source.steps(spec).catch(() => []);
-      if (serial === requests.exact && state.drawing.kind === "exact") Studio.drawSteps(state.drawing, steps, (next) => history.settle(next));
     }
   };
 
@@ -241,7 +245,7 @@
   const after = async (spec, serial) => {
     if (state.device !== state.drawing.identity) view?.replace("device", null);
     byId("built-option").hidden = state.device !== state.drawing.identity;
-    followSteps(spec, serial);
+    followNearby(spec, serial);
     if (!byId("tolerance")) return;
     byId("sight").classList.remove("old");
     sight.look();
@@ -311,7 +315,6 @@
   };
   const history = new Studio.History(start.spec, designOf(location.hash), (settled) => {
     refresh(history.spec);
-    mark(history.spec);
     byId("undo").disabled = !history.past.length;
     byId("redo").disabled = !history.future.length;
     if (settled) {
@@ -327,7 +330,8 @@
   Studio.designer = { history, state };
   Studio.view = view;
   const sight = byId("subject") ? new Studio.Sight(byId, () => history.spec) : null;
-  const mark = Studio.drawSweep(byId("sweep"), start.sweep, (point) => history.settle(point.spec));
+  if (byId("target")) Studio.findTargets(byId("target-form"), byId("target-note"), byId("targets"), () => history.spec, (spec) => history.settle(spec));
+  const map = new Studio.DesignMap(byId("map"), (spec) => history.settle(spec));
   refresh = Studio.makeControls(byId("controls"), start.controls, history);
   addEventListener("hashchange", () => {
     showTab(tabOf(location.hash) ?? "design");
@@ -452,7 +456,6 @@
   }
 
   refresh(history.spec);
-  mark(history.spec);
   byId("undo").disabled = byId("redo").disabled = true;
   waits = true;
   showTab(tabOf(location.hash) ?? "design");

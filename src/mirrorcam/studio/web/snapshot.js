@@ -14,12 +14,21 @@
     return { status: "solved", drawing: { ...design, spec }, parabola: parabola ? { ...parabola, spec } : null };
   };
 
+  const names = Object.keys(axes);
+  const points = (current) =>
+    Object.entries(designs).filter(([, { figures }]) => figures).map(([key, design]) => {
+      const own = key.split(",").map(Number);
+      const changes = Object.fromEntries(names.map((name, i) => [name, own[i]]).filter((_, i) => own[i] !== current[i]));
+      const values = Object.fromEntries(Studio.compared.map(({ start }) => [start, Studio.mean(design, start)]));
+      return { title: `${design.title}, trade-off ${own[3]}`, changes, step: "", values };
+    });
+
   Studio.source = {
     preview: async (spec) => ({ drawing: answer(spec).drawing ?? null }),
     design: async (spec) => answer(spec),
     suggestions: async () => {},
     tolerance: async () => null,
-    steps: async () => [],
+    nearby: async (spec) => ({ points: points(nearestValues(spec)), pending: 0 }),
     cancel() {},
   };
 })();
