@@ -140,6 +140,34 @@ def test_a_stored_layout_is_read_instead_of_solved(designer: Designer, tmp_path:
     assert again.layout.identity == found.layout.identity
 
 
+@pytest.mark.slow
+def test_designs_for_a_target_come_with_progress_and_are_kept(designer: Designer) -> None:
+    *steps, last = designer.target("1mm@300mm 500g", SMALL)
+    done = [step.done / step.total for step in steps]
+    assert done == sorted(done) and done[0] == 0.0
+    for found in last.designs:
+        assert [term.label for term in found.terms] == ["1mm@300mm", "500g"]
+        assert all(term.passed for term in found.terms)
+        assert found.solved.layout.spec is not None
+        assert designer.solve(found.solved.layout.spec) is found.solved
+    assert last.designs
+
+
+def test_a_target_that_is_none_is_refused_in_words(designer: Designer) -> None:
+    (only,) = designer.target("3 apples", SMALL)
+    assert only.designs == () and "'3'" in only.refusal
+
+
+@pytest.mark.slow
+def test_a_cancelled_search_for_a_target_ends(designer: Designer) -> None:
+    leaving = PageRequest("a")
+    search = designer.target("0.3mm@400mm", SMALL, leaving)
+    next(search)
+    designer.leave(leaving)
+    assert len(list(search)) <= 1
+    assert next(designer.target("0.3mm@400mm", SMALL)).done == 0
+
+
 NARROW = DesignSpec(rows=1, cols=2, seen_gap_mm=120.0)
 MANY = DesignSpec(seen_gap_mm=200.0)
 

@@ -45,7 +45,7 @@ def test_it_opens_with_the_exact_design_of_its_address(page: Watched, studio: tu
     for drawing in ("#coverage", "#cameras"):
         assert page.page.locator(f"{drawing} path.measure").count() == 1
         assert " mm" in page.page.inner_html(f"{drawing} text.tick")
-    assert "faceted parabola" in page.page.inner_text("#figures")
+    assert "Price with the camera" in page.page.inner_text("#figures")
 
 
 def test_two_pages_solve_at_the_same_time(browser: Any, studio: tuple[str, Path]) -> None:
@@ -155,6 +155,36 @@ def test_a_pattern_and_mirrors_are_chosen_by_name(page: Watched, studio: tuple[s
     page.page.click("#undo")
     page.page.wait_for_selector("#status.exact")
     assert len(page.drawn["mirrors"]) == 2 and page.page.is_visible("[data-name=rows]")
+
+
+def test_a_point_of_the_map_is_a_design_to_open(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio, f"{SMALL}&scale_mm=71")
+    page.page.get_by_role("combobox", name="Horizontal axis").select_option("size")
+    typed(page, "Scale", "72")
+    page.settled()
+    page.page.wait_for_selector("#map circle:not(.here)")
+    other = page.page.get_by_role("button", name="1 x 2, 71 mm")
+    other.focus()
+    other.press("Enter")
+    page.page.wait_for_function("Studio.designer.state.drawing.spec.scale_mm === 71")
+    page.settled()
+    assert "scale_mm=71" in page.page.url
+    page.page.wait_for_selector("#scale_mm-next button, #rows-next button")
+
+
+def test_a_target_leads_to_a_design(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    page.page.click("#target summary")
+    for name, value in (("sigma", "1"), ("distance", "300"), ("width", ""), ("mass", "500")):
+        page.page.fill(f"#target-form [name={name}]", value)
+    page.page.click("#target-form button")
+    page.page.wait_for_selector("#target-note progress")
+    page.page.wait_for_selector("#targets button", timeout=120_000)
+    assert "meet the target" in page.page.inner_text("#target-note")
+    page.page.click("#targets button >> nth=0")
+    page.page.wait_for_function("Studio.designer.state.drawing.spec.depths_mm.join() === '300'")
+    page.settled()
+    assert page.drawn["kind"] == "exact"
 
 
 @pytest.mark.parametrize("request_", [{"rows": 2}, {"scale_mm": 60.0, "depths_mm": [200.0, 400.0]}, {}, "pattern"])

@@ -49,7 +49,6 @@ def test_a_request_gives_its_exact_design_and_the_files_of_it(client: TestClient
     found = client.post("/design", content=body, headers=JSON).json()
     assert found["status"] == "solved"
     assert found["drawing"]["kind"] == "exact"
-    assert found["parabola"]["kind"] == "parabola"
     layout = Layout.model_validate_json(client.post("/layout", content=body, headers=JSON).text)
     assert layout.identity == found["drawing"]["identity"]
     assert layout.spec == SMALL

@@ -81,14 +81,12 @@ class DesignDrawing(Value):
 
 @dataclass(frozen=True)
 class SolvedDesign:
-    """A design and, if its request has one, the faceted parabola, both with figures and drawings."""
+    """A design with its figures, and its drawing."""
 
     layout: Layout
     drawing: DesignDrawing
     values: dict[str, float | None]
     """Means of the figures in `COMPARED`."""
-    parabola: Layout | None
-    parabola_drawing: DesignDrawing | None
 
 
 class ViolationDrawing(Value):

@@ -70,17 +70,11 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
 
 
 def solved_design(spec: DesignSpec, layout: Layout) -> SolvedDesign:
-    """Return a solved layout with its faceted parabola, and their drawings."""
-    from mirrorcam.optics.design.optimise import assessed_parabola
+    """Return a solved layout with its drawing."""
     from mirrorcam.studio.drawing import compared_values, design_drawing
 
-    exact = design_drawing(layout, spec, "exact")
-    values = compared_values(exact.figures)
-    try:
-        parabola = assessed_parabola(spec)
-    except InputError:  # the request has none
-        return SolvedDesign(layout, exact, values, None, None)
-    return SolvedDesign(layout, exact, values, parabola, design_drawing(parabola, spec, "parabola"))
+    drawing = design_drawing(layout, spec, "exact")
+    return SolvedDesign(layout, drawing, compared_values(drawing.figures))
 
 
 def stored_values(paths: Sequence[Path]) -> list[dict[str, float | None]]:
@@ -116,12 +110,17 @@ def preview(spec: DesignSpec) -> str | None:
         return None  # for example, a working depth nearer than the mirrors
 
 
-def report(layout: Layout, parabola: Layout | None) -> str:
-    """Render the report of a design as one HTML file, with a study of devices as built."""
+def report(layout: Layout) -> str:
+    """Render the report of a design as one HTML file, with its faceted parabola and a study of devices as built."""
     from mirrorcam.designs.design_report import design_pictures, design_report
     from mirrorcam.optics.design.assess.monte_carlo import study
+    from mirrorcam.optics.design.optimise import assessed_parabola
 
     assert layout.spec is not None
+    try:
+        parabola = assessed_parabola(layout.spec)
+    except InputError:  # the request has none
+        parabola = None
     try:
         built, not_built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm)), ""
     except InputError as error:  # the report is written without the study

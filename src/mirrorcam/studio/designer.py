@@ -206,9 +206,9 @@ class Designer:
 
     def report(self, spec: DesignSpec, page_request: PageRequest | None = None) -> str:
         """The report of a solved design; takes seconds. Raises InputError and Superseded as `tolerance` does."""
-        result, page_request = self.solved(spec), page_request or PageRequest()
+        layout, page_request = self.solved(spec).layout, page_request or PageRequest()
         with self._studies.turn(page_request, ("report", spec)):
-            return str(self._analysed(page_request, design_work.report, result.layout, result.parabola))
+            return str(self._analysed(page_request, design_work.report, layout))
 
     def nearby(self, spec: DesignSpec) -> Neighbourhood:
         """All solved designs for the camera and the depths of a request, such as those one step of a control away."""

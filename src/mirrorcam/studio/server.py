@@ -92,10 +92,7 @@ class DesignAnswers:
             where = result.drawing and result.drawing.model_dump(mode="json")
             refusal = {"constraint": result.constraint, "finding": result.finding, "where": where}
             return as_json({"status": "refused"} | refusal)
-        drawings = {"drawing": result.drawing, "parabola": result.parabola_drawing}
-        return as_json(
-            {"status": "solved"} | {name: item and item.model_dump(mode="json") for name, item in drawings.items()}
-        )
+        return as_json({"status": "solved", "drawing": result.drawing.model_dump(mode="json")})
 
     async def suggestions(self, request: Request) -> Response:
         page_request = _page_request(request)

@@ -23,7 +23,7 @@
     byId("stage").classList.add("flat");
     byId("flat").hidden = false;
   }
-  const state = { drawing: null, parabola: null, depth: null };
+  const state = { drawing: null, depth: null };
 
   const labels = Object.fromEntries(groups.map(({ name, label }) => [name, label]));
   const exact = () => (state.drawing?.kind === "exact" ? state.drawing : null);
@@ -38,11 +38,12 @@
   };
   const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), () => showPins());
 
-  // The design that figures are compared with: the one pinned last, else the solved one before.
+  // The design to compare with: the one pinned last, else the solved one before.
   const reference = () => {
     const pin = pins.pinned.at(-1);
     if (pin && pin.drawing.identity !== state.drawing.identity) return pin;
-    return state.before ? { name: "the last design", drawing: state.before } : null;
+    const last = state.solved?.identity === state.drawing.identity ? state.before : state.solved;
+    return last ? { name: "the last design", drawing: last } : null;
   };
 
   const showJumps = () => {
@@ -56,7 +57,7 @@
   }
 
   // ---- drawing -------------------------------------------------------------------------------------------------
-  const comparison = () => (byId("beside").checked ? state.parabola : null);
+  const comparison = () => (byId("beside").checked ? reference()?.drawing : null);
 
   const drawCurves = () => {
     const { drawing } = state;
@@ -102,8 +103,8 @@
     drawCurves();
     drawDepth();
     Studio.drawTiles(byId("tiles"), drawing, reference());
-    const columns = [["this design", drawing], ...(state.parabola ? [["faceted parabola", state.parabola]] : [])];
-    Studio.drawFigures(byId("figures"), columns);
+    const other = reference();
+    Studio.drawFigures(byId("figures"), [["this design", drawing], ...(other ? [[other.name, other.drawing]] : [])]);
     if (drawing.kind === "exact") Studio.drawVerdict(byId("verdict"), drawing);
     byId("verdict").classList.toggle("old", drawing.kind !== "exact");
     if (byId("made")) {
@@ -207,7 +208,7 @@
     }
     if (answer.status === "solved") {
       if (state.solved && state.solved.identity !== answer.drawing.identity) state.before = state.solved;
-      Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola, solved: answer.drawing });
+      Object.assign(state, { drawing: answer.drawing, solved: answer.drawing });
       requests.drawn += 1;
       draw();
       say("exact", passed(answer.drawing));

@@ -3,7 +3,8 @@
 (() => {
   const { element, svg, path, ticks, number } = Studio;
   const SHADES = 5;
-  const [WIDTH, HEIGHT, LEFT, BOTTOM, TOP, RIGHT] = [760, 330, 52, 42, 26, 14];
+  const [HEIGHT, LEFT, BOTTOM, TOP, RIGHT] = [330, 52, 42, 26, 14];
+  const short = (tick) => String(+tick.toPrecision(5));
 
   const of = (start) => Studio.compared.find((each) => each.start === start);
 
@@ -35,7 +36,8 @@
         node.addEventListener("change", () => this.draw());
         return node;
       };
-      this.axes = [select("Horizontal axis of the map", "device_price"), select("Vertical axis of the map", "depth_sigma")];
+      this.axes = [select("Horizontal axis of the map", "device_size"), select("Vertical axis of the map", "depth_sigma")];
+      new ResizeObserver(() => this.draw()).observe(this.plot);
       host.replaceChildren(element("div", { class: "head" }, element("h2", {}, "Designs nearby"), element("div", { class: "axes" }, this.axes[1], " over ", this.axes[0])), this.plot, this.note);
     }
 
@@ -49,29 +51,30 @@
       const [x, y] = this.axes.map(({ value }) => value);
       const known = this.points.filter(({ values }) => values[x] !== null && values[y] !== null);
       const solving = this.pending ? ` ${this.pending} more are being solved in the background.` : "";
-      this.note.textContent = `${known.length} solved designs for this camera and these depths; darker ones have more views. No design surpasses those on the line in both figures. Click one to open it.${solving}`;
+      this.note.textContent = `Solved designs for this camera and these depths, ${known.length} so far; darker ones have more views. None surpasses those on the line in both figures. Click one to open it.${solving}`;
       const focused = this.plot.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
-      if (known.length) this.plot.replaceChildren(this.picture(known, x, y));
+      if (known.length && this.plot.clientWidth) this.plot.replaceChildren(this.picture(known, x, y));
       if (focused) [...this.plot.querySelectorAll("circle")].find((mark) => mark.getAttribute("aria-label") === focused)?.focus();
     }
 
     picture(points, x, y) {
       const [[left, right], [low, high]] = [x, y].map((start) => range(points.map(({ values }) => values[start])));
-      const across = (value) => LEFT + ((value - left) / (right - left)) * (WIDTH - LEFT - RIGHT);
+      const { clientWidth: width } = this.plot;
+      const across = (value) => LEFT + ((value - left) / (right - left)) * (width - LEFT - RIGHT);
       const up = (value) => HEIGHT - BOTTOM - ((value - low) / (high - low)) * (HEIGHT - BOTTOM - TOP);
       const [xLabel, yLabel] = [x, y].map((start) => `${of(start).label}, ${of(start).unit}`);
-      const root = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, role: "group", "aria-label": `${yLabel} over ${xLabel}` });
+      const root = svg("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, role: "group", "aria-label": `${yLabel} over ${xLabel}` });
       const text = (content, place) => {
         const node = svg("text", { class: "tick", ...place });
         node.textContent = content;
         root.append(node);
       };
       for (const tick of ticks(low, high, 5)) {
-        root.append(svg("path", { d: path([[LEFT, up(tick)], [WIDTH - RIGHT, up(tick)]], false), class: "rule" }));
-        text(number(tick), { x: LEFT - 6, y: up(tick), "text-anchor": "end", "dominant-baseline": "middle" });
+        root.append(svg("path", { d: path([[LEFT, up(tick)], [width - RIGHT, up(tick)]], false), class: "rule" }));
+        text(short(tick), { x: LEFT - 6, y: up(tick), "text-anchor": "end", "dominant-baseline": "middle" });
       }
-      for (const tick of ticks(left, right, 8)) text(number(tick), { x: across(tick), y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" });
-      text(xLabel, { x: (LEFT + WIDTH - RIGHT) / 2, y: HEIGHT - 8, "text-anchor": "middle" });
+      for (const tick of ticks(left, right, width / 100)) text(short(tick), { x: across(tick), y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" });
+      text(xLabel, { x: (LEFT + width - RIGHT) / 2, y: HEIGHT - 8, "text-anchor": "middle" });
       text(yLabel, { x: LEFT, y: 14 });
       const best = front(points, x, y);
       root.append(svg("path", { d: path(best.map(({ values }) => [across(values[x]), up(values[y])]), false), class: "front" }));

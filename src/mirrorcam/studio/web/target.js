@@ -16,8 +16,8 @@
   };
 
   const card = ({ title, spec, terms: reached }, go) => {
-    const texts = reached.flatMap(({ label, text, passed }) => [element("span", { class: passed ? "better" : "worse", title: label }, text), " "]);
-    return element("li", {}, element("button", { type: "button", onclick: () => go(spec) }, element("b", {}, title), element("span", { class: "reached" }, ...texts)));
+    const texts = reached.map(({ label, text, passed }) => element("span", { class: "reached" }, element("b", { class: passed ? "better" : "worse" }, text), ` for ${label}`));
+    return element("li", {}, element("button", { type: "button", onclick: () => go(spec) }, element("b", {}, title), ...texts));
   };
 
   Studio.findTargets = (form, note, list, spec, go) => {
