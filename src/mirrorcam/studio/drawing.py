@@ -55,7 +55,7 @@ MM_DECIMALS, PX_DECIMALS, RAY_DECIMALS = 2, 1, 5
 def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawing:
     """Return the drawing of a layout for a spec, with the figures of the layout if it has them.
 
-    A preview, drawn while a slider moves, has no checks and coarser curves. Raises InputError if a working depth is
+    Previews, drawn while a slider moves, have no checks and coarser curves. Raises InputError if a working depth is
     nearer than the mirrors.
     """
     depths_mm = sorted(spec.depths_mm)
@@ -80,7 +80,7 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
         grid_mm=_rounded(grid.reshape(-1, 3), MM_DECIMALS),
         neighbours=layout.arrangement.neighbours,
         central=layout.central_index,
-        curves=_curves(layout, views, spacings, depths_mm, coarse=kind == "preview"),
+        curves=_curves(layout, views, spacings, depths_mm, coarse=kind != "exact"),
         range_mm=(nearest.value, farthest.value) if nearest and farthest else None,
         figures=grouped_figures(metrics) | {DEVICE: device_figures(layout)},
         verdict=[_figure(name, metric) for name, metric in verdict.items()],
