@@ -172,8 +172,12 @@ def test_a_point_of_the_map_is_a_design_to_open(page: Watched, studio: tuple[str
     page.page.wait_for_selector("#scale_mm-next button, #rows-next button")
 
 
+PAIR = '#pattern={"name":"pair","positions":[[0,0],[1,0]]}'
+"""Two views, whose number a target does not vary."""
+
+
 def test_a_target_leads_to_a_design(page: Watched, studio: tuple[str, Path]) -> None:
-    opened(page, studio)
+    opened(page, studio, PAIR)
     page.page.click("#target summary")
     for name, value in (("sigma", "1"), ("distance", "300"), ("width", ""), ("mass", "500")):
         page.page.fill(f"#target-form [name={name}]", value)
@@ -238,7 +242,7 @@ def test_the_keyboard_alone_changes_a_design(page: Watched, studio: tuple[str, P
 def test_a_design_that_cannot_be_says_why_and_where_and_offers_the_nearest_that_can(
     page: Watched, studio: tuple[str, Path]
 ) -> None:
-    opened(page, studio, f"{SMALL}&min_edge_mm=80")
+    opened(page, studio, f"{SMALL}&min_edge_mm=80&shape=free")
     assert page.status == "Not feasible"
     assert "Mirrors cannot have edges of 80 mm" in page.page.inner_text("#finding")
     assert page.page.locator("#sensor path.wrong").count() == 2

@@ -47,8 +47,7 @@ def snapshot_page(spec: DesignSpec, atlas: dict[str, Any]) -> str:
 def _page(spec: DesignSpec, groups: Sequence[ControlGroup], scripts: Sequence[str], **blocks: Any) -> str:
     start = {
         "spec": spec.model_dump(mode="json"),
-        "defaults": DesignSpec().model_dump(mode="json"),
-        "optional": {name: getattr(DesignSpec(), name) for name in OPTIONAL},
+        "defaults": OPTIONAL | DesignSpec().model_dump(mode="json"),
         "compared": [each.model_dump() for each in COMPARED],
         "controls": [group.model_dump(mode="json") for group in groups],
     }
@@ -57,8 +56,8 @@ def _page(spec: DesignSpec, groups: Sequence[ControlGroup], scripts: Sequence[st
     return render(WEB, "studio.html", start=script_json(start), scripts=scripts, **(common | blocks))
 
 
-OPTIONAL = ("size_step_mm", "same_size")
-"""Fields that the JSON of a request omits at their defaults."""
+OPTIONAL: dict[str, Any] = {name: getattr(DesignSpec(), name) for name in ("size_step_mm", "same_size")}
+"""Defaults of the fields that the JSON of a request omits then."""
 
 
 def script_json(value: Any) -> Markup:

@@ -5,7 +5,7 @@
   const byId = (id) => document.getElementById(id);
   const start = JSON.parse(byId("start").textContent);
   const source = Studio.source;
-  Studio.defaults = { ...start.defaults, ...start.optional };
+  Studio.defaults = start.defaults;
   const groups = start.controls.flatMap((group) => group.controls);
   Studio.compared = start.compared;
   Studio.named = Object.fromEntries(groups.filter(({ name }) => name === "camera" || name === "pattern").map(({ name, named }) => [name, named]));
