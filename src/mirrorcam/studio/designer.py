@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -43,7 +43,9 @@ class Search:
         self._process = WorkerProcess(preload=design_work.PRELOAD)
         self._turns = Turns(self._process.kill)
 
-    def results(self, page_request: PageRequest, begin: Callable[..., None], *arguments: Hashable) -> Iterator[Any]:
+    def results(
+        self, page_request: PageRequest, begin: Callable[..., None], *arguments: Hashable
+    ) -> Generator[Any, None, None]:
         """Begin a search, and yield its results until it ends or its page has a new request."""
         call = self._process.call
         try:

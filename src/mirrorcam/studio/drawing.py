@@ -252,10 +252,13 @@ def _device_figure(name: str, text: str, value: float | None, reason: str = "") 
 
 def compared_values(figures: Mapping[str, Sequence[FigureText]]) -> dict[str, float | None]:
     """Return the means of the figures in `COMPARED`; None for those without a value."""
-    known = [figure for group in figures.values() for figure in group if figure.value is not None]
-    starts = [compared.start for compared in COMPARED]
-    values = {start: [figure.value for figure in known if figure.name.startswith(start)] for start in starts}
-    return {start: sum(found) / len(found) if found else None for start, found in values.items()}
+    values: dict[str, float | None] = {}
+    for start in (compared.start for compared in COMPARED):
+        found = [
+            f.value for group in figures.values() for f in group if f.name.startswith(start) and f.value is not None
+        ]
+        values[start] = sum(found) / len(found) if found else None
+    return values
 
 
 def tolerance_bars(layout: Layout) -> ToleranceBars:
