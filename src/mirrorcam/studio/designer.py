@@ -82,7 +82,8 @@ MAX_RESULTS = 300
 
 
 def _title(spec: DesignSpec) -> str:
-    return f"{spec.arrangement.text}, {spec.scale_mm:g} mm, fold {spec.fold_deg}, trade-off {spec.tradeoff:g}"
+    fold = spec.fold_deg if spec.fold_deg == "auto" else f"{spec.fold_deg:g}\N{DEGREE SIGN}"
+    return f"{spec.arrangement.text}, {spec.scale_mm:g} mm, fold {fold}, trade-off {spec.tradeoff:g}"
 
 
 def _changes(spec: DesignSpec, other: DesignSpec) -> dict[str, Any]:
