@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import library, read_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -14,9 +15,8 @@ from mirrorcam.studio.controls import Control, control_groups, snapping_groups
 EVERY = [control for group in control_groups(DesignSpec()) for control in group.controls]
 
 
-def test_every_field_of_a_request_but_pattern_has_its_control() -> None:
-    named = {control.name for control in EVERY} | {"cols"}
-    assert named == DesignSpec.model_fields.keys() - {"pattern"}
+def test_every_field_of_a_request_has_its_control() -> None:
+    assert {control.name for control in EVERY} | {"cols"} == DesignSpec.model_fields.keys()
 
 
 @pytest.mark.parametrize("control", EVERY, ids=lambda control: control.name)
@@ -34,18 +34,25 @@ def test_the_ends_of_a_slider_are_requests_and_its_text_is_a_sentence(control: C
         )
 
 
-def test_a_camera_from_a_file_is_offered_with_the_presets() -> None:
-    own = Camera.c920().replaced(name="mine", fx_px=900.0)
-    (camera,) = (c for c in control_groups(DesignSpec(camera=own))[0].controls if c.kind == "camera")
-    names = [each.camera.name for each in camera.cameras]
-    assert (names[0], names[-1]) == ("Logitech C920", "mine")
+@pytest.mark.parametrize("control", [each for each in EVERY if each.named], ids=lambda control: control.name)
+def test_each_name_sets_fields_of_a_request(control: Control) -> None:
+    requests = [DesignSpec.model_validate(each.fields) for each in control.named]
+    assert len(set(requests)) == len({each.text for each in control.named}) == len(requests)
+    assert DesignSpec() in requests
+
+
+def test_a_camera_and_a_pattern_from_a_file_are_offered_with_the_others() -> None:
+    own = DesignSpec(camera=Camera.c920().replaced(name="mine", fx_px=900.0), pattern=Pattern.ring(5))
+    camera, pattern = (control_groups(own)[0].controls[number].named for number in (0, 1))
+    names = [each.text for each in camera]
+    assert (names[0], names[-1], pattern[-1].text) == ("Logitech C920", "mine", "ring5")
     assert sorted(names[:-1]) == sorted(profile.name for profile in library().values() if profile.optics)
 
 
 def test_a_camera_of_the_library_is_offered_once() -> None:
-    (camera,) = (c for c in control_groups(DesignSpec(camera=read_camera("d435")))[0].controls if c.kind == "camera")
-    assert [each.key for each in camera.cameras].count("d435") == 1
-    assert len(camera.cameras) == len({each.camera.name for each in camera.cameras})
+    camera = control_groups(DesignSpec(camera=read_camera("d435")))[0].controls[0].named
+    assert [each.key for each in camera].count("d435") == 1
+    assert len(camera) == len({each.text for each in camera})
 
 
 def test_an_atlas_snaps_to_its_values() -> None:

@@ -7,7 +7,7 @@ import pytest
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work
-from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
+from mirrorcam.studio.design_values import COMPARED, DesignDrawing, RefusedDesign, SolvedDesign
 
 SMALL = DesignSpec(rows=1, cols=2, depths_mm=(300.0,))
 
@@ -19,13 +19,12 @@ def small() -> SolvedDesign:
     return found
 
 
-def test_a_request_is_solved_with_its_parabola(small: SolvedDesign) -> None:
+def test_a_request_is_solved_with_its_figures(small: SolvedDesign) -> None:
     assert small.drawing.kind == "exact"
     assert small.drawing.identity == small.layout.identity
-    assert small.parabola is not None
-    assert small.parabola_drawing is not None
-    assert small.parabola_drawing.identity == small.parabola.identity
-    assert small.parabola_drawing.kind == "parabola"
+    assert set(small.values) == {compared.start for compared in COMPARED}
+    assert None not in small.values.values()
+    assert small.values["depth_sigma"] == small.layout.metrics["depth_sigma_300mm"].value
 
 
 def test_a_request_that_cannot_be_is_refused_as_a_value() -> None:
@@ -55,7 +54,7 @@ def test_nothing_is_previewed_where_there_is_nothing_to_show() -> None:
 
 @pytest.mark.slow
 def test_the_report_holds_figures_and_pictures(small: SolvedDesign) -> None:
-    page = design_work.report(small.layout, small.parabola)
+    page = design_work.report(small.layout)
     assert small.layout.identity in page
     assert page.count("data:image/png;base64,") == 3
 

@@ -7,17 +7,21 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mirrorcam.core.errors import InputError
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio import design_work
 from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign, SuggestedRequest
-from mirrorcam.studio.designer import Advisor, Designer
+from mirrorcam.studio.designer import Designer, Search
 from mirrorcam.studio.turns import PageRequest, Superseded
 
 SMALL = DesignSpec(rows=1, cols=2, depths_mm=(300.0,))
 LONG = DesignSpec(rows=5, cols=5)
+PAIR = DesignSpec(pattern=Pattern(name="pair", positions=np.array([[0.0, 0.0], [1.0, 0.0]])))
+"""A pattern, whose number of mirrors a target does not vary."""
 
 
 @pytest.fixture
@@ -140,15 +144,50 @@ def test_a_stored_layout_is_read_instead_of_solved(designer: Designer, tmp_path:
     assert again.layout.identity == found.layout.identity
 
 
+@pytest.mark.slow
+def test_designs_for_a_target_come_with_progress_and_are_kept(designer: Designer) -> None:
+    *steps, last = designer.target("1mm@300mm 500g", PAIR)
+    done = [step.done / step.total for step in steps]
+    assert done == sorted(done) and done[0] == 0.0
+    for found in last.designs:
+        assert [term.label for term in found.terms] == ["1mm@300mm", "500g"]
+        assert all(term.passed for term in found.terms)
+        assert found.solved.layout.spec is not None
+        assert designer.solve(found.solved.layout.spec) is found.solved
+    assert last.designs
+
+
+def test_a_target_that_is_none_is_refused_in_words(designer: Designer) -> None:
+    (only,) = designer.target("3 apples", SMALL)
+    assert only.designs == () and "'3'" in only.refusal
+
+
+@pytest.mark.slow
+def test_a_cancelled_search_for_a_target_ends(designer: Designer) -> None:
+    leaving = PageRequest("a")
+    search = designer.target("0.3mm@400mm", SMALL, leaving)
+    next(search)
+    designer.leave(leaving)
+    assert len(list(search)) <= 1
+    assert next(designer.target("0.3mm@400mm", SMALL)).done == 0
+
+
 NARROW = DesignSpec(rows=1, cols=2, seen_gap_mm=120.0)
 MANY = DesignSpec(seen_gap_mm=200.0)
 
 
 @pytest.fixture
-def advisor() -> Iterator[Advisor]:
-    made = Advisor()
+def advisor() -> Iterator[Search]:
+    made = Search(design_work.next_suggestion)
     yield made
     made.close()
+
+
+def suggestions(
+    advisor: Search, spec: DesignSpec, refusal: RefusedDesign, page: str = ""
+) -> Iterator[SuggestedRequest]:
+    begin, why = design_work.begin_suggestions, (refusal.constraint, refusal.finding)
+    return advisor.results(PageRequest(page), begin, spec, *why)
 
 
 def refused(spec: DesignSpec) -> RefusedDesign:
@@ -158,8 +197,8 @@ def refused(spec: DesignSpec) -> RefusedDesign:
 
 
 @pytest.mark.slow
-def test_each_can_be_met_and_says_what_differs(advisor: Advisor) -> None:
-    found = list(advisor.suggestions(NARROW, refused(NARROW), PageRequest()))
+def test_each_can_be_met_and_says_what_differs(advisor: Search) -> None:
+    found = list(suggestions(advisor, NARROW, refused(NARROW)))
     assert found
     for each in found:
         spec = DesignSpec.model_validate(each.spec)
@@ -170,36 +209,36 @@ def test_each_can_be_met_and_says_what_differs(advisor: Advisor) -> None:
 
 
 @pytest.mark.slow
-def test_another_request_ends_a_search_and_the_next_one_works(advisor: Advisor) -> None:
+def test_another_request_ends_a_search_and_the_next_one_works(advisor: Search) -> None:
     got: list[list[SuggestedRequest]] = []
     refusal = refused(MANY)
-    searching = threading.Thread(target=lambda: got.append(list(advisor.suggestions(MANY, refusal, PageRequest()))))
+    searching = threading.Thread(target=lambda: got.append(list(suggestions(advisor, MANY, refusal))))
     searching.start()
     time.sleep(0.5)
-    advisor.end_search(PageRequest())
+    advisor.end(PageRequest())
     searching.join(60.0)
     assert got == [[]]
-    assert list(advisor.suggestions(NARROW, refused(NARROW), PageRequest()))
+    assert list(suggestions(advisor, NARROW, refused(NARROW)))
 
 
 @pytest.mark.slow
-def test_a_search_that_is_not_read_to_its_end_is_over(advisor: Advisor) -> None:
+def test_a_search_that_is_not_read_to_its_end_is_over(advisor: Search) -> None:
     refusal = refused(NARROW)
-    search = advisor.suggestions(NARROW, refusal, PageRequest())
+    search = suggestions(advisor, NARROW, refusal)
     first = next(search)
-    advisor.end_search(PageRequest())
+    advisor.end(PageRequest())
     assert list(search) == []
-    again = list(advisor.suggestions(NARROW, refusal, PageRequest()))
+    again = list(suggestions(advisor, NARROW, refusal))
     assert again[0] == first
     assert len(again) > 1
 
 
 @pytest.mark.slow
-def test_pages_that_search_at_the_same_time_find_all(advisor: Advisor) -> None:
+def test_pages_that_search_at_the_same_time_find_all(advisor: Search) -> None:
     refusal, got = refused(NARROW), dict[str, list[SuggestedRequest]]()
 
     def search(page: str) -> None:
-        got[page] = list(advisor.suggestions(NARROW, refusal, PageRequest(page)))
+        got[page] = list(suggestions(advisor, NARROW, refusal, page))
 
     threads = [threading.Thread(target=search, args=(page,)) for page in ("one", "two")]
     for thread in threads:
@@ -210,9 +249,9 @@ def test_pages_that_search_at_the_same_time_find_all(advisor: Advisor) -> None:
 
 
 @pytest.mark.slow
-def test_a_search_that_its_page_drops_frees_the_process(advisor: Advisor) -> None:
+def test_a_search_that_its_page_drops_frees_the_process(advisor: Search) -> None:
     refusal = refused(NARROW)
-    search = advisor.suggestions(NARROW, refusal, PageRequest("one"))
+    search = suggestions(advisor, NARROW, refusal, "one")
     first = next(search)
     del search
-    assert next(advisor.suggestions(NARROW, refusal, PageRequest("two"))) == first
+    assert next(suggestions(advisor, NARROW, refusal, "two")) == first

@@ -48,7 +48,7 @@ def compared(page: Watched) -> None:
 
 STATES: dict[str, tuple[str, Callable[[Watched], None]]] = {
     "design": ("", design),
-    "infeasible": ("#rows=2&cols=2&min_edge_mm=90", cannot_be),
+    "infeasible": ("#rows=2&cols=2&min_edge_mm=90&shape=free", cannot_be),
     "compare": ("", compared),
 }
 

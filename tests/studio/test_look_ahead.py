@@ -109,20 +109,25 @@ def test_the_end_is_immediate_and_not_an_error(ahead: Ahead, caplog: pytest.LogC
     assert not caplog.records
 
 
-def test_counts_come_first_then_scale_and_trade_off() -> None:
+def test_counts_come_first_then_the_other_steps_and_then_pairs_of_them() -> None:
     found = nearby_requests(DesignSpec())
-    assert [(spec.rows, spec.cols) for spec in found[:4]] == [(4, 3), (3, 4), (2, 3), (3, 2)]
-    assert {spec.scale_mm for spec in found} == {80.0, 104.0, 62.0}
-    assert {spec.tradeoff for spec in found} == {0.1, 0.3, 0.5}
+    assert [(spec.rows, spec.cols) for spec in found][:4] == [(4, 3), (3, 4), (2, 3), (3, 2)]
+    steps = [step for step in found.values() if step]
+    assert list(found.values()) == steps + [""] * (len(found) - len(steps))
+    for other, step in found.items():
+        differing = {name for name in DesignSpec.model_fields if getattr(other, name) != getattr(DesignSpec(), name)}
+        assert differing == {step} if step else "scale_mm" in differing and len(differing) <= 2
+    assert DesignSpec() not in found
 
 
 def test_what_no_request_can_hold_is_left_out() -> None:
     assert all(spec.rows * spec.cols > 1 for spec in nearby_requests(DesignSpec(rows=1, cols=2)))
     assert all(0 <= spec.tradeoff <= 1 for spec in nearby_requests(DesignSpec(tradeoff=0.1)))
     assert max(len(spec.arrangement.steps) for spec in nearby_requests(DesignSpec(rows=5, cols=5))) == 25
+    assert "fold_deg" not in nearby_requests(DesignSpec(fold_deg="auto")).values()
 
 
 def test_a_pattern_keeps_its_count() -> None:
     found = nearby_requests(DesignSpec(pattern=Pattern.hexagonal(1)))
-    assert len(found) == 4
+    assert set(found.values()) == {"scale_mm", "tradeoff", "fold_deg", ""}
     assert {spec.arrangement.text for spec in found} == {"hex7"}

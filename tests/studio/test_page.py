@@ -12,7 +12,7 @@ from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.atlas import AtlasGrid, atlas
-from mirrorcam.studio.page import PageStart, script_json, snapshot_page, studio_page
+from mirrorcam.studio.page import script_json, snapshot_page, studio_page
 from tests.shared import built_once
 from tests.studio.browser import NARROW, WIDE, Watched, browser_page
 
@@ -45,7 +45,7 @@ def test_it_opens_with_the_exact_design_of_its_address(page: Watched, studio: tu
     for drawing in ("#coverage", "#cameras"):
         assert page.page.locator(f"{drawing} path.measure").count() == 1
         assert " mm" in page.page.inner_html(f"{drawing} text.tick")
-    assert "faceted parabola" in page.page.inner_text("#figures")
+    assert "Price with the camera" in page.page.inner_text("#figures")
 
 
 def test_two_pages_solve_at_the_same_time(browser: Any, studio: tuple[str, Path]) -> None:
@@ -142,6 +142,54 @@ def test_mirrors_are_rectangles_of_stock(page: Watched, studio: tuple[str, Path]
     assert "shape=stock" in page.page.url
 
 
+def test_a_pattern_and_mirrors_are_chosen_by_name(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    page.page.get_by_role("combobox", name="Mirrors").select_option("second, glass 2 mm")
+    page.page.wait_for_selector("#status.exact")
+    chosen = {name: page.drawn["spec"][name] for name in ("surface", "thickness_mm", "refractive_index")}
+    assert chosen == {"surface": "second", "thickness_mm": 2, "refractive_index": 1.52}
+    page.page.get_by_role("combobox", name="Arrangement").select_option("ring of 6")
+    page.page.wait_for_selector("#sensor path.mirror >> nth=5")
+    assert "pattern=ring6" in page.page.url
+    assert page.page.is_hidden("[data-name=rows]")
+    page.page.click("#undo")
+    page.page.wait_for_selector("#status.exact")
+    assert len(page.drawn["mirrors"]) == 2 and page.page.is_visible("[data-name=rows]")
+
+
+def test_a_point_of_the_map_is_a_design_to_open(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio, f"{SMALL}&scale_mm=71")
+    page.page.get_by_role("combobox", name="Horizontal axis").select_option("size")
+    typed(page, "Scale", "72")
+    page.settled()
+    page.page.wait_for_selector("#map circle:not(.here)")
+    other = page.page.get_by_role("button", name="1 x 2, 71 mm")
+    other.focus()
+    other.press("Enter")
+    page.page.wait_for_function("Studio.designer.state.drawing.spec.scale_mm === 71")
+    page.settled()
+    assert "scale_mm=71" in page.page.url
+
+
+PAIR = '#pattern={"name":"pair","positions":[[0,0],[1,0]]}'
+"""Two views, whose number a target does not vary."""
+
+
+def test_a_target_leads_to_a_design(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio, PAIR)
+    page.page.click("#target summary")
+    for name, value in (("sigma", "1"), ("distance", "300"), ("width", ""), ("mass", "500")):
+        page.page.fill(f"#target-form [name={name}]", value)
+    page.page.click("#target-form button")
+    page.page.wait_for_selector("#target-note progress")
+    page.page.wait_for_selector("#targets button", timeout=120_000)
+    assert "meet the target" in page.page.inner_text("#target-note")
+    page.page.click("#targets button >> nth=0")
+    page.page.wait_for_function("Studio.designer.state.drawing.spec.depths_mm.join() === '300'")
+    page.settled()
+    assert page.drawn["kind"] == "exact"
+
+
 @pytest.mark.parametrize("request_", [{"rows": 2}, {"scale_mm": 60.0, "depths_mm": [200.0, 400.0]}, {}, "pattern"])
 def test_an_address_leads_to_its_design_whatever_the_studio_began_with(
     page: Watched, studio: tuple[str, Path], request_: dict[str, Any] | str
@@ -193,7 +241,7 @@ def test_the_keyboard_alone_changes_a_design(page: Watched, studio: tuple[str, P
 def test_a_design_that_cannot_be_says_why_and_where_and_offers_the_nearest_that_can(
     page: Watched, studio: tuple[str, Path]
 ) -> None:
-    opened(page, studio, f"{SMALL}&min_edge_mm=80")
+    opened(page, studio, f"{SMALL}&min_edge_mm=80&shape=free")
     assert page.status == "Not feasible"
     assert "Mirrors cannot have edges of 80 mm" in page.page.inner_text("#finding")
     assert page.page.locator("#sensor path.wrong").count() == 2
@@ -332,7 +380,7 @@ def test_a_page_without_a_server_shows_the_designs_that_it_carries(
 
 
 def test_only_scripts_with_the_nonce_run() -> None:
-    page = studio_page(PageStart(DesignSpec()), Path("somewhere"), nonce="abc")
+    page = studio_page(DesignSpec(), Path("somewhere"), nonce="abc")
     assert page.count("<script") == page.count('nonce="abc"') - page.count("<style")
 
 

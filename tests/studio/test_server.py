@@ -16,7 +16,6 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.designer import Designer
 from mirrorcam.studio.jobs import Jobs
 from mirrorcam.studio.live.answers import CameraHost
-from mirrorcam.studio.page import PageStart
 from mirrorcam.studio.server import studio_app
 
 PORT = 8610
@@ -38,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def client(folder: Path) -> Iterator[TestClient]:
     designer = Designer()
     jobs = Jobs(folder)
-    app = studio_app(PageStart(DesignSpec()), designer, jobs, CameraHost(jobs), PORT)
+    app = studio_app(DesignSpec(), designer, jobs, CameraHost(jobs), PORT)
     with TestClient(app, base_url=f"http://127.0.0.1:{PORT}") as opened:
         yield opened
     designer.close()
@@ -50,7 +49,6 @@ def test_a_request_gives_its_exact_design_and_the_files_of_it(client: TestClient
     found = client.post("/design", content=body, headers=JSON).json()
     assert found["status"] == "solved"
     assert found["drawing"]["kind"] == "exact"
-    assert found["parabola"]["kind"] == "parabola"
     layout = Layout.model_validate_json(client.post("/layout", content=body, headers=JSON).text)
     assert layout.identity == found["drawing"]["identity"]
     assert layout.spec == SMALL
@@ -104,7 +102,7 @@ def test_files_in_the_folder_are_served_and_none_outside(client: TestClient) -> 
 def test_there_are_no_files_before_the_first_job(tmp_path: Path) -> None:
     designer = Designer()
     jobs = Jobs(tmp_path / "none")
-    app = studio_app(PageStart(DesignSpec()), designer, jobs, CameraHost(jobs), PORT)
+    app = studio_app(DesignSpec(), designer, jobs, CameraHost(jobs), PORT)
     with TestClient(app, base_url=f"http://127.0.0.1:{PORT}") as client:
         assert client.get("/files/anything").status_code == 404
     designer.close()
@@ -135,14 +133,17 @@ def test_a_camera_that_is_not_open_or_cannot_be_opened_is_refused_in_one_line(cl
     assert (opened.status_code, opened.text) == (422, "none.json: no such file")
 
 
-def test_steps_are_the_neighbours_that_are_solved(client: TestClient) -> None:
-    other = SMALL.replaced(rows=2)
-    for spec in (SMALL, other):
+def test_nearby_are_the_solved_designs_for_the_same_camera_and_depths(client: TestClient, tmp_path: Path) -> None:
+    others = {"rows": 2}, {"depths_mm": (400.0,)}
+    for spec in (SMALL, *(SMALL.replaced(**other) for other in others)):
         client.post("/design", content=spec.model_dump_json(), headers=JSON)
-    steps = client.post("/steps", content=SMALL.model_dump_json(), headers=JSON).json()
-    (step,) = (step for step in steps if step["control"] == "rows")
-    assert step["spec"]["rows"] == 2
-    assert any(figure["name"].startswith("usable_efficiency") for group in step["figures"].values() for figure in group)
+    nearby = client.post("/nearby", content=SMALL.model_dump_json(), headers=JSON).json()
+    points = {json.dumps(point["changes"]): point for point in nearby["points"]}
+    assert points['{"rows": 2}']["step"] == "rows" and points["{}"]["step"] == ""
+    assert not any("depths_mm" in point["changes"] for point in nearby["points"])
+    values = points["{}"]["values"]
+    assert values["depth_sigma"] > points['{"rows": 2}']["values"]["depth_sigma"] > 0
+    assert 50 < values["device_price"] < 300
 
 
 def post(address: str, spec: DesignSpec, page: str | None) -> HTTPConnection:

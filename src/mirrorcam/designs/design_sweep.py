@@ -33,13 +33,13 @@ def layout_name(spec: DesignSpec) -> str:
     return f"layouts/{_key(spec)}.json"
 
 
-def finished_designs(folder: Path) -> list[tuple[Outcome, Path]]:
-    """The solved designs in the folder of a sweep, each with its layout's file; raises InputError if there is none."""
-    designs = []
+def finished_designs(folder: Path) -> dict[DesignSpec, Path]:
+    """The files of the solved designs in the folder of a sweep; raises InputError if there is none."""
+    designs = {}
     for path in sorted((folder / "layouts").glob("*.json")):
         layout = read_record(Layout, path)
         if layout is not None and layout.spec is not None:
-            designs.append((Outcome(spec=layout.spec, status="solved", metrics=layout.metrics), path))
+            designs[layout.spec] = path
     if not designs:
         raise InputError(f"{folder}: holds no solved design, expected the folder of a `mirrorcam sweep`")
     return designs

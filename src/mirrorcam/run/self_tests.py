@@ -296,9 +296,9 @@ def _view() -> str:
 
 def _studio() -> str:
     import mirrorcam
-    from mirrorcam.studio.page import PageStart, studio_page
+    from mirrorcam.studio.page import studio_page
 
-    page = studio_page(PageStart(mirrorcam.DesignSpec()), Path("output"), nonce="0")
+    page = studio_page(mirrorcam.DesignSpec(), Path("output"), nonce="0")
     import_module("mirrorcam.studio.server")
     return expect("<html" in page, f"a page of {len(page) / 1000:.0f} kB")
 

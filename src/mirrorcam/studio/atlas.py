@@ -11,7 +11,7 @@ from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio import design_work
-from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign
+from mirrorcam.studio.design_values import RefusedDesign, SolvedDesign
 
 
 @dataclass(frozen=True)
@@ -50,30 +50,18 @@ def key_of(spec: DesignSpec) -> str:
 def atlas(common: DesignSpec, grid: AtlasGrid, *, workers: int, progress: Progress = no_progress) -> dict[str, Any]:
     """Return the drawings of all designs of a grid as JSON values, by the keys of their requests.
 
-    All other fields of the requests are those of `common`. The faceted parabola, which does not depend on the
-    trade-off, is stored once. Raises RuntimeError if the processes that solve a design die.
+    All other fields of the requests are those of `common`. A drawing has no request, which its key contains. Raises
+    RuntimeError if the processes that solve a design die.
     """
     specs = grid.specs(common)
     designs: dict[str, Any] = {}
-    parabolas: dict[str, Any] = {}
     for number, result in sorted(_solved(specs, workers, progress)):
         spec = specs[number]
         if isinstance(result, RefusedDesign):
             designs[key_of(spec)] = {"constraint": result.constraint, "finding": result.finding}
             continue
-        designs[key_of(spec)] = _without_spec(result.drawing)
-        if result.parabola_drawing is not None:
-            parabolas[_parabola_key(spec)] = _without_spec(result.parabola_drawing)
-    return {"axes": grid.axes, "designs": designs, "parabolas": parabolas}
-
-
-def _parabola_key(spec: DesignSpec) -> str:
-    return key_of(spec).rpartition(",")[0]
-
-
-def _without_spec(drawing: DesignDrawing) -> dict[str, Any]:
-    """Return a drawing without the request, which its key contains."""
-    return drawing.model_dump(mode="json", exclude={"spec"})
+        designs[key_of(spec)] = result.drawing.model_dump(mode="json", exclude={"spec"})
+    return {"axes": grid.axes, "designs": designs}
 
 
 def _solved(

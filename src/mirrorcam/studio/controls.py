@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cache
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
 from mirrorcam.core.values import Value
+from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import library
 from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.mirror_stock import stock_fields
 
 DEGREE = "\N{DEGREE SIGN}"
 
 
-class OfferedCamera(Value):
-    """A camera to choose, and its name in the library; empty for another camera."""
+class Named(Value):
+    """Fields of a request to choose by a name; `key` is the name of a value in addresses, empty without one."""
 
-    key: str
-    camera: Camera
+    key: str = ""
+    text: str
+    fields: dict[str, Any]
 
 
 class CameraNumber(Value):
@@ -38,14 +41,15 @@ class Control(Value):
 
     A number may be entered beyond the ends of the slider, within the range `allowed` (None: unbounded).
 
-    A slider with `values` snaps to them. `auto` is the text of a switch that leaves the value to the optimiser, and
+    A choice of `named` values sets their fields; `numbers` are those of a camera, to change one by one. A slider with
+    `values` snaps to them. `auto` is the text of a switch that leaves the value to the optimiser, and
     `preset` the value when it is switched off.
     """
 
     name: str
     label: str
     help: str
-    kind: Literal["slider", "counts", "depths", "choice", "camera", "shape"] = "slider"
+    kind: Literal["slider", "counts", "depths", "choice", "named", "shape"] = "slider"
     unit: str = ""
     least: float = 0.0
     most: float = 1.0
@@ -56,7 +60,7 @@ class Control(Value):
     choices: tuple[tuple[str, str], ...] = ()
     preset: float | bool | str | None = None
     auto: str = ""
-    cameras: tuple[OfferedCamera, ...] = ()
+    named: tuple[Named, ...] = ()
     numbers: tuple[CameraNumber, ...] = ()
 
 
@@ -82,16 +86,14 @@ CAMERA_NUMBERS = (
 
 def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
     """Return all controls; the request's camera is offered even if it is not in the library."""
-    cameras = _library_cameras()
-    if spec.camera not in [offered.camera for offered in cameras]:
-        cameras = (*cameras, OfferedCamera(key="", camera=spec.camera))
+    cameras = _with_own(_library_cameras(), spec, "camera", spec.camera.name)
     camera = Control(
         name="camera",
         label="Camera",
-        kind="camera",
+        kind="named",
         help="The webcam below the mirrors. Its pixels are what all views share; its lens and body decide how near "
         "mirrors can be.",
-        cameras=cameras,
+        named=cameras,
         numbers=tuple(
             CameraNumber(
                 name=name, label=label, unit=unit, allowed=_allowed(Camera, name), preset=_preset(Camera, name)
@@ -99,8 +101,11 @@ def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
             for name, label, unit in CAMERA_NUMBERS
         ),
     )
+    pattern = _PATTERN
+    if spec.pattern is not None:
+        pattern = pattern.replaced(named=_with_own(pattern.named, spec, "pattern", spec.pattern.name))
     return (
-        ControlGroup(title="Camera and views", controls=(camera, *map(_bounded, _VIEWS))),
+        ControlGroup(title="Camera and views", controls=(camera, pattern, *map(_bounded, _VIEWS))),
         ControlGroup(title="Scene", controls=tuple(map(_bounded, _SCENE))),
         ControlGroup(title="Mirrors", controls=tuple(map(_bounded, _MIRRORS))),
         ControlGroup(title="Limits and tolerances", open=False, controls=tuple(map(_bounded, _LIMITS))),
@@ -108,10 +113,19 @@ def control_groups(spec: DesignSpec) -> tuple[ControlGroup, ...]:
 
 
 @cache
-def _library_cameras() -> tuple[OfferedCamera, ...]:
+def _library_cameras() -> tuple[Named, ...]:
     """Cameras of the library with their optics, the default one first."""
-    found = [OfferedCamera(key=key, camera=profile.camera) for key, profile in library().items() if profile.optics]
-    return tuple(sorted(found, key=lambda offered: offered.camera != Camera.c920()))
+    found = [(key, profile.camera) for key, profile in library().items() if profile.optics]
+    return tuple(
+        Named(key=key, text=camera.name, fields={"camera": camera.model_dump(mode="json")})
+        for key, camera in sorted(found, key=lambda pair: pair[1] != Camera.c920())
+    )
+
+
+def _with_own(named: tuple[Named, ...], spec: DesignSpec, name: str, text: str) -> tuple[Named, ...]:
+    """Return named values with the request's own, if it is none of them."""
+    own = {name: getattr(spec, name).model_dump(mode="json")}
+    return named if any(each.fields == own for each in named) else (*named, Named(text=text, fields=own))
 
 
 def _bounded(control: Control) -> Control:
@@ -161,6 +175,24 @@ def snapping_groups(axes: Mapping[str, Sequence[float]]) -> tuple[ControlGroup, 
     return (ControlGroup(title="Solved designs", controls=tuple(controls)),)
 
 
+_PATTERN = Control(
+    name="pattern",
+    label="Arrangement",
+    kind="named",
+    help="A grid suits most algorithms; hexagons pack views densely; a ring has long baselines in all directions.",
+    named=(
+        Named(text="rows and columns", fields={"pattern": None}),
+        *(
+            Named(key=pattern.name, text=text, fields={"pattern": pattern.model_dump(mode="json")})
+            for text, pattern in (
+                ("hexagon of 7", Pattern.hexagonal(1)),
+                ("hexagon of 19", Pattern.hexagonal(2)),
+                ("ring of 6", Pattern.ring(6)),
+                ("ring of 8", Pattern.ring(8)),
+            )
+        ),
+    ),
+)
 _VIEWS = (
     Control(
         name="rows",
@@ -267,11 +299,17 @@ _MIRRORS = (
     ),
     Control(
         name="surface",
-        label="Reflecting surface",
-        kind="choice",
-        choices=(("first", "first"), ("second", "second")),
-        preset="first",
-        help="First-surface mirrors have no ghosts; second-surface ones, such as acrylic, are cheap and robust.",
+        label="Mirrors",
+        kind="named",
+        help="First-surface mirrors have no ghosts; second-surface ones are cheap and robust. Thickness and index can "
+        "be changed below.",
+        named=tuple(
+            Named(text=name.replace("-", ", ", 1).replace("-", " ") + " mm", fields=dict(stock_fields(name)))
+            for name in (
+                *("first-glass-3", "first-acrylic-1", "first-acrylic-3"),
+                *("second-glass-2", "second-glass-3", "second-acrylic-2", "second-acrylic-3"),
+            )
+        ),
     ),
     Control(
         name="thickness_mm",
@@ -288,7 +326,7 @@ _MIRRORS = (
         least=1.3,
         most=1.9,
         step=0.01,
-        help="Of second-surface mirrors: acrylic 1.49, float glass 1.52.",
+        help="Acrylic 1.49, float glass 1.52: light passes through second-surface mirrors.",
     ),
 )
 _LIMITS = (

@@ -81,12 +81,12 @@ class DesignDrawing(Value):
 
 @dataclass(frozen=True)
 class SolvedDesign:
-    """A design and, if its request has one, the faceted parabola, both with figures and drawings."""
+    """A design with its figures, and its drawing."""
 
     layout: Layout
     drawing: DesignDrawing
-    parabola: Layout | None
-    parabola_drawing: DesignDrawing | None
+    values: dict[str, float | None]
+    """Means of the figures in `COMPARED`."""
 
 
 class ViolationDrawing(Value):
@@ -110,12 +110,46 @@ class SuggestedRequest(Value):
     spec: dict[str, Any]
 
 
-class NextStep(Value):
-    """The request one step of a control away, and the figures of its design."""
+class Compared(Value):
+    """Figures that compare designs of any counts and depths: the mean of those whose names begin with `start`."""
 
-    control: str
-    spec: dict[str, Any]
-    figures: dict[str, list[FigureText]]
+    start: str
+    label: str
+    unit: str
+    lower_is_better: bool = True
+
+
+COMPARED = (
+    Compared(start="depth_sigma", label="\N{GREEK SMALL LETTER SIGMA} of depth", unit="mm"),
+    Compared(start="usable_efficiency", label="usable pixels", unit="of all", lower_is_better=False),
+    Compared(start="fov_x", label="field of view, x", unit="\N{DEGREE SIGN}", lower_is_better=False),
+    Compared(start="baseline_x", label="baseline, x", unit="mm", lower_is_better=False),
+    Compared(start="grid_error", label="grid error", unit="of a spacing"),
+    Compared(start="device_price", label="price, with camera", unit="EUR"),
+    Compared(start="device_size", label="size", unit="mm"),
+    Compared(start="device_mass", label="mass, with camera", unit="g"),
+    Compared(start="device_print", label="printing time", unit="h"),
+    Compared(start="smallest_area", label="smallest mirror", unit="mm\N{SUPERSCRIPT TWO}", lower_is_better=False),
+)
+
+
+class DesignPoint(Value):
+    """A solved design near a request: the fields that differ, and the means of the figures in `COMPARED`.
+
+    `step` is the control that is one step away from the request; empty for designs farther away.
+    """
+
+    title: str
+    changes: dict[str, Any]
+    step: str
+    values: dict[str, float | None]
+
+
+class Neighbourhood(Value):
+    """Solved designs that are comparable with a request, and the number of those that are still to be solved."""
+
+    points: list[DesignPoint]
+    pending: int
 
 
 @dataclass(frozen=True)
@@ -125,6 +159,24 @@ class RefusedDesign:
     constraint: str
     finding: str
     drawing: ViolationDrawing | None = None
+
+
+@dataclass(frozen=True)
+class FoundDesign:
+    """A design found for a target, and its figure for each term."""
+
+    solved: SolvedDesign
+    terms: list[FigureText]
+
+
+@dataclass(frozen=True)
+class TargetProgress:
+    """Steps of a search that are done and their total; at its end the designs found, or why there is none."""
+
+    done: int
+    total: int
+    designs: tuple[FoundDesign, ...] = ()
+    refusal: str = ""
 
 
 DesignResult = SolvedDesign | RefusedDesign

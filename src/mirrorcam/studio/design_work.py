@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
+from pathlib import Path
+from queue import SimpleQueue
+from typing import TYPE_CHECKING
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Calls, in_parallel, in_turn
@@ -15,7 +19,18 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.studio.controls import change_text
-from mirrorcam.studio.design_values import RefusedDesign, SolvedDesign, SuggestedRequest, ToleranceBars
+from mirrorcam.studio.design_values import (
+    FigureText,
+    FoundDesign,
+    RefusedDesign,
+    SolvedDesign,
+    SuggestedRequest,
+    TargetProgress,
+    ToleranceBars,
+)
+
+if TYPE_CHECKING:
+    from mirrorcam.designs.target import TargetDesign
 
 PRELOAD = (
     "mirrorcam.studio.drawing",
@@ -55,16 +70,20 @@ def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDes
 
 
 def solved_design(spec: DesignSpec, layout: Layout) -> SolvedDesign:
-    """Return a solved layout with its faceted parabola, and their drawings."""
-    from mirrorcam.optics.design.optimise import assessed_parabola
-    from mirrorcam.studio.drawing import design_drawing
+    """Return a solved layout with its drawing."""
+    from mirrorcam.studio.drawing import compared_values, design_drawing
 
-    exact = design_drawing(layout, spec, "exact")
-    try:
-        parabola = assessed_parabola(spec)
-    except InputError:  # the request has none
-        return SolvedDesign(layout, exact, None, None)
-    return SolvedDesign(layout, exact, parabola, design_drawing(parabola, spec, "parabola"))
+    drawing = design_drawing(layout, spec, "exact")
+    return SolvedDesign(layout, drawing, compared_values(drawing.figures))
+
+
+def stored_values(paths: Sequence[Path]) -> list[dict[str, float | None]]:
+    """Return the values to compare of designs in files, at low priority."""
+    at_low_priority()
+    from mirrorcam.studio.drawing import compared_values, device_figures, grouped_figures
+
+    layouts = map(Layout.load, paths)
+    return [compared_values(grouped_figures(layout.metrics) | {"device": device_figures(layout)}) for layout in layouts]
 
 
 _known_layouts: deque[Layout] = deque(maxlen=MAX_LAYOUTS)
@@ -91,12 +110,17 @@ def preview(spec: DesignSpec) -> str | None:
         return None  # for example, a working depth nearer than the mirrors
 
 
-def report(layout: Layout, parabola: Layout | None) -> str:
-    """Render the report of a design as one HTML file, with a study of devices as built."""
+def report(layout: Layout) -> str:
+    """Render the report of a design as one HTML file, with its faceted parabola and a study of devices as built."""
     from mirrorcam.designs.design_report import design_pictures, design_report
     from mirrorcam.optics.design.assess.monte_carlo import study
+    from mirrorcam.optics.design.optimise import assessed_parabola
 
     assert layout.spec is not None
+    try:
+        parabola = assessed_parabola(layout.spec)
+    except InputError:  # the request has none
+        parabola = None
     try:
         built, not_built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm)), ""
     except InputError as error:  # the report is written without the study
@@ -124,6 +148,61 @@ def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
 def next_suggestion() -> SuggestedRequest | None:
     """Return the next feasible request; None at the end, or without a search."""
     return next(_suggestions[0], None) if _suggestions else None
+
+
+_progress = SimpleQueue[TargetProgress | Exception | None]()
+"""Progress of the search that `next_of_target` follows, None at its end."""
+
+
+def begin_target(terms: str, spec: DesignSpec) -> None:
+    """Begin a search, in a thread, for designs that meet a target; `next_of_target` returns its progress."""
+    from mirrorcam.designs.target_search import designs_for
+
+    calls = in_parallel(_partner())
+
+    def show(done: int, total: int) -> None:
+        _progress.put(TargetProgress(done, total))
+
+    def search() -> None:
+        try:
+            found = designs_for(terms, spec, calls=calls, progress=show)
+            _progress.put(TargetProgress(1, 1, tuple(map(_found_design, found.designs))))
+        except InputError as error:
+            _progress.put(TargetProgress(1, 1, refusal=str(error)))
+        except Exception as error:  # raised again where the progress is read
+            _progress.put(error)
+        _progress.put(None)
+
+    threading.Thread(target=search, daemon=True, name="target").start()
+
+
+def next_of_target() -> TargetProgress | None:
+    """Wait for the next progress of the search for a target; None at its end."""
+    progress = _progress.get()
+    if isinstance(progress, Exception):
+        raise progress
+    return progress
+
+
+def _found_design(found: TargetDesign) -> FoundDesign:
+    from mirrorcam.designs.target import Term
+
+    layout = found.layout
+    assert layout.spec is not None
+    terms = [
+        FigureText(
+            name=text,
+            label=text,
+            text=Term.of(text).figure_text(metric.value),
+            value=metric.value if metric.known else None,
+            reason=metric.reason,
+            limit=text,
+            passed=metric.passed,
+            lower_is_better=metric.lower_is_better,
+        )
+        for text, metric in found.reached.items()
+    ]
+    return FoundDesign(solved_design(layout.spec, layout), terms)
 
 
 def tolerance(layout: Layout) -> ToleranceBars:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
+from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,39 +15,48 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio import design_work, sight_work
 from mirrorcam.studio.design_values import (
+    DesignPoint,
     DesignResult,
-    NextStep,
+    Neighbourhood,
     RefusedDesign,
     SolvedDesign,
     SuggestedRequest,
+    TargetProgress,
     ToleranceBars,
 )
-from mirrorcam.studio.look_ahead import STEPPED, LookAhead, nearby_requests
+from mirrorcam.studio.look_ahead import LookAhead, nearby_requests
 from mirrorcam.studio.sight_work import Decoded, Frame, Subject
 from mirrorcam.studio.turns import PageRequest, Superseded, Turns
 
 
-class Advisor:
-    """Finds feasible alternatives; any thread may call. Simultaneous searches of pages take turns."""
+class Search:
+    """Makes searches that find one result after the other; any thread may call. Searches of several pages take turns.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    following
+        Returns the next result in the process, None at the end.
+    """
+
+    def __init__(self, following: Callable[[], Any]) -> None:
+        self._following = following
         self._process = WorkerProcess(preload=design_work.PRELOAD)
         self._turns = Turns(self._process.kill)
 
-    def suggestions(
-        self, spec: DesignSpec, refused: RefusedDesign, page_request: PageRequest
-    ) -> Iterator[SuggestedRequest]:
-        """Yield feasible requests near a refused one until the search ends."""
+    def results(
+        self, page_request: PageRequest, begin: Callable[..., None], *arguments: Hashable
+    ) -> Generator[Any, None, None]:
+        """Begin a search, and yield its results until it ends or its page has a new request."""
         call = self._process.call
         try:
-            with self._turns.turn(page_request, spec), self._searching():
-                call(design_work.begin_suggestions, spec, refused.constraint, refused.finding)
-                while not page_request.dropped and (other := call(design_work.next_suggestion)) is not None:
-                    yield other
+            with self._turns.turn(page_request, arguments), self._searching():
+                call(begin, *arguments)
+                while not page_request.dropped and (found := call(self._following)) is not None:
+                    yield found
         except (Superseded, WorkerDied):
             return  # the search was ended
 
-    def end_search(self, page_request: PageRequest) -> None:
+    def end(self, page_request: PageRequest) -> None:
         """End the search of a page that has a new request."""
         self._turns.drop_earlier(page_request, None)
 
@@ -72,6 +81,18 @@ class Advisor:
 MAX_RESULTS = 300
 
 
+def _title(spec: DesignSpec) -> str:
+    fold = spec.fold_deg if spec.fold_deg == "auto" else f"{spec.fold_deg:g}\N{DEGREE SIGN}"
+    return f"{spec.arrangement.text}, {spec.scale_mm:g} mm, fold {fold}, trade-off {spec.tradeoff:g}"
+
+
+def _changes(spec: DesignSpec, other: DesignSpec) -> dict[str, Any]:
+    """Return the fields of `other` that differ, as JSON values."""
+    written = other.model_dump(mode="json")
+    names = [name for name in DesignSpec.model_fields if getattr(other, name) != getattr(spec, name)]
+    return {name: written.get(name, getattr(other, name)) for name in names}
+
+
 class Designer:
     """Solves the newest request of each page in turn, and previews others meanwhile; any thread may call.
 
@@ -81,9 +102,12 @@ class Designer:
 
     def __init__(self) -> None:
         self._stored: dict[DesignSpec, Path] = {}
+        self._stored_values: dict[DesignSpec, dict[str, float | None]] = {}
+        self._reading = threading.Lock()
         self._results: OrderedDict[DesignSpec, DesignResult] = OrderedDict()
         self._solver, self._previewer, self._analyst = (WorkerProcess(preload=design_work.PRELOAD) for _ in range(3))
-        self._painter, self._advisor = WorkerProcess(), Advisor()
+        self._painter = WorkerProcess()
+        self._advisor, self._finder = Search(design_work.next_suggestion), Search(design_work.next_of_target)
         self._look_ahead = LookAhead(self._results.__contains__, self._keep)
         self._lock = threading.Lock()
         self._solutions, self._studies = Turns(self._solver.kill), Turns(self._analyst.kill)
@@ -99,7 +123,8 @@ class Designer:
         """End all processes."""
         with self._lock:
             self._closed = True
-        for worker in (self._look_ahead, self._solver, self._previewer, self._analyst, self._painter, self._advisor):
+        processes = (self._solver, self._previewer, self._analyst, self._painter)
+        for worker in (self._look_ahead, self._advisor, self._finder, *processes):
             worker.close()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
@@ -119,14 +144,14 @@ class Designer:
         page_request = page_request or PageRequest()
         if spec in self._stored and spec not in self._results:
             self.keep(spec, Layout.load(self._stored[spec]))
-        self._advisor.end_search(page_request)  # for an abandoned request
+        self._advisor.end(page_request)  # for an abandoned request
         result = self._results.get(spec)
         if result is None:
             with self._solutions.turn(page_request, spec):
                 result = self._results.get(spec) or self._solve_now(spec, page_request)
         else:
             self._solutions.drop_earlier(page_request, spec)
-        self._look_ahead.solve_next(nearby_requests(spec))
+        self._look_ahead.solve_next(list(nearby_requests(spec)))
         return result
 
     def leave(self, page_request: PageRequest) -> None:
@@ -134,6 +159,7 @@ class Designer:
         self._solutions.leave(page_request)
         self._studies.leave(page_request)
         self._advisor.leave(page_request)
+        self._finder.leave(page_request)
 
     def _solve_now(self, spec: DesignSpec, page_request: PageRequest) -> DesignResult:
         try:
@@ -183,19 +209,28 @@ class Designer:
 
     def report(self, spec: DesignSpec, page_request: PageRequest | None = None) -> str:
         """The report of a solved design; takes seconds. Raises InputError and Superseded as `tolerance` does."""
-        result, page_request = self.solved(spec), page_request or PageRequest()
+        layout, page_request = self.solved(spec).layout, page_request or PageRequest()
         with self._studies.turn(page_request, ("report", spec)):
-            return str(self._analysed(page_request, design_work.report, result.layout, result.parabola))
+            return str(self._analysed(page_request, design_work.report, layout))
 
-    def steps(self, spec: DesignSpec) -> list[NextStep]:
-        """Designs one step of a control away from a request, as far as they are solved."""
-        steps = []
-        for other in nearby_requests(spec):
-            result = self._results.get(other)
-            if isinstance(result, SolvedDesign):
-                control = next(name for name in STEPPED if getattr(other, name) != getattr(spec, name))
-                steps.append(NextStep(control=control, spec=result.drawing.spec, figures=result.drawing.figures))
-        return steps
+    def nearby(self, spec: DesignSpec) -> Neighbourhood:
+        """All solved designs for the camera and the depths of a request, such as those one step of a control away."""
+        steps = nearby_requests(spec)
+        with self._reading:
+            if self._stored and not self._stored_values:
+                found = self._analyst.call(design_work.stored_values, list(self._stored.values()))
+                self._stored_values = dict(zip(self._stored, found, strict=True))
+        with self._lock:
+            solved = {
+                other: result.values for other, result in self._results.items() if isinstance(result, SolvedDesign)
+            }
+            pending = sum(other not in self._results for other in steps)
+        points = [
+            DesignPoint(title=_title(other), changes=_changes(spec, other), step=steps.get(other, ""), values=values)
+            for other, values in (self._stored_values | solved).items()
+            if (other.camera, other.depths_mm) == (spec.camera, spec.depths_mm)
+        ]
+        return Neighbourhood(points=points, pending=pending)
 
     def _analysed(self, page_request: PageRequest, work: Callable[..., Any], *arguments: Any) -> Any:
         try:
@@ -213,7 +248,20 @@ class Designer:
         refused = self._results.get(spec)
         if not isinstance(refused, RefusedDesign) or not refused.constraint:
             raise InputError("this design was not refused, expected a refused one")
-        return self._advisor.suggestions(spec, refused, page_request or PageRequest())
+        begin, why = design_work.begin_suggestions, (refused.constraint, refused.finding)
+        return self._advisor.results(page_request or PageRequest(), begin, spec, *why)
+
+    def target(self, terms: str, spec: DesignSpec, page_request: PageRequest | None = None) -> Iterator[TargetProgress]:
+        """Yield the progress of a search for designs that meet a target, such as "0.3mm@400mm 90EUR", and keep them."""
+        begin = design_work.begin_target
+        with (
+            self._look_ahead.paused(),
+            closing(self._finder.results(page_request or PageRequest(), begin, terms, spec)) as results,
+        ):
+            for progress in results:
+                for found in progress.designs:
+                    self._keep(DesignSpec.model_validate(found.solved.drawing.spec), found.solved)
+                yield progress
 
     def frame(self, spec: DesignSpec, subject: Subject) -> Frame:
         """A simulated frame of a solved design. Raises InputError if there is no room for the subject."""

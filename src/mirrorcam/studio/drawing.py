@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 from shapely import Polygon
 
+from mirrorcam.cad.plan.estimates import estimate_device
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_labels import LABELS
 from mirrorcam.core.figures.figure_texts import NONE, label_text, limit_text, sentence_case, value_text
 from mirrorcam.core.values import FloatArray, Metric
@@ -22,6 +24,7 @@ from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, i
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.optics.geometry.violation import LeastViolation
 from mirrorcam.studio.design_values import (
+    COMPARED,
     Curves,
     DesignDrawing,
     FigureText,
@@ -40,6 +43,7 @@ GROUPS: Mapping[str, Sequence[str]] = {
     "Focus of the camera": ("circle", "best_focus"),
     "Mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
+DEVICE = "Device on a desk, estimated"
 """Titles of the groups of figures, with the prefixes of their figures' names."""
 
 CURVE_POINTS, COARSE_CURVE_POINTS = 33, 9
@@ -51,7 +55,7 @@ MM_DECIMALS, PX_DECIMALS, RAY_DECIMALS = 2, 1, 5
 def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawing:
     """Return the drawing of a layout for a spec, with the figures of the layout if it has them.
 
-    A preview, drawn while a slider moves, has no checks and coarser curves. Raises InputError if a working depth is
+    Previews, drawn while a slider moves, have no checks and coarser curves. Raises InputError if a working depth is
     nearer than the mirrors.
     """
     depths_mm = sorted(spec.depths_mm)
@@ -76,9 +80,9 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
         grid_mm=_rounded(grid.reshape(-1, 3), MM_DECIMALS),
         neighbours=layout.arrangement.neighbours,
         central=layout.central_index,
-        curves=_curves(layout, views, spacings, depths_mm, coarse=kind == "preview"),
+        curves=_curves(layout, views, spacings, depths_mm, coarse=kind != "exact"),
         range_mm=(nearest.value, farthest.value) if nearest and farthest else None,
-        figures=_grouped(metrics),
+        figures=grouped_figures(metrics) | {DEVICE: device_figures(layout)},
         verdict=[_figure(name, metric) for name, metric in verdict.items()],
     )
 
@@ -205,13 +209,56 @@ def _figure(name: str, metric: Metric) -> FigureText:
     )
 
 
-def _grouped(metrics: Mapping[str, Metric]) -> dict[str, list[FigureText]]:
+def grouped_figures(metrics: Mapping[str, Metric]) -> dict[str, list[FigureText]]:
     """Return figures by the titles of their groups, in the order of `GROUPS`."""
 
     def figures_of(prefixes: Iterable[str]) -> list[FigureText]:
         return [_figure(n, m) for prefix in prefixes for n, m in metrics.items() if n.startswith(prefix)]
 
     return {title: members for title, prefixes in GROUPS.items() if (members := figures_of(prefixes))}
+
+
+def device_figures(layout: Layout) -> list[FigureText]:
+    """Return price, size, mass and printing time of a device, with the standard deviations of their errors."""
+    try:
+        estimate = estimate_device(layout)
+    except InputError as error:  # no device stands like this
+        return [_device_figure(name, NONE, None, str(error)) for name in DEVICE_LABELS]
+    sides = " x ".join(f"{side:.0f}" for side in estimate.size_mm)
+    return [
+        _device_figure(
+            "device_price", f"{estimate.price_eur:.0f} EUR ± {estimate.price_error_eur:.0f}", estimate.price_eur
+        ),
+        _device_figure("device_size", f"{sides} mm ± {estimate.size_error_mm:.0f}", max(estimate.size_mm)),
+        _device_figure("device_mass", f"{estimate.mass_g:.0f} g ± {estimate.mass_error_g:.0f}", estimate.mass_g),
+        _device_figure("device_print", f"{estimate.print_h:.1f} h ± {estimate.print_error_h:.1f}", estimate.print_h),
+    ]
+
+
+DEVICE_LABELS = {
+    "device_price": "Price with the camera",
+    "device_size": "Width, height and depth",
+    "device_mass": "Mass with the camera",
+    "device_print": "Printing time",
+}
+
+
+def _device_figure(name: str, text: str, value: float | None, reason: str = "") -> FigureText:
+    label = DEVICE_LABELS[name]
+    return FigureText(
+        name=name, label=label, text=text, value=value, reason=reason, limit="", passed=True, lower_is_better=True
+    )
+
+
+def compared_values(figures: Mapping[str, Sequence[FigureText]]) -> dict[str, float | None]:
+    """Return the means of the figures in `COMPARED`; None for those without a value."""
+    values: dict[str, float | None] = {}
+    for start in (compared.start for compared in COMPARED):
+        found = [
+            f.value for group in figures.values() for f in group if f.name.startswith(start) and f.value is not None
+        ]
+        values[start] = sum(found) / len(found) if found else None
+    return values
 
 
 def tolerance_bars(layout: Layout) -> ToleranceBars:

@@ -17,45 +17,45 @@ from mirrorcam.studio.design_values import DesignResult
 MAX_MIRRORS = 25
 """Designs with more mirrors take too long to be solved speculatively."""
 
-Change = Callable[[DesignSpec], dict[str, Any]]
+
+def _add(step: float) -> Callable[[Any], Any]:
+    return lambda value: round(value + step, 3)
 
 
-def _add(name: str, step: int) -> Change:
-    return lambda spec: {name: getattr(spec, name) + step}
+def _multiply(factor: float) -> Callable[[Any], Any]:
+    return lambda value: round(value * factor)
 
 
-def _scaled(name: str, factor: float) -> Change:
-    return lambda spec: {name: round(getattr(spec, name) * factor)}
-
-
-def _add_rounded(name: str, step: float) -> Change:
-    return lambda spec: {name: round(getattr(spec, name) + step, 3)}
-
-
-CHANGES: tuple[Change, ...] = (
-    *(_add(name, step) for step in (1, -1) for name in ("rows", "cols")),
-    *(_scaled("scale_mm", factor) for factor in (1.3, 1 / 1.3)),
-    *(_add_rounded("tradeoff", step) for step in (0.2, -0.2)),
+SCALES = (("scale_mm", _multiply(1.3)), ("scale_mm", _multiply(1 / 1.3)))
+STEPS: tuple[tuple[str, Callable[[Any], Any]], ...] = (
+    *((name, _add(step)) for step in (1, -1) for name in ("rows", "cols")),
+    *SCALES,
+    *(("tradeoff", _add(step)) for step in (0.2, -0.2)),
+    *(("fold_deg", _add(step)) for step in (10.0, -10.0)),
 )
-
-STEPPED = ("rows", "cols", "scale_mm", "tradeoff")
-"""Fields that the changes change, one each."""
+"""Steps of the controls, likeliest first."""
 
 
-def nearby_requests(spec: DesignSpec) -> list[DesignSpec]:
-    """Return requests one step from this one, likeliest first, for designs that solve in a few seconds."""
-    requests = []
-    for change in CHANGES:
-        fields = change(spec)
-        if spec.pattern is not None and fields.keys() & {"rows", "cols"}:
-            continue
-        try:
-            other = spec.replaced(**fields)
-        except InvalidValue:
-            continue  # outside the limits of a request, such as no rows
-        if len(other.arrangement.steps) <= MAX_MIRRORS:
-            requests.append(other)
-    return requests
+def nearby_requests(spec: DesignSpec) -> dict[DesignSpec, str]:
+    """Return requests near this one, likeliest first, for designs that solve in a few seconds.
+
+    First those that are one step of a control away, with its name, then those that differ by a step of the scale, too.
+    """
+    single = {other: name for name, change in STEPS for other in _changed(spec, name, change)}
+    double = [other for first in single for name, change in SCALES for other in _changed(first, name, change)]
+    return {other: single.get(other, "") for other in (*single, *double) if other != spec}
+
+
+def _changed(spec: DesignSpec, name: str, change: Callable[[Any], Any]) -> Iterator[DesignSpec]:
+    """Yield the request with a changed field, unless it has no such number or is outside the limits of a request."""
+    if (spec.pattern is not None and name in ("rows", "cols")) or spec.fold_deg == "auto" == getattr(spec, name):
+        return
+    try:
+        other = spec.replaced(**{name: change(getattr(spec, name))})
+    except InvalidValue:
+        return  # such as no rows
+    if len(other.arrangement.steps) <= MAX_MIRRORS:
+        yield other
 
 
 _log = logging.getLogger(__name__)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mirrorcam.designs.design_files import read_request
 from mirrorcam.designs.design_sweep import finished_designs
-from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.designer import Designer
@@ -24,7 +23,7 @@ class Opening:
     spec, layout
         A request, and its layout if it was solved before.
     sweep
-        The designs of a sweep.
+        The files of the designs of a sweep.
     fragment
         The part after # of the page's address: a design, a tab, or both.
     camera, board
@@ -33,7 +32,7 @@ class Opening:
 
     spec: DesignSpec
     layout: Layout | None = None
-    sweep: tuple[tuple[Outcome, Path], ...] = ()
+    sweep: Mapping[DesignSpec, Path] = field(default_factory=dict)
     fragment: str = ""
     camera: LiveRequest | None = None
     board: Path | None = None
@@ -51,8 +50,8 @@ def opened(design: Path | str | None) -> Opening:
         return Opening(DesignSpec(), fragment=fragment)
     path = Path(design)
     if path.is_dir():
-        designs = tuple(finished_designs(path))
-        return Opening(designs[0][0].spec, sweep=designs)
+        designs = finished_designs(path)
+        return Opening(next(iter(designs)), sweep=designs)
     spec = read_request(path).spec
     layout = Layout.load(path) if "mirrors" in path.read_text(encoding="utf-8") else None
     return Opening(spec, layout if layout is not None and layout.verdict and layout.kind == "nominal" else None)
@@ -76,15 +75,13 @@ def _serve(
     from mirrorcam.studio.jobs import Jobs
     from mirrorcam.studio.live.answers import CameraHost
     from mirrorcam.studio.local_server import DEFAULT_PORT, listening_socket, run_server
-    from mirrorcam.studio.page import PageStart, sweep_points
     from mirrorcam.studio.server import studio_app
 
     listening = listening_socket(port)
     own_port = listening.getsockname()[1]
     if opening.layout is not None:
         designer.keep(opening.spec, opening.layout)
-    designer.offer({outcome.spec: path for outcome, path in opening.sweep})
-    start = PageStart(opening.spec, tuple(sweep_points([outcome for outcome, _ in opening.sweep])))
+    designer.offer(opening.sweep)
     jobs = Jobs(out)
     camera = CameraHost(jobs, on_note)
 
@@ -97,7 +94,7 @@ def _serve(
             camera.open(opening.camera, opening.board)
         if port is None and own_port != DEFAULT_PORT:
             on_note(f"port {DEFAULT_PORT} is in use, {own_port} is not")
-        app = studio_app(start, designer, jobs, camera, own_port)
+        app = studio_app(opening.spec, designer, jobs, camera, own_port)
         run_server(app, listening, browser=browser, on_note=on_note, end=end, fragment=opening.fragment)
     finally:
         listening.close()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable
+import json
+from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager
 from pathlib import Path, PurePath
 from typing import Literal, TypeVar
@@ -24,13 +25,13 @@ from mirrorcam.core.processes.worker_process import WorkerDied
 from mirrorcam.core.values import Value
 from mirrorcam.designs.design_files import request_of, request_toml
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.studio.design_values import SolvedDesign
+from mirrorcam.studio.design_values import SolvedDesign, TargetProgress
 from mirrorcam.studio.designer import Designer
 from mirrorcam.studio.jobs import Jobs, plan, write_folder, zipped
 from mirrorcam.studio.live.answers import CameraAnswers, CameraHost
 from mirrorcam.studio.live.values import LiveRequest
 from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, as_json, posted
-from mirrorcam.studio.page import PageStart, studio_page
+from mirrorcam.studio.page import studio_page
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.studio.turns import PageRequest, Superseded
 
@@ -63,6 +64,13 @@ class SightRequest(Value):
     depth_mm: float = DEPTH_MM.field(300.0)
 
 
+class TargetRequest(Value):
+    """The terms of a target, such as "0.3mm@400mm 90EUR", and the fields of the designs that it leaves open."""
+
+    terms: str = Field(max_length=300)
+    spec: DesignSpec
+
+
 class DesignAnswers:
     """Responses about designs, and their files."""
 
@@ -84,19 +92,26 @@ class DesignAnswers:
             where = result.drawing and result.drawing.model_dump(mode="json")
             refusal = {"constraint": result.constraint, "finding": result.finding, "where": where}
             return as_json({"status": "refused"} | refusal)
-        drawings = {"drawing": result.drawing, "parabola": result.parabola_drawing}
-        return as_json(
-            {"status": "solved"} | {name: item and item.model_dump(mode="json") for name, item in drawings.items()}
-        )
+        return as_json({"status": "solved", "drawing": result.drawing.model_dump(mode="json")})
 
     async def suggestions(self, request: Request) -> Response:
         page_request = _page_request(request)
         suggestions = self._designer.suggestions(await posted(DesignSpec, request), page_request)
+        return self._lines(request, page_request, (each.model_dump_json() for each in suggestions))
+
+    async def target(self, request: Request) -> Response:
+        page_request = _page_request(request)
+        message = await posted(TargetRequest, request)
+        search = self._designer.target(message.terms, message.spec, page_request)
+        return self._lines(request, page_request, map(_target_line, search))
+
+    def _lines(self, request: Request, page_request: PageRequest, results: Iterable[str]) -> Response:
+        """Stream results, one per line, as they come."""
 
         async def lines() -> AsyncIterator[str]:
             async with self._cancelled_on_disconnect(request, page_request):
-                async for suggestion in iterate_in_threadpool(suggestions):
-                    yield f"{suggestion.model_dump_json()}\n"
+                async for result in iterate_in_threadpool(results):
+                    yield f"{result}\n"
 
         return StreamingResponse(lines(), media_type="application/x-ndjson")
 
@@ -104,9 +119,9 @@ class DesignAnswers:
         bars = await self._solved(request, self._designer.tolerance)
         return as_json(bars.model_dump(mode="json"))
 
-    async def steps(self, request: Request) -> Response:
-        steps = self._designer.steps(await posted(DesignSpec, request))
-        return as_json([step.model_dump(mode="json") for step in steps])
+    async def nearby(self, request: Request) -> Response:
+        nearby = await run_in_threadpool(self._designer.nearby, await posted(DesignSpec, request))
+        return as_json(nearby.model_dump(mode="json"))
 
     async def frame(self, request: Request) -> Response:
         message = await posted(SightRequest, request)
@@ -165,8 +180,9 @@ class DesignAnswers:
             "preview": self.preview,
             "design": self.design,
             "suggestions": self.suggestions,
+            "target": self.target,
             "tolerance": self.tolerance,
-            "steps": self.steps,
+            "nearby": self.nearby,
             "frame": self.frame,
             "decoded": self.decoded,
             "refocused": self.refocused,
@@ -246,12 +262,12 @@ class JobAnswers:
         ]
 
 
-def studio_app(start: PageStart, designer: Designer, jobs: Jobs, camera: CameraHost, port: int) -> Starlette:
-    """Return the application; `start` is the initial content of the page."""
+def studio_app(spec: DesignSpec, designer: Designer, jobs: Jobs, camera: CameraHost, port: int) -> Starlette:
+    """Return the application; `spec` is the initial request of the page."""
     answers = DesignAnswers(designer), JobAnswers(designer, jobs, camera), CameraAnswers(camera)
 
     async def page(request: Request) -> Response:
-        return HTMLResponse(studio_page(start, jobs.root, nonce=request.scope["nonce"]))
+        return HTMLResponse(studio_page(spec, jobs.root, nonce=request.scope["nonce"]))
 
     return Starlette(
         routes=[Route("/", page), *(route for each in answers for route in each.routes)],
@@ -264,6 +280,18 @@ def _page_request(request: Request) -> PageRequest:
     """Return the page's request by the name in its header; without a name, each request counts as its own page."""
     name = request.headers.get(PAGE_HEADER)
     return PageRequest(object() if name is None else name[:MAX_NAME_LENGTH])
+
+
+def _target_line(progress: TargetProgress) -> str:
+    designs = [
+        {
+            "title": found.solved.drawing.title,
+            "spec": found.solved.drawing.spec,
+            "terms": [term.model_dump(mode="json") for term in found.terms],
+        }
+        for found in progress.designs
+    ]
+    return json.dumps({"progress": progress.done / progress.total, "refusal": progress.refusal, "designs": designs})
 
 
 async def _superseded(request: Request, error: Exception) -> Response:

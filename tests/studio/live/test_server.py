@@ -27,7 +27,6 @@ from mirrorcam.studio.jobs import Jobs
 from mirrorcam.studio.live.answers import CameraHost
 from mirrorcam.studio.live.values import LiveRequest
 from mirrorcam.studio.local_server import plain
-from mirrorcam.studio.page import PageStart
 from mirrorcam.studio.server import studio_app
 from tests.nightly import a_few
 from tests.shared import built_once
@@ -56,7 +55,7 @@ def host(tmp_path_factory: pytest.TempPathFactory, default_layout: Layout) -> It
 
 @pytest.fixture(scope="module")
 def client(host: CameraHost) -> Iterator[TestClient]:
-    app = studio_app(PageStart(DesignSpec()), Designer(), host.jobs, host, PORT)
+    app = studio_app(DesignSpec(), Designer(), host.jobs, host, PORT)
     with TestClient(app, base_url=f"http://127.0.0.1:{PORT}") as opened:
         yield opened
 

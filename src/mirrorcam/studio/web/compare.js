@@ -4,7 +4,7 @@
   const { element } = Studio;
   const MAX_PINS = 4;
   const STORED = "mirrorcam.pins";
-  const NAMES = { rows: "Rows", cols: "Columns", pattern: "Pattern" };
+  const NAMES = { rows: "Rows", cols: "Columns" };
   const CURVES = [
     ["usable", "Usable pixels", (value) => Studio.percent(value)],
     ["disparity_px", "Disparity", (value) => `${Studio.number(value)} px`],

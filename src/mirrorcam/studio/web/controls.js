@@ -93,7 +93,12 @@
         const head = element("div", { class: "head" }, element("span", { class: "name" }, label), element("span", { class: "value" }, field, element("span", { class: "unit" }, "")));
         return [head, range];
       });
-      return [row(control, ...lines.flat()), (spec) => refreshes.forEach((update) => update(spec))];
+      const node = row(control, ...lines.flat());
+      const refresh = (spec) => {
+        node.hidden = Boolean(spec.pattern);
+        if (!spec.pattern) refreshes.forEach((update) => update(spec));
+      };
+      return [node, refresh];
     },
 
     depths(control, history) {
@@ -165,11 +170,9 @@
       return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), select, sizes), refresh];
     },
 
-    camera(control, history) {
-      const known = control.cameras.map(({ camera }) => camera);
-      const select = element("select", { "aria-label": control.label, "aria-describedby": "camera-help" });
-      known.forEach((camera, i) => select.append(element("option", { value: i }, camera.name)));
-      select.append(element("option", { value: "own" }, "Your own numbers"));
+    // Values by name, each of which sets some fields; a camera has numbers of its own, too.
+    named(control, history) {
+      const select = element("select", { "aria-label": control.label, "aria-describedby": `${control.name}-help` }, ...control.named.map(({ text }, i) => element("option", { value: i }, text)), element("option", { value: "own" }, "Your own numbers"));
       const fields = control.numbers.map(({ name, label, unit, allowed, preset }) => {
         const field = element("input", { type: "number", step: "any", min: allowed[0], max: allowed[1], "aria-label": `${label}${unit ? `, ${unit}` : ""}` });
         field.addEventListener("change", () => {
@@ -180,15 +183,15 @@
         });
         return [name, preset, field, element("label", { class: "number" }, element("span", {}, label), field, element("span", { class: "unit" }, unit))];
       });
-      const own = element("details", { class: "own" }, element("summary", {}, "Its numbers"), ...fields.map(([, , , label]) => label));
-      const index = (spec) => known.findIndex((camera) => JSON.stringify(camera) === JSON.stringify(spec.camera));
+      const own = element("details", { class: "own", hidden: !fields.length }, element("summary", {}, "Its numbers"), ...fields.map(([, , , label]) => label));
       select.addEventListener("change", () => {
         if (select.value === "own") own.open = true;
-        else history.set({ camera: known[Number(select.value)] });
+        else history.set(control.named[select.value].fields);
       });
       const refresh = (spec) => {
-        const number = index(spec);
-        select.value = number < 0 ? "own" : String(number);
+        const index = control.named.findIndex(({ fields: set }) => Object.entries(set).every(([name, value]) => Studio.same(spec[name] ?? null, value)));
+        select.value = index < 0 ? "own" : String(index);
+        select.lastChild.hidden = index >= 0 && !fields.length;
         for (const [name, preset, field] of fields) field.value = spec.camera[name] ?? preset;
       };
       return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), select, own), refresh];

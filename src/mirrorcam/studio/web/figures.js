@@ -3,37 +3,27 @@
 (() => {
   const { element } = Studio;
 
-  const HEADLINES = [
-    ["usable_efficiency", "usable pixels"],
-    ["grid_error", "grid error"],
-    ["fov_x", "field of view, x"],
-    ["baseline_x", "baseline, x"],
-    ["depth_sigma", "\u03c3 of depth"],
-    ["smallest_area", "smallest mirror"],
-  ];
-
   const all = (drawing) => Object.values(drawing.figures).flat();
   Studio.figureOf = (drawing, name) => all(drawing).find((figure) => figure.name === name);
 
-  const mean = (drawing, start) => {
+  // The mean of the figures whose names begin like this; null if none is known.
+  Studio.mean = (drawing, start) => {
     const values = all(drawing).filter((figure) => figure.name.startsWith(start) && figure.value !== null).map((figure) => figure.value);
     return values.length ? values.reduce((sum, value) => sum + value, 0) / values.length : null;
   };
 
-  // Relative change of the mean of some figures between two drawings, as text and whether it is better; null for none.
-  const relative = (start, drawing, other) => {
-    const [now, before] = [mean(drawing, start), mean(other, start)];
+  // Relative change of a value, marked as better or worse; null for none.
+  const relative = (now, before, lower) => {
     if (now === null || !before) return null;
     const percent = 100 * (now / before - 1);
     if (Math.abs(percent) < 0.05) return null;
-    const lower = all(other).find((figure) => figure.name.startsWith(start)).lower_is_better;
     const text = `${percent > 0 ? "+" : "\u2212"}${Studio.number(Math.abs(percent), 2)} %`;
     return element("span", { class: percent < 0 === lower ? "better" : "worse" }, text);
   };
 
   // Tiles of the headline figures; `before` is {name, drawing} of the design to compare with.
   Studio.drawTiles = (host, drawing, before) => {
-    const tiles = HEADLINES.map(([start, label]) => {
+    const tiles = Studio.compared.map(({ start, label, lower_is_better: lower }) => {
       const figures = all(drawing).filter((figure) => figure.name.startsWith(start));
       const short = (number) => Studio.number(+number);
       const texts = figures.map((figure) => figure.text.replace(/\d+\.\d+/, short).replace(" grid spacings", " spacings"));
@@ -41,26 +31,27 @@
       const unit = / \S+$/;
       const first = texts.length > 1 && texts[0].match(unit)?.[0] === texts.at(-1).match(unit)?.[0] ? texts[0].replace(unit, "") : texts[0];
       const text = texts.length > 1 ? `${first} \u2026 ${texts.at(-1)}` : (first ?? "none");
+      const [value, error] = text.split(" \u00b1");
       const reason = figures.find((figure) => figure.reason)?.reason;
       const same = before && JSON.stringify(before.drawing.depths_mm) === JSON.stringify(drawing.depths_mm);
-      const change = same ? relative(start, drawing, before.drawing) : null;
+      const change = same ? relative(Studio.mean(drawing, start), Studio.mean(before.drawing, start), lower) : null;
       const where = texts.length > 1 ? `, at ${drawing.depths_mm[0]} \u2026 ${drawing.depths_mm.at(-1)} mm` : "";
-      return element("div", { title: reason }, element("dt", {}, label + where), element("dd", {}, text, element("small", { title: before?.name }, ...(change ? [change, ` to ${before.name}`] : ["\u00a0"]))));
+      return element("div", { title: reason }, element("dt", {}, label + where), element("dd", {}, value, ...(error ? [element("span", { class: "error" }, ` \u00b1${error}`)] : []), element("small", { title: before?.name }, ...(change ? [change, ` to ${before.name}`] : ["\u00a0"]))));
     });
     host.replaceChildren(...tiles);
   };
 
-  // What one step of a control does, as a button that takes it.
-  Studio.drawSteps = (drawing, steps, go) => {
+  // What one step of a control does, as a button that takes it; `points` are solved designs near the drawing's.
+  Studio.drawSteps = (drawing, points, go) => {
     document.querySelectorAll(".next").forEach((host) => host.replaceChildren());
-    for (const { control, spec, figures } of steps) {
+    for (const { step: control, changes: spec, values } of points.filter(({ step }) => step)) {
       const host = document.getElementById(`${control === "cols" ? "rows" : control}-next`);
-      const changes = [["usable_efficiency", "pixels"], ["depth_sigma", "\u03c3"]]
-        .map(([start, label]) => [relative(start, { figures }, drawing), label])
+      const changes = [["usable_efficiency", "pixels", false], ["depth_sigma", "\u03c3", true], ["device_price", "price", true]]
+        .map(([start, label, lower]) => [relative(values[start], Studio.mean(drawing, start), lower), label])
         .filter(([change]) => change)
         .flatMap(([change, label]) => [`${label}\u00a0`, change, " "]);
-      const text = control === "cols" || control === "rows" ? `${spec.rows} \u00d7 ${spec.cols}` : Studio.number(spec[control]);
-      host?.append(element("button", { type: "button", title: "Take this step: change of usable pixels and of the standard deviation of depth", onclick: () => go(spec) }, element("b", {}, text), ...(changes.length ? changes : ["the same"])));
+      const text = control === "cols" || control === "rows" ? `${spec.rows ?? drawing.spec.rows} \u00d7 ${spec.cols ?? drawing.spec.cols}` : Studio.number(spec[control]);
+      host?.append(element("button", { type: "button", title: "Take this step: changes of usable pixels, standard deviation of depth and price", onclick: () => go({ ...drawing.spec, ...spec }) }, element("b", {}, text), ...(changes.length ? changes : ["the same"])));
     }
   };
 

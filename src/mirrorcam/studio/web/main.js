@@ -5,9 +5,10 @@
   const byId = (id) => document.getElementById(id);
   const start = JSON.parse(byId("start").textContent);
   const source = Studio.source;
-  Studio.defaults = { ...start.defaults, ...start.optional };
+  Studio.defaults = start.defaults;
   const groups = start.controls.flatMap((group) => group.controls);
-  Studio.cameras = groups.find(({ kind }) => kind === "camera")?.cameras;
+  Studio.compared = start.compared;
+  Studio.named = Object.fromEntries(groups.filter(({ name }) => name === "camera" || name === "pattern").map(({ name, named }) => [name, named]));
 
   const style = () => {
     const read = getComputedStyle(document.documentElement);
@@ -22,7 +23,7 @@
     byId("stage").classList.add("flat");
     byId("flat").hidden = false;
   }
-  const state = { drawing: null, parabola: null, depth: null };
+  const state = { drawing: null, depth: null };
 
   const labels = Object.fromEntries(groups.map(({ name, label }) => [name, label]));
   const exact = () => (state.drawing?.kind === "exact" ? state.drawing : null);
@@ -37,11 +38,12 @@
   };
   const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), () => showPins());
 
-  // The design that figures are compared with: the one pinned last, else the solved one before.
+  // The design to compare with: the one pinned last, else the solved one before.
   const reference = () => {
     const pin = pins.pinned.at(-1);
     if (pin && pin.drawing.identity !== state.drawing.identity) return pin;
-    return state.before ? { name: "the last design", drawing: state.before } : null;
+    const last = state.solved?.identity === state.drawing.identity ? state.before : state.solved;
+    return last ? { name: "the last design", drawing: last } : null;
   };
 
   const showJumps = () => {
@@ -55,7 +57,7 @@
   }
 
   // ---- drawing -------------------------------------------------------------------------------------------------
-  const comparison = () => (byId("beside").checked ? state.parabola : null);
+  const comparison = () => (byId("beside").checked ? reference()?.drawing : null);
 
   const drawCurves = () => {
     const { drawing } = state;
@@ -101,8 +103,8 @@
     drawCurves();
     drawDepth();
     Studio.drawTiles(byId("tiles"), drawing, reference());
-    const columns = [["this design", drawing], ...(state.parabola ? [["faceted parabola", state.parabola]] : [])];
-    Studio.drawFigures(byId("figures"), columns);
+    const other = reference();
+    Studio.drawFigures(byId("figures"), [["this design", drawing], ...(other ? [[other.name, other.drawing]] : [])]);
     if (drawing.kind === "exact") Studio.drawVerdict(byId("verdict"), drawing);
     byId("verdict").classList.toggle("old", drawing.kind !== "exact");
     if (byId("made")) {
@@ -206,7 +208,7 @@
     }
     if (answer.status === "solved") {
       if (state.solved && state.solved.identity !== answer.drawing.identity) state.before = state.solved;
-      Object.assign(state, { drawing: answer.drawing, parabola: answer.parabola, solved: answer.drawing });
+      Object.assign(state, { drawing: answer.drawing, solved: answer.drawing });
       requests.drawn += 1;
       draw();
       say("exact", passed(answer.drawing));
@@ -226,14 +228,17 @@
     Object.assign(byId("cancel"), { hidden: false, textContent: "Solve" });
   });
 
-  // Neighbours are solved ahead: show what they give as they come.
-  const STEPS_MS = [1500, 3000, 6000, 12000];
-  const followSteps = async (spec, serial) => {
-    for (const wait of STEPS_MS) {
+  // Neighbours are solved ahead: show them as they come, for as long as this design is shown.
+  const LONGEST_WAIT_MS = 15_000;
+  const followNearby = async (spec, serial) => {
+    const isShown = () => serial === requests.exact && state.drawing.kind === "exact";
+    for (let wait = 1500; isShown(); wait = Math.min(1.3 * wait, LONGEST_WAIT_MS)) {
+      const nearby = await source.nearby(spec).catch(() => null);
+      if (!nearby || !isShown()) return;
+      map.show(nearby, spec);
+      Studio.drawSteps(state.drawing, nearby.points, (next) => history.settle(next));
+      if (!nearby.pending) return;
       await new Promise((resolve) => setTimeout(resolve, wait));
-      if (serial !== requests.exact || state.drawing.kind !== "exact") return;
-      const steps = await source.steps(spec).catch(() => []);
-      if (serial === requests.exact && state.drawing.kind === "exact") Studio.drawSteps(state.drawing, steps, (next) => history.settle(next));
     }
   };
 
@@ -241,7 +246,7 @@
   const after = async (spec, serial) => {
     if (state.device !== state.drawing.identity) view?.replace("device", null);
     byId("built-option").hidden = state.device !== state.drawing.identity;
-    followSteps(spec, serial);
+    followNearby(spec, serial);
     if (!byId("tolerance")) return;
     byId("sight").classList.remove("old");
     sight.look();
@@ -311,7 +316,6 @@
   };
   const history = new Studio.History(start.spec, designOf(location.hash), (settled) => {
     refresh(history.spec);
-    mark(history.spec);
     byId("undo").disabled = !history.past.length;
     byId("redo").disabled = !history.future.length;
     if (settled) {
@@ -327,7 +331,8 @@
   Studio.designer = { history, state };
   Studio.view = view;
   const sight = byId("subject") ? new Studio.Sight(byId, () => history.spec) : null;
-  const mark = Studio.drawSweep(byId("sweep"), start.sweep, (point) => history.settle(point.spec));
+  if (byId("target")) Studio.findTargets(byId("target-form"), byId("target-note"), byId("targets"), () => history.spec, (spec) => history.settle(spec));
+  const map = new Studio.DesignMap(byId("map"), (spec) => history.settle(spec));
   refresh = Studio.makeControls(byId("controls"), start.controls, history);
   addEventListener("hashchange", () => {
     showTab(tabOf(location.hash) ?? "design");
@@ -452,7 +457,6 @@
   }
 
   refresh(history.spec);
-  mark(history.spec);
   byId("undo").disabled = byId("redo").disabled = true;
   waits = true;
   showTab(tabOf(location.hash) ?? "design");

@@ -21,6 +21,18 @@
     pending[address] = new AbortController();
     return post(address, body, kind, pending[address].signal);
   };
+  // Answers that come one per line.
+  const postStreamed = async (address, body, take) => {
+    const lines = (await postNewest(address, body, "body")).pipeThrough(new TextDecoderStream()).getReader();
+    let rest = "";
+    for (;;) {
+      const { done, value } = await lines.read();
+      if (done) return;
+      const parts = (rest + value).split("\n");
+      rest = parts.pop();
+      parts.forEach((line) => take(JSON.parse(line)));
+    }
+  };
   const cancel = (address) => pending[address]?.abort();
 
   // Everything that is polled: jobs, and the camera. An event stream would hold one of a browser's six connections for
@@ -45,23 +57,12 @@
   };
   // A listener gets each state, null if the server does not respond, and returns after which time it wants the next, ms.
   const watch = (listener) => listeners.push(listener) === 1 && follow();
-  Object.assign(Studio, { post, postNewest, cancel, watch, poll: () => wake() });
+  Object.assign(Studio, { post, postNewest, postStreamed, cancel, watch, poll: () => wake() });
   Studio.source = {
     preview: (spec) => post("/preview", spec),
     design: (spec) => postNewest("/design", spec),
-    // Streamed, one per line.
-    async suggestions(spec, take) {
-      const lines = (await postNewest("/suggestions", spec, "body")).pipeThrough(new TextDecoderStream()).getReader();
-      let rest = "";
-      for (;;) {
-        const { done, value } = await lines.read();
-        if (done) return;
-        const parts = (rest + value).split("\n");
-        rest = parts.pop();
-        parts.forEach((line) => take(JSON.parse(line)));
-      }
-    },
-    steps: (spec) => post("/steps", spec),
+    suggestions: (spec, take) => postStreamed("/suggestions", spec, take),
+    nearby: (spec) => post("/nearby", spec),
     cancel: () => cancel("/design"),
     tolerance: (spec) => postNewest("/tolerance", spec),
   };

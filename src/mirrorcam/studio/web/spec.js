@@ -2,6 +2,7 @@
 // The design request: current value, history, and encoding in the address.
 (() => {
   const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+  Studio.same = same;
 
   class History {
     constructor(start, first, changed) {
@@ -49,17 +50,17 @@
   // A request with all fields, in one order; JSON of the server omits some at their defaults.
   Studio.whole = (spec) => {
     const whole = { ...Studio.defaults, ...spec };
-    if (whole.pattern) ["rows", "cols"].forEach((name) => delete whole[name]);
+    for (const name of whole.pattern ? ["rows", "cols"] : ["pattern"]) delete whole[name];
     return whole;
   };
 
   // Encode differences from the defaults, so that the address is short and gives the same design in any studio:
-  // #rows=2&scale_mm=60&depths_mm=200,400&camera=d435
+  // #pattern=hex7&scale_mm=60&depths_mm=200,400&camera=d435
   Studio.toAddress = (spec, defaults) => {
     const parts = new URLSearchParams();
     for (const [name, value] of Object.entries(spec)) {
       if (same(value, defaults[name])) continue;
-      const known = name === "camera" && Studio.cameras?.find(({ key, camera }) => key && same(camera, value));
+      const known = Studio.named[name]?.find(({ key, fields }) => key && same(fields[name], value));
       parts.set(name, known ? known.key : typeof value === "object" && !Array.isArray(value) ? JSON.stringify(value) : String(value));
     }
     return parts.toString().replaceAll("%2C", ",") || "default";
@@ -71,7 +72,7 @@
     const spec = { ...defaults };
     for (const [name, text] of new URLSearchParams(hash.replace(/^#/, ""))) {
       if (!(name in defaults) && name !== "pattern") continue;
-      if (name === "camera" && !text.startsWith("{")) spec.camera = Studio.cameras?.find(({ key }) => key === text)?.camera ?? text;
+      if (Studio.named[name] && !text.startsWith("{")) spec[name] = Studio.named[name].find(({ key }) => key === text)?.fields[name] ?? text;
       else if (typeof defaults[name] === "boolean") spec[name] = text === "true";
       else if (Array.isArray(defaults[name])) spec[name] = text.split(",").map(Number);
       else if (text.startsWith("{")) {
@@ -82,10 +83,6 @@
         }
       } else spec[name] = text === "" || Number.isNaN(Number(text)) ? text : Number(text);
     }
-    if (spec.pattern) {
-      delete spec.rows;
-      delete spec.cols;
-    }
-    return spec;
+    return Studio.whole(spec);
   };
 })();
