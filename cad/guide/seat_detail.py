@@ -118,12 +118,12 @@ def _cut(
     plane = Plane(origin=tuple(middle), x_dir=tuple(axes[0]), z_dir=tuple(axes[2]))
     width, height = np.ptp(window, axis=0).tolist()
     shape = Face.make_rect(width, height, plane).intersect(solid)
-    areas = [area for face in (shape.faces() if shape else ()) for area in areas_of(face, axes)]
+    areas = areas_of(shape.faces() if shape else (), axes)
     low, high = window + axes[:2] @ centre
     border = LineString([(low[0], high[1]), low, (high[0], low[1]), high]).buffer(1e-3)
     outlines = MultiLineString([line for area in areas for line in _rings(area)]).difference(border)
     visible = tuple(np.array(line.coords) for line in get_parts(outlines))
-    return SeatDetail(PartView(axes, visible, ()), tuple(areas), lengths)
+    return SeatDetail(PartView(axes, visible, ()), areas, lengths)
 
 
 def _rings(area: Polygon) -> Iterable[LineString]:

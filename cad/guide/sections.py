@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -81,17 +81,12 @@ def cut(solid: Part, axis: int, position_mm: float, bed_from_rig: FloatArray) ->
     rear = solid.split(Plane(origin=tuple(origin), z_dir=tuple(to_viewer)), keep=Keep.BOTTOM)
     pieces = rear if isinstance(rear, list) else [rear]
     solids = [body for piece in pieces if piece is not None for body in piece.solids()]
-    faces = [
-        area
-        for body in solids
-        for face in body.faces()
-        if _lies_on(face, to_viewer, float(origin @ to_viewer))
-        for area in areas_of(face, axes)
-    ]
+    offset_mm = float(origin @ to_viewer)
+    faces = areas_of((face for body in solids for face in body.faces() if _lies_on(face, to_viewer, offset_mm)), axes)
     if not faces:
         return None
     view = project(Part(Compound(children=solids).wrapped), axes, with_hidden=False)
-    return Section(axis, position_mm, view, tuple(faces))
+    return Section(axis, position_mm, view, faces)
 
 
 def _lies_on(face: Face, normal: FloatArray, offset_mm: float) -> bool:
@@ -100,13 +95,16 @@ def _lies_on(face: Face, normal: FloatArray, offset_mm: float) -> bool:
     return all(abs(np.array(tuple(corner)) @ normal - offset_mm) < ON_PLANE_MM for corner in face.vertices())
 
 
-def areas_of(face: Face, axes: FloatArray) -> list[Polygon]:
-    """The areas of a face of the cut in the view."""
-    lines = [line @ axes[:2].T for line in polylines(face.edges())]
-    # Merge coincident ends to 1e-4.
-    strings = shapely.set_precision(MultiLineString([LineString(line) for line in lines]), 1e-4)
-    area = shapely.build_area(shapely.unary_union(strings))
-    return [part for part in shapely.get_parts(area) if isinstance(part, Polygon)]
+def areas_of(faces: Iterable[Face], axes: FloatArray) -> tuple[Polygon, ...]:
+    """The areas of faces of the cut in the view, in the order of their corners: the kernel's varies between runs."""
+    areas: list[Polygon] = []
+    for face in faces:
+        lines = [line @ axes[:2].T for line in polylines(face.edges())]
+        # Merge coincident ends to 1e-4.
+        strings = shapely.set_precision(MultiLineString([LineString(line) for line in lines]), 1e-4)
+        area = shapely.normalize(shapely.build_area(shapely.unary_union(strings)))
+        areas += [part for part in shapely.get_parts(area) if isinstance(part, Polygon)]
+    return tuple(sorted(areas, key=lambda area: tuple(shapely.get_coordinates(area).ravel())))
 
 
 def hatch(sheet: DrawingSheet, faces: Sequence[Polygon], scale: float, shift: FloatArray) -> None:
