@@ -132,7 +132,13 @@ def mount_axes(layout: Layout) -> FloatArray:
 
 
 class Front(Protocol):
-    """The material over a holder's back: its `footprint` in the mount's x and y, and its largest z, `deepest_mm`."""
+    """The material over a holder's back: its `footprint` in the mount's x and y, and its largest z, `deepest_mm`.
+
+    Grooves for glue are `groove_mm` deep; 0 if there are none.
+    """
+
+    @property
+    def groove_mm(self) -> float: ...
 
     @property
     def footprint(self) -> Polygon: ...
@@ -151,6 +157,7 @@ class LevelFront:
 
     footprint: Polygon
     deepest_mm: float
+    groove_mm: float = 0.0
 
     def largest_z_mm(self, area: Polygon) -> float:
         """The same z everywhere."""
@@ -166,6 +173,7 @@ class FrontSurface:
 
     def __init__(self, layout: Layout, axes: FloatArray, margin_mm: float, hardware: Hardware) -> None:
         self._axes = axes
+        self.groove_mm = hardware.holder.groove_depth_mm if hardware.holder.mirrors == "glue" else 0.0
         self._planes = [(mirror.normal_in_rig, seat_distance_mm(mirror, hardware)) for mirror in layout.mirrors]
         levels = [(mirror, seat_height_mm(mirror, hardware)) for mirror in layout.mirrors]
         enlarged = [outline_at(mirror, level, margin_mm, bevelled=True) for mirror, level in levels]
@@ -283,7 +291,7 @@ def mount_positions(front: Front, hardware: Hardware, cuts_mm: Cuts = ((), ())) 
     # Half the minimum distance between two holes: in the mount, a wall separates the spaces for their screws' heads.
     half_gap = head_space_mm(hardware) + hardware.printer.wall_mm / 2.0
     margin = boss_mm + hardware.holder.pin_mm[1] / 2.0
-    cover = max(hardware.printer.wall_mm, hardware.holder.groove_depth_mm + hardware.printer.floor_mm)
+    cover = max(hardware.printer.wall_mm, front.groove_mm + hardware.printer.floor_mm)
     depth = screw_depths_mm(hardware)[2] + cover
     # A part that is cut is thick enough for the pins everywhere.
     min_thickness = 2.0 * clearance_around_pin_mm(hardware) + PIN_SLACK_MM if any(cuts_mm) else 0.0

@@ -7,7 +7,17 @@ import inspect
 import mirrorcam
 
 GROUPS = {
-    "Cameras and layouts": ("Camera", "DesignSpec", "Layout", "Mirror", "Uncertainty", "design", "build_parts"),
+    "Cameras and layouts": (
+        "Camera",
+        "DesignSpec",
+        "Layout",
+        "Mirror",
+        "Uncertainty",
+        "design",
+        "build_parts",
+        "designs_for",
+        "TargetDesigns",
+    ),
     "Backs of your own": ("MountFace", "Adapter", "Fastener"),
     "Calibration": (
         *("AprilGrid", "Charuco", "Checkerboard", "load_board", "RequestedModel", "calibrate", "calibrate_camera"),

@@ -41,6 +41,7 @@ def ended(page: Watched, most_s: float) -> str:
 def test_a_job_is_followed_and_cancelled(page: Watched, studio: tuple[str, Path]) -> None:
     page.open(studio[0] + SMALL)
     page.settled()
+    page.page.click("#build-tab")
     page.page.click("[data-make=set]")
     page.page.wait_for_selector(".job.running")
     page.page.click(".job >> text=Cancel")
@@ -54,6 +55,7 @@ def test_a_job_is_followed_and_cancelled(page: Watched, studio: tuple[str, Path]
 def test_parts_are_built_for_the_carrier_that_is_chosen(page: Watched, studio: tuple[str, Path]) -> None:
     page.open(studio[0] + SMALL)
     page.settled()
+    page.page.click("#build-tab")
     options = page.page.eval_on_selector_all("#adapter option", "found => found.map((each) => each.value)")
     assert options == list(BACKS)
     assert page.page.input_value("#adapter") == "none"
@@ -70,10 +72,13 @@ def test_parts_are_built_shown_in_3d_and_downloaded(page: Watched, studio: tuple
     pytest.importorskip("build123d")
     page.open(studio[0] + "#rows=2&cols=2")
     page.settled()
+    page.page.click("#build-tab")
     page.page.click("[data-make=parts]")
     assert ended(page, 300.0) == "done"
-    page.page.wait_for_selector("#built-option:not([hidden])")
+    page.page.click("#design-tab")
+    page.page.wait_for_selector("#built-option:not([hidden])", state="attached")
     assert page.page.evaluate("Studio.designer.state.device") == page.drawn["identity"]
+    page.page.click("#build-tab")
     with page.page.expect_download() as download:
         page.page.click(".job >> text=ZIP")
     download.value.save_as(tmp_path / "parts.zip")
@@ -93,6 +98,7 @@ def test_a_design_goes_the_whole_way_from_the_page(page: Watched, studio: tuple[
     pytest.importorskip("mitsuba")
     page.open(studio[0] + "#rows=2&cols=2&scale_mm=70")
     page.settled()
+    page.page.click("#build-tab")
     page.page.click("[data-make=run]")
     # The command ends with 0 only where every figure of the parts and against the truth is within its limit.
     assert ended(page, 900.0) == "done", page.page.evaluate("document.querySelector('.job pre').textContent")

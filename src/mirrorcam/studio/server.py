@@ -282,16 +282,16 @@ def _page_request(request: Request) -> PageRequest:
     return PageRequest(object() if name is None else name[:MAX_NAME_LENGTH])
 
 
-def _target_line(progress: TargetProgress) -> str:
+def _target_line(state: TargetProgress) -> str:
     designs = [
         {
             "title": found.solved.drawing.title,
             "spec": found.solved.drawing.spec,
             "terms": [term.model_dump(mode="json") for term in found.terms],
         }
-        for found in progress.designs
+        for found in state.designs
     ]
-    return json.dumps({"progress": progress.done / progress.total, "refusal": progress.refusal, "designs": designs})
+    return json.dumps({"progress": state.done / state.total, "refusal": state.refusal, "designs": designs})
 
 
 async def _superseded(request: Request, error: Exception) -> Response:

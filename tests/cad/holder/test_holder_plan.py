@@ -44,7 +44,10 @@ def thin_floor(body: HolderPlan) -> float:
 def test_the_floor_is_as_thick_as_the_table_says(make_flat_pair: Callable[..., Layout]) -> None:
     layout = make_flat_pair(gap_mm=10.0)
     assert thin_floor(plan_holder(layout, HARDWARE)) == pytest.approx(
-        HARDWARE.screw.insert_depth_mm + tip_mm(HARDWARE.screw) + HARDWARE.printer.wall_mm
+        HARDWARE.screw.insert_depth_mm
+        + tip_mm(HARDWARE.screw)
+        + HARDWARE.holder.groove_depth_mm
+        + HARDWARE.printer.floor_mm
     )
     assert thin_floor(
         plan_holder(layout, HARDWARE.replaced(holder=HARDWARE.holder.replaced(floor_mm=12.0)))

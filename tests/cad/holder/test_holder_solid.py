@@ -65,7 +65,7 @@ def test_two_mirrors_in_one_plane_give_a_plate_of_known_volume(
     # A rim's ground is slightly wider than its rim, and all of it is on the plate.
     margin += GROUND_MM
     tip = tip_mm(screw)
-    depth = plan.hole_depth_mm + tip + hardware.printer.wall_mm
+    depth = plan.hole_depth_mm + tip + dimensions.groove_depth_mm + hardware.printer.floor_mm
     plate = on_back(plan, plan.slab.top)
     assert plate.area == pytest.approx((2 * 40.0 + 8.0 + 2 * margin) * (30.0 + 2 * margin) - 4 * margin**2 / 2)
     assert height(plan, plan.slab.top[0]) == pytest.approx(depth)
