@@ -11,7 +11,7 @@ from mirrorcam.cad.guide.drawing_sheet import UNDATED, issue_date
 from mirrorcam.cad.parts.part_mark import engraved, plan_mark
 from mirrorcam.cad.plan.hardware import HARDWARE, Fastening, Printer
 from mirrorcam.cad.plan.part_plan import BuiltPart, PartPlan, plain
-from mirrorcam.cad.plan.printed_volume import printed_mm3
+from mirrorcam.cad.printed_volume import printed_mm3
 from mirrorcam.cad.write.part_export import mass_properties, write_step, write_stl
 from mirrorcam.cad.write.slicer import slicer_version
 from mirrorcam.cad.write.threemf import write_3mf

@@ -39,8 +39,8 @@ from mirrorcam.cad.holder.rims import RELIEF_MM, cut_zones, plan_rims
 from mirrorcam.cad.holder.stray_light import Baffle, plan_baffle
 from mirrorcam.cad.plan.cuts import Cuts, bed_lengths_mm, require_height
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.printed_volume import printed_mm3
 from mirrorcam.cad.plan.seats import Frustum, keep_outs, outline_at, seat_height_mm
+from mirrorcam.cad.printed_volume import printed_mm3
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror

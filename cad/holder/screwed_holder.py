@@ -37,9 +37,9 @@ from mirrorcam.cad.plan.cuts import bed_lengths_mm, require_height
 from mirrorcam.cad.plan.dimension import Datum, Hole
 from mirrorcam.cad.plan.fasteners import head_space_mm
 from mirrorcam.cad.plan.hardware import Hardware
-from mirrorcam.cad.plan.printed_volume import printed_mm3
 from mirrorcam.cad.plan.seats import keep_outs, outline_at, seat_height_mm
 from mirrorcam.cad.plan.threads import thread_of
+from mirrorcam.cad.printed_volume import printed_mm3
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.layout import Layout

@@ -201,10 +201,6 @@ def write_plates(
     return parts_by_path, check_plates(plates, printer)
 
 
-# Grid of the outlines from above, mm.
-OUTLINE_GRID_MM = 1e-4
-
-
 def check_plates(plates: Sequence[Plate], printer: Printer) -> dict[str, Metric]:
     """Check that parts are on the bed and clear of each other, by their outlines from above instead of their hulls."""
     gap, overrun = np.inf, 0.0
@@ -212,12 +208,12 @@ def check_plates(plates: Sequence[Plate], printer: Printer) -> dict[str, Metric]
     for plate in plates:
         for body in plate.bodies:
             overrun = max(overrun, float((-body.points).max()), float((body.points - bed).max()))
-        # On a grid, since triangles of steep faces overlap by rounding errors, of which the plain union fails.
-        outlines = [
-            shapely.union_all(shapely.polygons(body.points[body.faces][..., :2]), grid_size=OUTLINE_GRID_MM)
-            for body in plate.bodies
-        ]
-        gap = min([gap, *(a.distance(b) for a, b in combinations(outlines, 2))])
+        # Triangles are not united: those of steep faces overlap by rounding errors, of which a union fails.
+        outlines = [shapely.polygons(body.points[body.faces][..., :2]) for body in plate.bodies]
+        trees = [shapely.STRtree(triangles) for triangles in outlines]
+        for (tree, _), (_, others) in combinations(zip(trees, outlines, strict=True), 2):
+            _, distances = tree.query_nearest(others, return_distance=True, all_matches=False)
+            gap = min(gap, float(distances.min()))
     checks = {
         "number": Metric(value=len(plates), unit=""),
         "beyond_bed_mm": Metric(value=round(max(overrun, 0.0), 3), unit="mm", limit=NESTING_ROUNDING_MM),

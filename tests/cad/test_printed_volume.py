@@ -11,7 +11,7 @@ from manifold3d import Manifold
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.checks.exported_mesh import read_3mf, solid_of
 from mirrorcam.cad.plan.hardware import HARDWARE, PRINT_SETTINGS
-from mirrorcam.cad.plan.printed_volume import CLOSED_MM, printed_mm3
+from mirrorcam.cad.printed_volume import CLOSED_MM, printed_mm3
 from mirrorcam.cad.write.slicer import find_slicer
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
