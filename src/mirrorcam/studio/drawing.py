@@ -227,7 +227,7 @@ def device_figures(layout: Layout) -> list[FigureText]:
     sides = " x ".join(f"{side:.0f}" for side in estimate.size_mm)
     return [
         _device_figure(
-            "device_price", f"{estimate.price_eur:.0f} EUR ± {estimate.price_error_eur:.0f}", estimate.price_eur
+            "device_price", f"{estimate.price_eur:.0f} EUR ± {estimate.price_error_eur:.1f}", estimate.price_eur
         ),
         _device_figure("device_size", f"{sides} mm ± {estimate.size_error_mm:.0f}", max(estimate.size_mm)),
         _device_figure("device_mass", f"{estimate.mass_g:.0f} g ± {estimate.mass_error_g:.0f}", estimate.mass_g),
