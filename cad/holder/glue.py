@@ -42,8 +42,8 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardwa
     """Parallel grooves of one mirror, evenly spaced about the centre of its outline; none if it is narrow or on tape.
 
     They pass through notches of the rims and out of the filler round the mirror, or up to the column behind the
-    adjacent mirror. Air and surplus glue can escape, and no thin wall remains at their ends. `normal` (3,) points out
-    of the part's back.
+    adjacent mirror. Air and surplus glue can escape, and no thin wall remains at their ends: a groove that such a
+    column would stop just inside the mirror's edge is left out. `normal` (3,) points out of the part's back.
     """
     dimensions, mirror = hardware.holder, mirrors[index]
     if dimensions.mirrors == "tape":
@@ -66,9 +66,11 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardwa
         blocked = union_all([_blocked(column, own, hardware).intersection(strip) for column in columns])
         ends_below = [part.bounds[3] for part in _parts(blocked) if part.bounds[3] < centre_y]
         ends_above = [part.bounds[1] for part in _parts(blocked) if part.bounds[1] > centre_y]
-        shape = enlarged.intersection(
-            box(x - half, max([bottom - margin, *ends_below]), x + half, min([top + margin, *ends_above]))
-        )
+        first, last = max([bottom - margin, *ends_below]), min([top + margin, *ends_above])
+        _, outline_bottom, _, outline_top = strip.intersection(outline).bounds
+        if any(0.0 <= inside < hardware.printer.wall_mm for inside in (first - outline_bottom, outline_top - last)):
+            continue
+        shape = enlarged.intersection(box(x - half, first, x + half, last))
         grooves.append(Groove(float(x), get_coordinates(shape)[:-1]))
     return tuple(grooves)
 
