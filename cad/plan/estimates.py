@@ -29,7 +29,7 @@ HOLDER_G = (0.335, 0.322, 0.126)
 # Mount and plate: grams per cm2 of the mount's width times its length, and per gram of load and (10 cm)^2 of height,
 # since the mount is as stiff as its load needs.
 MOUNT_G = (0.429, 0.0254)
-# Width of the narrowest mount, that of the clip's screws, and what a mount is wider than the holder's screws.
+# Width of the narrowest mount, which the clip's screws need, and the width of a mount beside the holder's screws.
 MOUNT_MM, MOUNT_BESIDE_MM = 51.6, 13.0
 # Clip: grams, and grams per cm2 of the camera's surface. Fit coupon: grams.
 CLIP_G, COUPON_G = (4.14, 0.129), 8.9

@@ -152,7 +152,7 @@ class PurchasedItem:
 class MassProperties(Value):
     """Mass of a body of uniform density, its centre (3,), and its inertia (3, 3) about that centre, along rig axes.
 
-    The density of a printed part is that of its walls and infill spread over its volume.
+    The density of a printed part is the mass of its walls and infill over its volume.
     """
 
     volume_mm3: float

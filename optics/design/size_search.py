@@ -66,12 +66,10 @@ def _starts(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
     free_mm = optimum.sizes_mm
     if not sizes.is_stock:
         step, spec = sizes.step_mm, optimum.spec
-        least = np.ceil(spec.min_edge_mm / step)
-        low = np.maximum(np.floor(free_mm / step), least)
         if spec.same_size:
+            low = np.maximum(np.floor(free_mm / step), np.ceil(spec.min_edge_mm / step))
             return [step * (low + shift) for shift in product((0.0, 1.0), repeat=2)]
-        rounded = np.maximum(np.round(free_mm / step), least)
-        return [_with_area(step * whole, spec.min_area_mm2, step) for whole in (rounded, low)]
+        return [_cut_sizes(rounded(free_mm / step), spec, step) for rounded in (np.round, np.floor)]
     options = sizes.options_mm
     if optimum.spec.same_size:
         return [np.broadcast_to(options[k], free_mm.shape) for k in _by_distance(options, free_mm[0])[:TRIED]]
@@ -90,18 +88,17 @@ def _other_sizes(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
 
     Where constraints leave little space, one side may grow while the other shrinks, or both shrink by more.
     """
-    spec, step = optimum.spec, sizes.step_mm
-    least = np.ceil(spec.min_edge_mm / step)
-    whole = np.floor(optimum.sizes_mm / step)
+    whole = np.floor(optimum.sizes_mm / sizes.step_mm)
     others = [*(whole + side for side in np.eye(2)), *(np.floor(ratio * whole) for ratio in SHRUNK)]
-    return [_with_area(step * np.maximum(other, least), spec.min_area_mm2, step) for other in others]
+    return [_cut_sizes(other, optimum.spec, sizes.step_mm) for other in others]
 
 
-def _with_area(sizes_mm: FloatArray, area_mm2: float, step_mm: float) -> FloatArray:
-    """Sizes (n, 2) whose smaller sides are lengthened, in steps, until each has an area."""
+def _cut_sizes(steps: FloatArray, spec: DesignSpec, step_mm: float) -> FloatArray:
+    """Sizes (n, 2), mm, of numbers of steps: no side is below the smallest edge, and shorter sides grow to the area."""
+    sizes_mm = step_mm * np.maximum(steps, np.ceil(spec.min_edge_mm / step_mm))
     widths, heights = sizes_mm.T
     shorter = np.minimum(widths, heights)
-    needed = step_mm * np.ceil(area_mm2 / np.maximum(widths, heights) / step_mm)
+    needed = step_mm * np.ceil(spec.min_area_mm2 / np.maximum(widths, heights) / step_mm)
     return np.where(sizes_mm == shorter[:, None], np.maximum(shorter, needed)[:, None], sizes_mm)
 
 

@@ -173,7 +173,7 @@ class TargetDesign(Value):
 
     @property
     def excess(self) -> dict[str, float]:
-        """By how much each term is missed: ln(figure / limit), or its inverse for a field; at most 0 if it is met."""
+        """The excess of each term: ln(figure / limit), or ln(limit / figure) for a field; at most 0 if it is met."""
         return {term: excess_of(metric) for term, metric in self.reached.items()}
 
     def figure_text(self, term: Term) -> str:
@@ -201,7 +201,7 @@ class TargetDesign(Value):
 
 
 def excess_of(metric: Metric) -> float:
-    """By how much a figure exceeds its limit, as the logarithm of their ratio."""
+    """The logarithm of the ratio of a figure to its limit, positive if the limit is not met."""
     if not metric.known or metric.limit is None or metric.value <= 0.0:
         return MAX_EXCESS
     excess = math.log(metric.value / metric.limit)
