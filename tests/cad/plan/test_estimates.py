@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -80,10 +79,6 @@ def test_the_body_of_the_layouts_camera_is_taken_unless_one_is_given(default_lay
     assert heavier.mass_g == pytest.approx(estimate_device(default_layout).mass_g + 50.0)
 
 
-def test_it_takes_milliseconds_and_no_cad_kernel(default_layout: Layout) -> None:
-    estimate_device(default_layout)
-    start = time.process_time()
-    estimate_device(default_layout)
-    assert time.process_time() - start < 0.1
+def test_it_takes_no_cad_kernel() -> None:
     code = "import sys, mirrorcam.cad.plan.estimates; print({'build123d', 'manifold3d', 'trimesh'} & set(sys.modules))"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"

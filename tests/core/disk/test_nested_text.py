@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 import tomllib
 from collections.abc import Callable
 from typing import Any
@@ -16,6 +15,7 @@ from hypothesis import strategies as st
 from benchmarks.robustness.damage import damaged_bytes
 from mirrorcam.core.disk.nested_text import MAX_DEPTH, MAX_KEYS, MAX_TABLES, json_value, toml_value
 from mirrorcam.core.errors import InputError
+from tests.soon import soon
 
 JSON = b'{"a": [1, -2.5e3, true, null, "\\u00e9 \\"[{,"], "b": {"c": {}}}'
 TOML = b'a.b = "x # [" # [[\n[t."u.v"]\nc = [1, {d = 0x1F}]\n[[e]]\nf = \'\'\'x\'\'\'\ng = """y""""\n'
@@ -23,10 +23,8 @@ TOML = b'a.b = "x # [" # [[\n[t."u.v"]\nc = [1, {d = 0x1F}]\n[[e]]\nf = \'\'\'x\
 
 def refusal(read: Callable[[bytes], Any], raw: bytes) -> str:
     """The one line of a refusal, which comes within a second of processor time."""
-    begun = time.process_time()
-    with pytest.raises(InputError) as caught:
+    with soon(), pytest.raises(InputError) as caught:
         read(raw)
-    assert time.process_time() - begun < 1.0
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 200
     return str(caught.value)

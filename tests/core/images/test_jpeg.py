@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import time
 
 import cv2
 import numpy as np
@@ -12,6 +11,7 @@ import simplejpeg
 from numpy.typing import NDArray
 
 from mirrorcam.core.images.jpeg import DamagedPicture, Jpeg, decode_jpeg
+from tests.soon import soon
 
 TABLES = 0xC4
 
@@ -90,10 +90,8 @@ def test_a_flipped_bit_can_give_the_very_bytes_of_another_picture() -> None:
 def test_what_looks_like_padding_is_looked_at_once(content: bytes, restarts: int) -> None:
     raw = encoded(cv2.IMWRITE_JPEG_RST_INTERVAL, restarts)
     scan = Jpeg.of(raw).scan(raw)
-    begun = time.process_time()
-    with pytest.raises(DamagedPicture, match="damaged"):
+    with soon(), pytest.raises(DamagedPicture, match="damaged"):
         read(raw[:scan] + b"\x00\xff\xd0" + content + b"\x01" + raw[scan:])
-    assert time.process_time() - begun < 0.5
 
 
 def test_many_scans_and_segments_are_refused_before_they_are_decoded() -> None:
@@ -103,8 +101,7 @@ def test_many_scans_and_segments_are_refused_before_they_are_decoded() -> None:
     kind, begin, _ = next(each for each in jpeg.segments if each[0] == 0xDA)
     again = raw[begin - 4 : jpeg.segments[jpeg.segments.index((kind, begin, jpeg.scan(raw))) + 1][1] - 4]
     assert again.startswith(b"\xff\xda")
-    begun = time.process_time()
-    for content in (again * 1000, b"\xff\xe0\x00\x02" * 1_000_000):
-        with pytest.raises(DamagedPicture, match="more parts than any JPEG"):
-            read(raw[: begin - 4] + content + raw[begin - 4 :])
-    assert time.process_time() - begun < 0.5
+    with soon():
+        for content in (again * 1000, b"\xff\xe0\x00\x02" * 1_000_000):
+            with pytest.raises(DamagedPicture, match="more parts than any JPEG"):
+                read(raw[: begin - 4] + content + raw[begin - 4 :])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import cv2
@@ -11,6 +10,7 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pfm import read_pfm, write_pfm
+from tests.soon import soon
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4) - 5.5
 
@@ -53,7 +53,5 @@ def test_files_that_are_not_maps_are_refused(tmp_path: Path, content: bytes, mes
 
 def test_comments_are_no_longer_than_a_header(tmp_path: Path) -> None:
     (tmp_path / "a.pfm").write_bytes(b"Pf\n" + b"#\n" * 5_000_000)
-    begun = time.process_time()
-    with pytest.raises(InputError, match="not a PFM file"):
+    with soon(), pytest.raises(InputError, match="not a PFM file"):
         read_pfm(tmp_path / "a.pfm")
-    assert time.process_time() - begun < 0.1

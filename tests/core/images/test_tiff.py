@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-import time
 from io import BytesIO
 from typing import Any
 
@@ -16,6 +15,7 @@ from PIL import Image
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.tiff import Tiff, decode_tiff
+from tests.soon import soon
 
 NONE, LZW, DEFLATE, PACK_BITS = 1, 5, 8, 32_773
 SHAPES = {"grey": (64, 80), "RGB": (64, 80, 3), "RGBA": (64, 80, 4)}
@@ -126,8 +126,7 @@ def test_other_kinds_are_refused_by_name(raw: bytes, reason: str) -> None:
 def test_directories_in_a_circle_and_long_tags_end_at_once() -> None:
     circle = struct.pack("<2sHIH", b"II", 42, 8, 1) + struct.pack("<HHII", 254, 4, 1, 1) + struct.pack("<I", 8)
     long = struct.pack("<2sHIH", b"II", 42, 8, 1) + struct.pack("<HHII", 273, 1, 2**32 - 1, 0) + bytes(4)
-    begun = time.process_time()
-    for raw in (circle, long, b"II*\0", b"MM\0*" + b"\xff" * 8):
-        with pytest.raises(InputError):
-            decoded(raw)
-    assert time.process_time() - begun < 0.2
+    with soon():
+        for raw in (circle, long, b"II*\0", b"MM\0*" + b"\xff" * 8):
+            with pytest.raises(InputError):
+                decoded(raw)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from benchmarks.robustness.damage import damaged_bytes
 from mirrorcam.core.disk.yaml_text import MAX_VALUES, yaml_documents
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.camera_files.read.file_text import MAX_BYTES, entry, read_text, read_yaml, table
+from tests.soon import soon
 
 GOOD = "%YAML:1.0\n---\na: &x [1, 2.e-05, .Inf, 'n o', \"t\\u00e9\"]\nb: {c: *x, d: ~}\ne: |\n  x\n...\n---\nf: true\n"
 TEXTS = st.text("ab", max_size=4) | st.sampled_from(["1", "true", "~", "", "<<", "1:2", "2020-01-01", "- a", "#", "é"])
@@ -104,10 +104,8 @@ def test_any_text_is_values_or_refused(text: str) -> None:
     ],
 )
 def test_hostile_yaml_is_refused_at_once(text: str, message: str) -> None:
-    begun = time.process_time()
-    with pytest.raises(InputError) as caught:
+    with soon(), pytest.raises(InputError) as caught:
         yaml_documents(text)
-    assert time.process_time() - begun < 1.0
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -123,6 +121,5 @@ def test_hostile_yaml_is_refused_at_once(text: str, message: str) -> None:
     ],
 )
 def test_long_yaml_is_read_at_once(text: str) -> None:
-    begun = time.process_time()
-    assert len(yaml_documents(text)) == 1
-    assert time.process_time() - begun < 1.0
+    with soon():
+        assert len(yaml_documents(text)) == 1

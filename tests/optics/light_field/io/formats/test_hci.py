@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from configparser import ConfigParser
 from dataclasses import fields
 from pathlib import Path
@@ -22,6 +21,7 @@ from mirrorcam.optics.light_field.depth import DepthEstimator
 from mirrorcam.optics.light_field.io.formats.hci import HciScene, read_hci, write_hci
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
+from tests.soon import soon
 
 SIDE = 128
 SCENE = (
@@ -239,10 +239,8 @@ def test_numbers_that_no_scene_has_are_refused(
 
 def test_blanks_in_a_row_are_refused_at_once(tmp_path: Path) -> None:
     (tmp_path / "parameters.cfg").write_text("[intrinsics]\na" + " " * 60_000 + "b\n")
-    begun = time.process_time()
-    with pytest.raises(InputError, match="not the parameters of a light field: a hundred blanks in a row"):
+    with soon(), pytest.raises(InputError, match="not the parameters of a light field: a hundred blanks in a row"):
         read_hci(tmp_path)
-    assert time.process_time() - begun < 0.5
 
 
 def test_a_scene_of_too_many_pictures_is_refused_before_they_are_searched(

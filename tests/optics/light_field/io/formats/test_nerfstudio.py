@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,7 @@ from mirrorcam.optics.light_field.io.formats.registry import open_light_fields, 
 from mirrorcam.optics.light_field.light_field import LightField
 from tests.optics.light_field.io.formats.conftest import points
 from tests.optics.light_field.wall_cameras import FOCAL_PX, SIZE, cameras, photographs, wall_error
+from tests.soon import soon
 
 
 def nerfstudio_pixels(frame: dict[str, Any], points_in_world_mm: FloatArray) -> FloatArray:
@@ -181,10 +181,8 @@ def test_unknown_names_take_no_time_per_frame(tmp_path: Path) -> None:
     names = {f"name {number}": 0 for number in range(9_000)}
     text = json.dumps({**same, **focal, **names, "frames": [{}] * 15_000})
     (tmp_path / "transforms.json").write_text(text)
-    begun = time.process_time()
-    with pytest.raises(InputError, match="15000 frames, expected at most 2000 views"):
+    with soon(), pytest.raises(InputError, match="15000 frames, expected at most 2000 views"):
         read_nerfstudio(tmp_path)
-    assert time.process_time() - begun < 1.0
 
 
 def test_many_frames_are_refused(tmp_path: Path) -> None:
