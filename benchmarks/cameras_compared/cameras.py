@@ -91,9 +91,9 @@ class ComparedCamera:
 
 def cameras() -> Iterator[ComparedCamera]:
     """Yield the cameras in the order of the table."""
-    yield _mirror_camera("MirrorCam, 3 x 3", 3, 3, "91 EUR")
-    yield _mirror_camera("MirrorCam, 1 x 2", 1, 2, "92 EUR")
-    yield _mirror_camera("MirrorCam, 2 x 2", 2, 2, "92 EUR")
+    yield _mirror_camera("MirrorCam, 3 x 3", 3, 3, "133 EUR")
+    yield _mirror_camera("MirrorCam, 1 x 2", 1, 2, "133 EUR")
+    yield _mirror_camera("MirrorCam, 2 x 2", 2, 2, "133 EUR")
     yield _illum()
     yield _webcams("nine webcams, 3 x 3", 3, 3, ARRAY_STEP_MM, "630 EUR")
     yield _webcams("two webcams, 60 mm", 1, 2, (PAIR_MM, 0.0), "140 EUR")

@@ -68,8 +68,8 @@ def row(camera: ComparedCamera, measured: Mapping[str, Measured]) -> list[str]:
 DESCRIBED = (
     "camera",
     "views",
-    "pixels a view",
-    "baseline and reach of a new viewpoint, mm",
+    "pixels per view",
+    "reach of the viewpoint (largest baseline), mm",
     "common field at 400 mm, mm",
     "price",
     "frames per second",

@@ -77,8 +77,8 @@ COMMANDS = {
         ),
         "compare": ("calibration.compare_command:compare", "Compare two calibrations of one device."),
         "drift": ("calibration.drift_command:drift", "Detect mirrors that moved since the calibration."),
-        "validate": ("calibration.validate_command:validate", "Calibrate a rendered set blind, and compare."),
-        "score": ("bench.score_command:app", "Score anyone's calibrations of rendered sets."),
+        "validate": ("calibration.validate_command:validate", "Calibrate a rendered set, and compare with its truth."),
+        "score": ("bench.score_command:app", "Score calibrations of rendered sets by any program."),
     },
     "Use the light field": {
         "decode": ("lightfield.decode_command:decode", "Decode frames, videos or a camera into light fields."),

@@ -35,7 +35,7 @@ def score(
     out: OutputFolder = Path("output/score"),
     force: Force = False,
 ) -> int:
-    """Score anyone's calibrations of rendered sets.
+    """Score calibrations of rendered sets by any program.
 
     Compares calibrations of Kalibr, OpenCV, ROS, COLMAP, mrcal, Anipose or MirrorCam with the ground truth. Writes
     score.json, score.md, and the limits as tests in junit.xml. Exit code 1: a figure exceeds its limit.

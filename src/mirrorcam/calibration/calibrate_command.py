@@ -22,8 +22,8 @@ def calibrate(
         tuple[Path, ...],
         Parameter(
             name="PICTURE...",
-            help="pictures, folders of them, videos or ROS 2 bags of the board in the mirrors (without --layout and "
-            "--direct-view, of a camera without mirrors), or --corners",
+            help="pictures, folders of them, videos or ROS 2 bags that show the board in the mirrors; without --layout "
+            "and --direct-view, the pictures of a camera without mirrors",
         ),
     ] = (),
     /,

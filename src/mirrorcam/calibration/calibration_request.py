@@ -27,21 +27,21 @@ class CalibrationRequest(Value):
 
     board: Path | None = Field(
         default=None,
-        description="board.toml, or the file of Anipose, caliscope or Kalibr that describes the board (or --labels)",
+        description="board.toml, or the file of Anipose, caliscope or Kalibr that describes the board",
     )
     layout: Path | None = Field(
         default=None,
-        description="layout.json of the design, to start from; without it and --direct-view, no mirrors are expected",
+        description="layout.json of the design, to start from",
     )
     direct_view: int | None = Bounds(1, 144).field(
         None,
-        "number of mirrors, where each picture shows the board directly too: no layout is needed",
+        "number of mirrors, if each picture also shows the board itself; needs no layout",
         unset="a layout, or no mirrors",
     )
     camera: Annotated[str | None, Parameter(metavar="NAME|FILE")] = Field(
         default=None,
-        description="without mirrors: the camera as in `mirrorcam design`, whose name, body and pupil are kept; with "
-        "--labels: the camera as calibrated (OpenCV, ROS, Kalibr or layout.json), or a published one "
+        description="without mirrors: camera as in `mirrorcam design`, whose name, body and pupil the result keeps; with "
+        "--labels: calibrated camera (file of OpenCV, ROS or Kalibr, or layout.json), or one of the library "
         "[default: unknown]",
     )
     base: tuple[Path, ...] = Field(
@@ -59,13 +59,13 @@ class CalibrationRequest(Value):
     )
     views: tuple[str, ...] = Field(
         default=(),
-        description="with --labels: names of the views, the direct one first, as labels begin or end with them "
-        "(paw_side); or one for each table",
+        description="with --labels: names of the views, the direct one first, with which labels begin or end "
+        "(paw_side), or one name for each table",
     )
     field_of_view: tuple[float, float] | None = Field(
         default=None,
-        description="with --labels and a picture: angle of the camera's view across the picture, 5 to 150 degrees, and "
-        "its standard deviation, as a data sheet states it",
+        description="with --labels and a picture: horizontal field of view of the camera, 5 to 150 degrees, and its "
+        "standard deviation",
     )
     known_length: tuple[str, str, float] | None = Field(
         default=None,
@@ -76,7 +76,7 @@ class CalibrationRequest(Value):
         RequestedModel, BeforeValidator(_parsed), Parameter(metavar="MODEL", accepts_keys=False, show_default=False)
     ] = Field(
         default=AUTO,
-        description="model to fit, words joined by +: auto (what the pictures support), joint (with the layout's "
+        description="model to fit, words joined by +: auto (select by evidence), joint (with the layout's "
         "lens) or a lens (brown_conrady, rational, thin_prism, fisheye, spline), then further parameters: warp, bow, "
         "motion, prism, walk, colour; with mirrors sheet, bend; with --direct-view turn; without mirrors or with "
         "--direct-view board. Or paper, first_surface, second_surface: docs/calibration.md. [default: auto]",

@@ -32,7 +32,7 @@ def drift(
         Path | None,
         Parameter(
             metavar="FILE",
-            help="checks.json of the device by mirrorcam cad: the bending of its mount by gravity. [default: the "
+            help="checks.json that mirrorcam cad wrote for the device, with the tilt of its mount by gravity [default: the "
             "limit that parts are designed for]",
         ),
     ] = None,
@@ -41,8 +41,8 @@ def drift(
 ) -> int:
     """Detect mirrors that moved since the calibration.
 
-    Any scene with detail will do. Writes drift.json, and layout.json with the mirrors that moved solved again. Exit
-    code 1: a mirror moved, or the pictures do not determine whether one did.
+    Needs pictures of any textured scene. Writes drift.json and, if mirrors moved, layout.json with their new planes.
+    Exit code 1: a mirror moved, or the pictures cannot show whether one did.
 
     Examples:
         mirrorcam drift recording.mp4 --layout calibrated/layout.json

@@ -20,9 +20,9 @@ def validate(
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/validated"),
     force: Force = False,
 ) -> int:
-    """Calibrate a rendered set blind, and compare.
+    """Calibrate a rendered set, and compare with its truth.
 
-    The set is calibrated and decoded from its pictures alone, then compared with its ground truth. Writes layout.json
+    Calibration and decoding use the pictures alone; the ground truth is read afterwards. Writes layout.json
     (calibrated), metrics.json, report.html, residuals.png and corners.csv. Exit code 1: a figure exceeds its limit.
 
     Examples:

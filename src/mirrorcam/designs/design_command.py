@@ -83,7 +83,7 @@ class DesignChanges:
             "such as stock:25x15,30x20, or free [default: rectangles]",
         ),
     ] = None
-    same_size: Annotated[bool | None, Parameter(help="whether all rectangles have one size")] = None
+    same_size: Annotated[bool | None, Parameter(help="give all rectangles one size")] = None
     size_step_mm: Annotated[
         float | None, bounded(LENGTH_MM, "step of the sides of rectangles that are cut", unset="1")
     ] = None
@@ -117,25 +117,25 @@ def design(
         tuple[str, ...] | None,
         Parameter(
             metavar="TERM...",
-            help="find the numbers of mirrors, the scale and the fold for a task, such as 0.3mm@400mm 150x120mm@400mm "
-            "300g 8h: standard deviation of depth and field of all views at a distance, 90EUR or 60EUR+camera, mass, "
-            "printing time, 180mm (largest side)",
+            help="find the numbers of mirrors, the scale and the fold for a task. Terms: standard deviation of depth "
+            "(0.3mm@400mm), field common to all views (150x120mm@400mm), mass (300g), printing time (8h), price "
+            "(90EUR, or 60EUR+camera), largest side (180mm)",
         ),
     ] = None,
     tolerance: Annotated[
-        bool, Parameter(help="also simulate devices as built with the tolerances of design.toml, or made by hand")
+        bool, Parameter(help="also simulate devices built with the tolerances of design.toml, else by hand")
     ] = False,
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/design"),
     force: Force = False,
 ) -> int:
     """Optimise a layout of mirrors.
 
-    Writes layout.json, parabola.json (the faceted parabola, for comparison), before_after.png and focus.png;
+    Writes layout.json, parabola.json (the design of 2016, for comparison), before_after.png and focus.png;
     with --tolerance, tolerance.json and tolerance.png. Options replace the fields of design.toml.
 
     With --target, the search chooses rows, columns, scale, fold and working depths, unless an option or design.toml
-    states them. It prints the designs that meet all terms, or the nearest and what gives way, and writes the best; the
-    exit code is 1 if none meets them. Figures of the device are estimates.
+    states them. It prints the designs that meet all terms, or the nearest and the terms that they miss, and writes the best.
+    Exit code 1: no design meets all terms. Figures of the device are estimates.
 
     Examples:
         mirrorcam design --rows 2 --cols 4 --scale-mm 60 --depths-mm 280 400

@@ -38,7 +38,7 @@ def cad(
     elastic: Annotated[
         bool,
         Parameter(
-            help="also compute how gravity, heat and creep move the mirrors, by finite elements (extra fe; minutes)"
+            help="also compute how gravity, temperature and creep move the mirrors, by finite elements (extra fe; minutes)"
         ),
     ] = False,
     workers: Workers = None,
@@ -145,9 +145,9 @@ def adjust(
 ) -> int:
     """Print how to turn the screws of every mirror.
 
-    For devices with --mounting screws: the turns of three screws that bring each mirror to its design,
-    clockwise as seen from behind the device. Calibrate again afterwards. Writes turns.json and turns.png. Exit code 1:
-    a mirror is beyond the travel of its screws.
+    For devices with --mounting screws: prints the turns of three screws that bring each mirror to its designed
+    position, clockwise as seen from behind the device. Calibrate again afterwards. Writes turns.json and turns.png.
+    Exit code 1: a mirror is beyond the travel of its screws.
 
     Examples:
         mirrorcam cad adjust calibrated/layout.json output/cad

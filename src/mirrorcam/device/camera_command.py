@@ -56,7 +56,7 @@ def new(
     *,
     like: Annotated[
         str,
-        Parameter(metavar="NAME", help="a camera like yours, held by body or board, whose figures are offered"),
+        Parameter(metavar="NAME", help="similar camera of the library, whose figures are the offered values"),
     ] = "c920",
 ) -> int:
     """Measure a camera of your own.

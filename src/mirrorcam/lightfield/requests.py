@@ -45,7 +45,7 @@ class DecodeRequest(Value):
     )
     field: Literal["common", "union"] = Field(
         default="common",
-        description="extent of the views: what all mirrors see at the reference depth, or what any mirror sees",
+        description="extent of the views: the region that all mirrors see at the reference depth, or that any sees",
     )
     width_px: int | None = WIDTH_PX.field(
         None, "width of every view; its height follows", unset="as sharp as the frame"
@@ -141,7 +141,7 @@ class RefocusRequest(DepthRange):
     )
     combine: Literal["mean", "median", "weighted"] = Field(
         default="mean",
-        description="average of the views: median suppresses what few views show, weighted favours the central ones",
+        description="average of the views: median suppresses objects in few views, weighted favours the central ones",
     )
     scale: float = Bounds(1, 8).field(
         1.0, "super-resolution: pixels of the picture per pixel of a view, along each side, such as 1.5 or 2"

@@ -20,11 +20,11 @@ from mirrorcam.core.values import Value
 CONSTRAINTS = "constraints.txt"
 BASE = "base"
 PURPOSES = {
-    BASE: "design, board, calibrate, decode, live, depth, and all commands that read light fields",
+    BASE: "design, board, calibrate, decode, depth, and all commands that read light fields",
     "cad": "the parts of a device: mirrorcam cad, camera new, run",
-    "render": "synthetic sets and scenes: mirrorcam render, scene, cad picture, validate, run",
+    "render": "synthetic sets and scenes: mirrorcam render, scene, suite, cad picture, validate, run",
     "fe": "mirrorcam cad --elastic (with the program gmsh)",
-    "cluster": "mirrorcam sweep --scheduler, on a Dask cluster",
+    "cluster": "the option --scheduler of mirrorcam sweep, render and suite, for a Dask cluster",
     "remote": "suites in object storage: mirrorcam suite --fetch, --publish",
     "parquet": "mirrorcam sweep --table parquet",
     "robot": "ROS 2 bags: mirrorcam decode --to mcap",

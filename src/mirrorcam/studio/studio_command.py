@@ -80,7 +80,7 @@ def live(
     """Align, focus and calibrate a camera, on a page in the browser.
 
     Opens the page of `mirrorcam studio` at its tab Camera, which shows frame, views, a refocused picture and depth
-    until Ctrl-C. What is made from it goes to recordings/, pictures/ and calibrations/.
+    until Ctrl-C. Writes recordings/, pictures/ and calibrations/.
 
     Examples:
         mirrorcam live --layout output/mine/layout.json

@@ -219,7 +219,7 @@ HOW_TO_READ = (
     "RMS px is the error, in pixels of the frame, of points in the working volume as the calibration projects them, "
     "with the best motion of the rig removed. Except for RMS over own sets and time, figures are over the common "
     "sets: means, but the maximum for the worst view. NEES is the squared error in units of the stated covariance, 1 "
-    "if that is right; brackets hold the 95 % interval in this case. Time is per set, on the machine of whoever ran it."
+    "if that is right; brackets hold the 95 % interval in this case. Time is per set, on the machine that ran it."
 )
 
 

@@ -48,7 +48,7 @@ Scheduler = Annotated[
 Layout = Annotated[Path, Parameter(metavar="FILE", help="layout.json, calibrated if possible")]
 Adapter = Literal["none", "tripod", "arca", "iso9409", "gen3", "gen2", "profile20", "vesa", "monitor"]
 AdapterOption = Annotated[
-    Adapter, Parameter(help="what carries the device: a desk, a tripod, an arm or something else (docs/cad.md)")
+    Adapter, Parameter(help="part that carries the device: on a desk, a tripod, an arm or others (docs/cad.md)")
 ]
 Mounting = Annotated[
     Literal["glue", "tape", "screws"],
