@@ -49,7 +49,8 @@ def main() -> None:
         "scenes": ", ".join(f"`{name}`" for name in SCENES),
         "sure": f"{SURE:g}",
         "field": f"{FIELD_MM[0]:.0f} {TIMES} {FIELD_MM[1]:.0f}",
-        "noise": f"{SENSOR.full_well_electrons:,.0f} electrons at white, read noise of {SENSOR.read_noise_grey:g} grey levels",
+        "noise": f"{SENSOR.full_well_electrons:,.0f} electrons at white, "
+        f"read noise of {SENSOR.read_noise_grey:g} grey levels",
         "dots": f"{DOTS:,}",
         "stated": ", ".join(f"{error:.2f}" for error in stated),
     }

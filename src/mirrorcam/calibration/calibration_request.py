@@ -40,8 +40,8 @@ class CalibrationRequest(Value):
     )
     camera: Annotated[str | None, Parameter(metavar="NAME|FILE")] = Field(
         default=None,
-        description="without mirrors: camera as in `mirrorcam design`, whose name, body and pupil the result keeps; with "
-        "--labels: calibrated camera (file of OpenCV, ROS or Kalibr, or layout.json), or one of the library "
+        description="without mirrors: camera as in `mirrorcam design`, whose name, body and pupil the result keeps; "
+        "with --labels: calibrated camera (file of OpenCV, ROS or Kalibr, or layout.json), or one of the library "
         "[default: unknown]",
     )
     base: tuple[Path, ...] = Field(

@@ -32,8 +32,8 @@ def drift(
         Path | None,
         Parameter(
             metavar="FILE",
-            help="checks.json that mirrorcam cad wrote for the device, with the tilt of its mount by gravity [default: the "
-            "limit that parts are designed for]",
+            help="checks.json that mirrorcam cad wrote for the device, with the tilt of its mount by gravity "
+            "[default: the limit that parts are designed for]",
         ),
     ] = None,
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/drift"),

@@ -134,8 +134,8 @@ def design(
     with --tolerance, tolerance.json and tolerance.png. Options replace the fields of design.toml.
 
     With --target, the search chooses rows, columns, scale, fold and working depths, unless an option or design.toml
-    states them. It prints the designs that meet all terms, or the nearest and the terms that they miss, and writes the best.
-    Exit code 1: no design meets all terms. Figures of the device are estimates.
+    states them. It prints the designs that meet all terms, or the nearest and the terms that they miss, and writes
+    the best. Exit code 1: no design meets all terms. Figures of the device are estimates.
 
     Examples:
         mirrorcam design --rows 2 --cols 4 --scale-mm 60 --depths-mm 280 400

@@ -38,7 +38,8 @@ def cad(
     elastic: Annotated[
         bool,
         Parameter(
-            help="also compute how gravity, temperature and creep move the mirrors, by finite elements (extra fe; minutes)"
+            help="also compute how gravity, temperature and creep move the mirrors, by finite elements "
+            "(extra fe; minutes)"
         ),
     ] = False,
     workers: Workers = None,

@@ -34,8 +34,8 @@ class HardwareChoice(Value):
     )
     adapter: Annotated[Adapter | Path | None, Parameter(metavar="KIND|FILE")] = Field(
         default=None,
-        description="part that carries the device: on a desk, a tripod, an arm or others (docs/cad.md), or a Python or STEP "
-        "file "
+        description="part that carries the device: on a desk, a tripod, an arm or others (docs/cad.md), or a Python or "
+        "STEP file "
         "with a part of your own (docs/own_back.md). " + UNSET.format("none"),
     )
     mounting: Literal["glue", "tape", "screws"] | None = Field(

@@ -32,7 +32,7 @@ def run(
 ) -> int:
     """Run the complete pipeline, from a design to a light field, and write a page of results.
 
-    Designs the mirrors, generates and checks all parts, renders frames of a device as built, calibrates it from them and
+    Designs the mirrors, generates and checks all parts, renders frames of a device as built, calibrates it and
     decodes a light field; then writes metrics.json and index.html. Exit code 1: a figure exceeds its limit.
 
     Examples:
