@@ -30,8 +30,7 @@ class Reading(Value):
     )
     flip: Flip | None = Field(
         default=None,
-        description="how their pictures were flipped from frames. [default: as the file states, else so that views are "
-        "upright]",
+        description="flip from frames to their pictures. [default: as the file states, else so that views are upright]",
     )
     views: Annotated[Path | None, Parameter(metavar="FILE")] = Field(
         default=None, description="TOML file that states which camera is which mirror, where names do not"
@@ -69,7 +68,7 @@ class EvaluationRequest(Value):
         600.0, "maximum seconds for one set, including the time to read and score its result"
     )
     baseline: Annotated[Path | None, Parameter(metavar="FILE")] = Field(
-        default=None, description="evaluation.json of an earlier run, to show the change against"
+        default=None, description="evaluation.json of an earlier run, to compare with"
     )
     worse_by: float | None = WORSE_BY.field(
         None, "factor by which the RMS error of a set may exceed the baseline's", unset="any"

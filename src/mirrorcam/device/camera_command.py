@@ -27,7 +27,7 @@ HELD_BY = {
 def list_cameras() -> int:
     """List the cameras in the library.
 
-    Their optics and bodies, and how many of their figures are guessed or recalled from memory.
+    Prints their optics and bodies, and the numbers of figures that are guessed or recalled from memory.
     """
     print_table(("name", "picture", "view, deg", "pupil", "guessed", "recalled", "camera"), list_rows())
     return 0
@@ -39,7 +39,7 @@ def show(
 ) -> int:
     """Show everything about a camera.
 
-    Its optics and body, where the figures come from, and which are guessed.
+    Prints its optics and body, the sources of the figures, and the guesses.
 
     Examples:
         mirrorcam camera show c920

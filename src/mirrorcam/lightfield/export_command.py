@@ -45,7 +45,7 @@ class ExportRequest(Value):
         "for hci [default: the depth of an HCI scene; otherwise estimated for points]",
     )
     min_confidence: float = Bounds(0.0, 1.0).field(
-        MIN_CONFIDENCE, "points need a higher confidence; 0 keeps all that have any"
+        MIN_CONFIDENCE, "confidence above which a pixel becomes a point; 0 keeps all pixels with a depth"
     )
 
 
@@ -68,7 +68,7 @@ def export(
 ) -> int:
     """Convert a light field between formats.
 
-    Its format is detected from its name and contents; values that it lacks are options, or read from views.toml
+    Its format is detected from its name and contents; options or views.toml state the values that it lacks
     (docs/formats.md). Writes NAME with the suffix of the format.
 
     Examples:

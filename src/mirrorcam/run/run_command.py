@@ -26,7 +26,10 @@ def run(
     mounting: Mounting = "glue",
     seed: Annotated[int, bounded(SEED, "seed of poses, tolerances and noise")] = 0,
     out: Annotated[
-        Path | None, Parameter(help="output folder; valid results in it are reused [default: output/default or quick]")
+        Path | None,
+        Parameter(
+            help="output folder; valid results in it are reused [default: output/default, with --quick output/quick]"
+        ),
     ] = None,
     force: Force = False,
 ) -> int:
