@@ -237,14 +237,15 @@ class CarrierPlan:
 def min_level_mm(mirror: Mirror, area: CarrierArea, axes: FloatArray, hole_mm: float, hardware: Hardware) -> float:
     """The smallest z of a carrier's back in the mount's axes, from the pupil.
 
-    The carrier is at least as thick as the holder's floor and, at its screws, as the depth of their holes plus a wall.
+    The carrier is at least as thick as the holder's floor and, at its screws, as the depth of their holes plus a wall,
+    or plus a floor below a groove of its seat.
     """
+    cover = max(hardware.printer.wall_mm, hardware.holder.groove_depth_mm + hardware.printer.floor_mm)
     level_for_floor = float(_seat_z(mirror, area.corners, axes, hardware).max()) + hardware.holder.floor_mm
     angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     circle = boss_mm(hardware) * np.column_stack([np.cos(angles), np.sin(angles)])
     levels_for_screws = [
-        float(_seat_z(mirror, screw + circle, axes, hardware).max()) + hole_mm + hardware.printer.wall_mm
-        for screw in area.screws
+        float(_seat_z(mirror, screw + circle, axes, hardware).max()) + hole_mm + cover for screw in area.screws
     ]
     return max(level_for_floor, *levels_for_screws)
 

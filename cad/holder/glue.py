@@ -20,11 +20,10 @@ from mirrorcam.optics.geometry.transforms import transform
 
 # An edge within this angle of a groove counts as parallel to it, and leaves a thin wall next to it.
 PARALLEL_DEG = 30.0
-# Grooves end this far outside the rims, or at this fraction of the fit from the column behind an adjacent mirror.
+# Grooves end this far outside the rims, or at this fraction of the fit from the column behind an adjacent mirror; but
+# within this fraction of its distance from the own mirror, so that grooves of the two meet, and leave no fin.
 PAST_RIM_MM = 0.2
-CLEARANCE_OF_FIT = 0.8
-# Thickness, beyond a wall's, of what remains between a groove and a slit, whose sides are oblique to the groove's end.
-OBLIQUE_MM = 0.2
+CLEARANCE_OF_FIT, CLEARANCE_OF_GAP = 0.8, 0.4
 
 
 @dataclass(frozen=True)
@@ -62,8 +61,8 @@ def grooves_of(index: int, mirrors: Sequence[Mirror], normal: FloatArray, hardwa
         if strip.intersection(outline).is_empty or not _clear_of_edges(outline, strip, hardware):
             continue
         centre_y = strip.intersection(outline).centroid.y
-        own = filler.intersection(strip)
-        blocked = union_all([_blocked(column, own, hardware).intersection(strip) for column in columns])
+        own, inside = filler.intersection(strip), outline.intersection(strip)
+        blocked = union_all([_blocked(column, own, inside, hardware).intersection(strip) for column in columns])
         ends_below = [part.bounds[3] for part in _parts(blocked) if part.bounds[3] < centre_y]
         ends_above = [part.bounds[1] for part in _parts(blocked) if part.bounds[1] > centre_y]
         first, last = max([bottom - margin, *ends_below]), min([top + margin, *ends_above])
@@ -84,14 +83,18 @@ def _column(mirror: Mirror, other: Mirror, normal: FloatArray, hardware: Hardwar
     return Polygon(flat @ frame[:3, :2])
 
 
-def _blocked(column: Polygon, filler: Polygon, hardware: Hardware) -> BaseGeometry:
-    """The area that a groove spares round the column behind an adjacent mirror; `filler` is that along the groove.
+def _blocked(column: Polygon, filler: Polygon, outline: Polygon, hardware: Hardware) -> BaseGeometry:
+    """The area that a groove spares round the column behind an adjacent mirror.
 
-    Where the filler ends just in front of the column, a wall remains between the groove and the slit there.
+    `filler` and `outline` are those along the groove. Where the filler ends just in front of the column, a wall remains
+    between the groove and one of the adjacent mirror, and a thicker one between the groove and the slit there.
     """
-    clearance, slit_mm = CLEARANCE_OF_FIT * hardware.fit.free_mm, filler.distance(column)
+    slit_mm, gap_mm = filler.distance(column), outline.distance(column)
+    clearance = CLEARANCE_OF_FIT * hardware.fit.free_mm
+    if gap_mm > 0.0:
+        clearance = min(clearance, CLEARANCE_OF_GAP * gap_mm)
     is_slit = 0.0 < slit_mm < PAST_RIM_MM + clearance
-    return column.buffer(slit_mm + hardware.printer.wall_mm + OBLIQUE_MM if is_slit else clearance)
+    return column.buffer((gap_mm + hardware.printer.wall_mm) / 2.0 if is_slit else clearance)
 
 
 def _parts(area: BaseGeometry) -> list[BaseGeometry]:

@@ -344,7 +344,10 @@ def sheet_metrics(sheets: tuple[StockSheet, ...]) -> dict[str, Metric]:
             lower_is_better=False,
         ),
         "line_gap_mm": Metric(
-            value=min(line_gap_mm(sheet) for sheet in sheets), unit="mm", limit=LINE_GAP_MM, lower_is_better=False
+            value=round(min(line_gap_mm(sheet) for sheet in sheets), 3),
+            unit="mm",
+            limit=LINE_GAP_MM,
+            lower_is_better=False,
         ),
     }
 

@@ -61,11 +61,18 @@ def test_a_bead_pressed_to_the_bond_is_as_wide_as_the_land_of_a_groove() -> None
     )
 
 
-@pytest.mark.parametrize(("gap_mm", "end_mm"), [(1.9, 1.9 - 0.24), (2.15, 2.1 - 0.9 - 0.2), (4.0, 2.3)])
+@pytest.mark.parametrize(
+    ("gap_mm", "end_mm"),
+    [(0.3, 0.3 - 0.12), (1.9, 1.9 - 0.24), (2.15, (2.15 - 0.9) / 2), (2.5, (2.5 - 0.9) / 2), (4.0, 2.3)],
+)
 def test_a_groove_leaves_no_fin_between_its_end_and_the_slit_before_a_column(
     default_layout: Layout, gap_mm: float, end_mm: float
 ) -> None:
-    """The filler round a mirror ends 2.1 mm outside its outline: it adjoins a nearer column, or leaves a slit."""
+    """The filler round a mirror ends 2.1 mm outside its outline: it adjoins a nearer column, or leaves a slit.
+
+    The other mirror has grooves likewise: the two meet, or leave a wall.
+    """
+    assert not 0.0 < gap_mm - 2.0 * end_mm < HARDWARE.printer.wall_mm - 1e-9
     mirror, normal = default_layout.mirrors[4], -default_layout.mirrors[4].normal_in_rig
     frame = mirror.rig_from_plane
     square = np.array([(-12.0, -12.0), (12.0, -12.0), (12.0, 12.0), (-12.0, 12.0)]) @ frame[:3, :2].T + frame[:3, 3]
