@@ -13,7 +13,7 @@ from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.least_violation import least_violation, past_the_pupil
 from mirrorcam.optics.design.program.design_problem import MIN_EFFICIENCY, SLACK_WEIGHTS, overlap_problem
 from mirrorcam.optics.design.program.draft import SAFE_SIGMAS
-from mirrorcam.optics.design.program.nonlinear_program import SolverOutcome
+from mirrorcam.optics.design.program.nonlinear_program import TOLERANCE, SolverOutcome
 from mirrorcam.optics.design.program.seeds import Seed, seed_of, sensor_bounds
 from mirrorcam.optics.design.program.separation import PairConstraint
 from mirrorcam.optics.design.program.terms import ELASTIC
@@ -28,6 +28,9 @@ CONVERGENCE_DEPTHS = (1.0, 3.0)
 
 OVERSIZE = 4.0
 """Ratio of the area of a size that is sold to a seed's largest mirror beyond which no layout has space for it."""
+
+ROUGH_TOLERANCE = 1e-5
+"""Tolerance of an optimum whose fold or sizes are rounded: the last iterations hardly change it."""
 
 CONTINUATION = (0.0, 0.3, 0.6, 0.8, 1.0)
 """Fractions of a spec's demands in the steps of a continuation."""
@@ -135,7 +138,9 @@ def best_of(outcomes: Iterable[SolverOutcome]) -> SolverOutcome | None:
 
 def optimum_from(spec: DesignSpec, convergence: float, pairs: tuple[PairConstraint, ...]) -> SolverOutcome:
     """The optimum near the seed whose chief rays converge at a multiple of the working depth."""
-    return overlap_problem(spec, converging_seed(spec, convergence), pairs).solver.optimise()
+    is_rounded = spec.fold_deg == "auto" or spec.rectangle_sizes is not None
+    tolerance = ROUGH_TOLERANCE if is_rounded else TOLERANCE
+    return overlap_problem(spec, converging_seed(spec, convergence), pairs, tolerance=tolerance).solver.optimise()
 
 
 def best_from_seeds(spec: DesignSpec, pairs: tuple[PairConstraint, ...], calls: Calls) -> SolverOutcome | None:

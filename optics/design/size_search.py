@@ -50,8 +50,8 @@ def with_allowed_sizes(optimum: Optimum, calls: Calls, reference: Optimum | None
     if reference is not None:
         starts.append((reference.values, reference.sizes_mm))
     best = _best_of(optimum, starts, calls)
-    if best is None and not sizes.is_stock:
-        best = _best_of(optimum, [(optimum.values, size_mm) for size_mm in _other_sizes(optimum, sizes)], calls)
+    for others_mm in () if best or sizes.is_stock else _other_sizes(optimum, sizes):
+        best = best or _best_of(optimum, [(optimum.values, size_mm) for size_mm in others_mm], calls)
     if best is None:
         raise InfeasibleDesign(
             "size", f"mirrors of the shape {_text(optimum.spec)} meet no optimum near sizes of {_range(optimum)}"
@@ -69,7 +69,7 @@ def _starts(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
         if spec.same_size:
             low = np.maximum(np.floor(free_mm / step), np.ceil(spec.min_edge_mm / step))
             return [step * (low + shift) for shift in product((0.0, 1.0), repeat=2)]
-        return [_cut_sizes(rounded(free_mm / step), spec, step) for rounded in (np.round, np.floor)]
+        return [_cut_sizes(np.round(free_mm / step), spec, step)]
     options = sizes.options_mm
     if optimum.spec.same_size:
         return [np.broadcast_to(options[k], free_mm.shape) for k in _by_distance(options, free_mm[0])[:TRIED]]
@@ -83,14 +83,14 @@ def _starts(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
     return list(np.unique(starts, axis=0))
 
 
-def _other_sizes(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
-    """Sizes (n, 2), mm, in steps, to try where neither rounded nor smaller ones have an optimum.
+def _other_sizes(optimum: Optimum, sizes: RectangleSizes) -> list[list[FloatArray]]:
+    """Sizes (n, 2), mm, in steps, to try where the nearest have no optimum: those rounded down, then others.
 
     Where constraints leave little space, one side may grow while the other shrinks, or both shrink by more.
     """
     whole = np.floor(optimum.sizes_mm / sizes.step_mm)
     others = [*(whole + side for side in np.eye(2)), *(np.floor(ratio * whole) for ratio in SHRUNK)]
-    return [_cut_sizes(other, optimum.spec, sizes.step_mm) for other in others]
+    return [[_cut_sizes(steps, optimum.spec, sizes.step_mm) for steps in batch] for batch in ([whole], others)]
 
 
 def _cut_sizes(steps: FloatArray, spec: DesignSpec, step_mm: float) -> FloatArray:

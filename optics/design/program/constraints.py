@@ -21,6 +21,7 @@ from mirrorcam.optics.design.program.mirror_variables import (
     add_mirror,
     cross_2d,
     edges_of,
+    mirror_of,
     pixels,
     polygon_area,
     reflected,
@@ -123,36 +124,39 @@ def region_term() -> Term:
 
 
 @lru_cache
-def view_term(kind: Kind) -> Term:
+def view_term(kind: Kind, tilted: bool = False) -> Term:
     """A mirror shows an entire region, and is rewarded for the fraction of the sensor's pixels that see the region.
 
     Unknowns: fold angle, virtual centre, corners of the sub-image, and corners of the region as offsets from the aim
     point (straight ahead of the central mirror), divided by 1 + depth, so that their size hardly depends on depth.
-    Parameters: optics, intrinsics, sensor px (2), depth, area of a tile, weight of the fraction, minimum fraction,
-    tilt (2) of the mirror as built.
+    Parameters: optics, intrinsics, sensor px (2), depth, area of a tile, weight of the fraction, minimum fraction, and,
+    if `tilted`, the tilt (2) of the mirror as built.
 
     The tilt moves the image in the mirror, but not its outline, which moves far less.
     """
     term = TermBuilder()
     optics, intrinsics, size_px = Optics.of_term(term), term.parameter(kind.intrinsics), term.parameter(2)
     depth, tile_area, weight, min_fraction = (term.parameter() for _ in range(4))
-    tilt = term.parameter(2)
-    mirror = add_mirror(kind, optics, term)
-    centre = mirror.tilted_centre(tilt)
-    corners = term.unknown(2 * REGION_CORNERS)
     rig_from_view, aim = optics.view_from_rig.T, optics.view_from_rig[:2, 2]
+    # In the rig frame few operations depend on the fold: this term takes most of the time of a design.
+    in_rig, centre = optics.in_rig, rig_from_view @ term.unknown(3)
+    mirror = mirror_of(kind, in_rig, centre, term.unknown(2 * kind.sides))
+    corners = term.unknown(2 * REGION_CORNERS)
+    if tilted:
+        centre = mirror.tilted_centre(term.parameter(2))
     images = []
     for k in range(REGION_CORNERS):
-        point = ca.vertcat(aim + corners[2 * k : 2 * k + 2] * (1.0 + depth), depth)
-        image = rig_from_view @ reflected(point, centre)
+        point = rig_from_view @ ca.vertcat(aim + corners[2 * k : 2 * k + 2] * (1.0 + depth), depth)
+        image = reflected(point, centre)
         images.append(image[:2] / image[2])
     for a, b in _usable_edges(kind, mirror):
-        start, following = ((rig_from_view @ end)[:2] / (rig_from_view @ end)[2] for end in (a, b))
-        for point in images:
-            inside = cross_2d(following - start, point - start)
-            if not kind.pinhole:
-                inside = _clearance_of_bundle(mirror, optics, a, b, rig_from_view.T @ ca.vertcat(point, 1.0))
-            term.require(inside / tile_area, "overlap")
+        if kind.pinhole:
+            start, end = a[:2] / a[2], b[:2] / b[2]
+            clearances = [cross_2d(end - start, image - start) for image in images]
+        else:
+            clearances = _clearances_of_bundles(mirror, in_rig, a, b, images)
+        for clearance in clearances:
+            term.require(clearance / tile_area, "overlap")
     if kind.distorted:
         area_px = polygon_area([pixels(kind.lens_model, intrinsics, point) for point in subdivided(images, 3)])
     else:
@@ -178,20 +182,26 @@ def _usable_edges(kind: Kind, mirror: MirrorVariables) -> list[tuple[Expression,
     return inset
 
 
-def _clearance_of_bundle(
-    mirror: MirrorVariables, optics: Optics, a: Expression, b: Expression, ray: Expression
-) -> Expression:
-    """At least 0 if the complete ray bundle of a chief ray (3, z = 1 in the rig frame) passes inside an edge.
+def _clearances_of_bundles(
+    mirror: MirrorVariables, optics: Optics, a: Expression, b: Expression, images: list[Expression]
+) -> list[Expression]:
+    """For each chief ray, at least 0 if its complete ray bundle passes inside an edge; all in the rig frame.
 
-    The ray from a point p of the pupil has the clearance constant + gradient . p (`geometry.pupil.edge_clearance`).
+    Chief rays are normalized image points (2). The ray from a point p of the pupil has the clearance
+    constant + gradient . p (`geometry.pupil.edge_clearance`).
     """
     distance = ca.sqrt(ca.sumsqr(mirror.centre)) / 2.0
     inward = ca.cross(mirror.normal, b - a)
-    normal_part, inward_part, offset = ca.dot(mirror.normal, ray), ca.dot(inward, ray), ca.dot(inward, a)
-    constant = distance * inward_part - normal_part * offset
-    gradient = (normal_part - distance * optics.inverse_focus) * inward
-    gradient -= (inward_part - optics.inverse_focus * offset) * mirror.normal
-    return constant - optics.radius * optics.in_pupil_plane(gradient)
+    offset = ca.dot(inward, a)
+    clearances = []
+    for image in images:
+        ray = ca.vertcat(image, 1.0)
+        normal_part, inward_part = ca.dot(mirror.normal, ray), ca.dot(inward, ray)
+        constant = distance * inward_part - normal_part * offset
+        gradient = (normal_part - distance * optics.inverse_focus) * inward
+        gradient -= (inward_part - optics.inverse_focus * offset) * mirror.normal
+        clearances.append(constant - optics.radius * optics.in_pupil_plane(gradient))
+    return clearances
 
 
 def squared_grid_error(centres: list[Expression], arrangement: Arrangement) -> tuple[Expression, list[Expression]]:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.design.program import constraints
 from mirrorcam.optics.design.program.draft import TIE_BREAK, Draft, tilts
-from mirrorcam.optics.design.program.nonlinear_program import MAX_ITERATIONS, Program, Solver
+from mirrorcam.optics.design.program.nonlinear_program import MAX_ITERATIONS, TOLERANCE, Program, Solver
 from mirrorcam.optics.design.program.seeds import Seed
 from mirrorcam.optics.design.program.separation import PairConstraint, add_body, add_pairs
 from mirrorcam.optics.design.program.terms import ELASTIC, Indices, Term, TermBuilder
@@ -118,6 +118,7 @@ def overlap_problem(
     devices: int = 0,
     *,
     max_iterations: int = MAX_ITERATIONS,
+    tolerance: float = TOLERANCE,
 ) -> Problem:
     """The program for maximum overlap, started from a seed, in view axes; lengths in units of `scale_mm`.
 
@@ -132,8 +133,9 @@ def overlap_problem(
         usable after more are appended.
     devices : number of devices as built in the objective. Their unknowns come last.
     max_iterations : iteration limit of the solver.
+    tolerance : its tolerance.
     """
-    return _problem(*overlap_draft(spec, seed, pairs, devices), max_iterations)
+    return _problem(*overlap_draft(spec, seed, pairs, devices), max_iterations, tolerance)
 
 
 def overlap_draft(
@@ -176,9 +178,11 @@ def max_grid_error(tradeoff: float) -> float:
     return REFERENCE_GRID_ERROR * float(np.sqrt((1.0 - tradeoff) / max(tradeoff, MIN_TRADEOFF)))
 
 
-def _problem(draft: Draft, regions: list[Indices], max_iterations: int = MAX_ITERATIONS) -> Problem:
+def _problem(
+    draft: Draft, regions: list[Indices], max_iterations: int = MAX_ITERATIONS, tolerance: float = TOLERANCE
+) -> Problem:
     return Problem(
-        solver=Solver(draft.program, SLACK_WEIGHTS, max_iterations),
+        solver=Solver(draft.program, SLACK_WEIGHTS, max_iterations, tolerance),
         fold=draft.fold,
         centres=np.array(draft.centres),
         corners=np.array([corners for _, corners in draft.mirrors]).reshape(len(draft.mirrors), draft.spec.sides, 2),
@@ -217,8 +221,9 @@ def _add_regions(draft: Draft, devices: FloatArray, weight: float, min_fractions
         draft.program.add(constraints.region_term(), [centre, region], [half_size])
         depth, depth_weight = depth_mm / draft.spec.scale_mm, weight / len(depths_mm)
         for mirror, tilt, fraction in zip(draft.mirrors, device_tilts, fractions, strict=True):
-            parameters: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, depth_weight, fraction, tilt]
-            draft.add(constraints.view_term(draft.kind), [*mirror, region], parameters)
+            term = constraints.view_term(draft.kind, tilted=bool(tilt.any()))
+            parameters: list[ArrayLike] = [*draft.lens, depth, draft.tile_area, depth_weight, fraction]
+            draft.add(term, [*mirror, region], [*parameters, tilt] if tilt.any() else parameters)
         regions.append(region)
     return regions
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Self
@@ -59,6 +59,11 @@ class Optics:
         """The optics of a term, whose first unknown is the fold angle in radians; they are its first parameters."""
         fold, numbers = term.unknown(1), term.parameter(GLASS_AND_PUPIL)
         return cls(view_from_rig(fold), *(numbers[k] for k in range(GLASS_AND_PUPIL)))
+
+    @property
+    def in_rig(self) -> Self:
+        """The optics for mirrors in the rig frame instead of view axes."""
+        return replace(self, view_from_rig=ca.SX.eye(3))
 
     def in_pupil_plane(self, vector: Expression) -> Expression:
         """Length of the component of a vector (3) in the plane of the pupil."""

@@ -24,6 +24,8 @@ ANCHOR_WEIGHT = 1e-5
 between distant mirrors; IPOPT converges faster if no direction is free."""
 
 MAX_ITERATIONS = 300
+TOLERANCE = 1e-8
+"""Largest scaled error of the optimality conditions at an optimum."""
 
 IPOPT: dict[str, Any] = {
     "print_time": False,
@@ -34,7 +36,7 @@ IPOPT: dict[str, Any] = {
     "ipopt.sb": "yes",
     "ipopt.mumps_permuting_scaling": 0,
     "ipopt.mumps_pivot_order": 2,
-    "ipopt.tol": 1e-8,
+    "ipopt.constr_viol_tol": 1e-7,
     "ipopt.acceptable_tol": 1e-6,
     "ipopt.mu_strategy": "adaptive",
     "ipopt.adaptive_mu_globalization": "never-monotone-mode",
@@ -202,7 +204,13 @@ class Solver:
     elastic families and otherwise stays near the start. `find_relaxed` combines both.
     """
 
-    def __init__(self, program: Program, slack_weights: dict[str, float], max_iterations: int = MAX_ITERATIONS) -> None:
+    def __init__(
+        self,
+        program: Program,
+        slack_weights: dict[str, float],
+        max_iterations: int = MAX_ITERATIONS,
+        tolerance: float = TOLERANCE,
+    ) -> None:
         self.program = program
         assembled = Assembled(program)
         x, searching = assembled.x, ca.MX.sym("searching")
@@ -229,7 +237,8 @@ class Solver:
                 ["triu_hess_gamma_x_x"],
             ),
         }
-        self._nlp = ca.nlpsol("design", "ipopt", names, IPOPT | self.derivatives | {"ipopt.max_iter": max_iterations})
+        limits = {"ipopt.max_iter": max_iterations, "ipopt.tol": tolerance}
+        self._nlp = ca.nlpsol("design", "ipopt", names, IPOPT | self.derivatives | limits)
 
     def _solve(
         self,

@@ -146,7 +146,7 @@ def test_a_view_term_counts_the_pixels_that_show_a_region(kind: Kind) -> None:
     seen = camera.pixels_from_normalized(outline.swapaxes(0, 1).reshape(-1, 2))
     share = Polygon(seen).area / (camera.width_px * camera.height_px)
     term = constraints.view_term(kind)
-    numbers = [np.array(optics_of(spec)), *lens_of(spec), np.array([depth, 0.09, 2.0, 0.01, 0.0, 0.0])]
+    numbers = [np.array(optics_of(spec)), *lens_of(spec), np.array([depth, 0.09, 2.0, 0.01])]
     f, g = term_value(term, [fold_of(spec), centres[2], corners[2], tangents.ravel()], numbers)
     assert -f / 2.0 == pytest.approx(share, rel=1e-4)
     assert g[-1] == pytest.approx(share - 0.01, abs=1e-5)

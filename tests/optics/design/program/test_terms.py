@@ -86,7 +86,8 @@ def test_a_term_may_have_no_limits_or_nothing_to_minimise() -> None:
     assert np.array(term.hessian([3.0], [], 1.0, [1.0])).size == 0
 
 
-NAMES = ("mirror", "rectangle", "region", "view", "grid", "mean", "seen", "gap", "in", "out", "body gap", "body light")
+BODY_NAMES = ("body gap", "body light")
+NAMES = ("mirror", "rectangle", "region", "view", "tilted view", "grid", "mean", "seen", "gap", "in", "out", *BODY_NAMES)
 
 
 def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
@@ -117,6 +118,11 @@ def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
         ),
         "view": (
             constraints.view_term(kind),
+            [fold, centres[2], corners[2], region],
+            [optics, *lens, np.array([5.0, 0.09, 0.8, 0.01])],
+        ),
+        "tilted view": (
+            constraints.view_term(kind, tilted=True),
             [fold, centres[2], corners[2], region],
             [optics, *lens, np.array([5.0, 0.09, 0.8, 0.01, 0.02, -0.01])],
         ),
@@ -200,6 +206,7 @@ def test_each_elastic_family_has_its_terms() -> None:
         "rectangle": set(),
         "region": set(),
         "view": {"overlap"},
+        "tilted view": {"overlap"},
         "grid": set(),
         "mean": set(),
         "seen": {"seen gap"},
