@@ -29,7 +29,7 @@ CONVERGENCE_DEPTHS = (1.0, 3.0)
 OVERSIZE = 4.0
 """Ratio of the area of a size that is sold to a seed's largest mirror beyond which no layout has space for it."""
 
-ROUGH_TOLERANCE = 1e-5
+ROUGH_TOLERANCE = 1e-6
 """Tolerance of an optimum whose fold or sizes are rounded: the last iterations hardly change it."""
 
 CONTINUATION = (0.0, 0.3, 0.6, 0.8, 1.0)

@@ -25,6 +25,8 @@ from mirrorcam.optics.geometry.rectangle_sizes import RectangleSizes
 
 FITS = (0.98, 1.04, 1.1, 1.18, 1.27)
 """Factors on the free sides up to which a size that is sold fits: mirrors can make room for each other."""
+MAX_LOSS = 0.02
+"""Increase of the objective by sides rounded to the nearest steps beyond which they are also rounded down."""
 SHRUNK = (0.95, 0.9, 0.8)
 """Ratios to the free sides that are tried if those rounded down have no optimum."""
 TRIED = 3
@@ -50,8 +52,12 @@ def with_allowed_sizes(optimum: Optimum, calls: Calls, reference: Optimum | None
     if reference is not None:
         starts.append((reference.values, reference.sizes_mm))
     best = _best_of(optimum, starts, calls)
-    for others_mm in () if best or sizes.is_stock else _other_sizes(optimum, sizes):
-        best = best or _best_of(optimum, [(optimum.values, size_mm) for size_mm in others_mm], calls)
+    if not sizes.is_stock and not optimum.spec.same_size and _loss(best, optimum) > MAX_LOSS:
+        down_mm = _cut_sizes(np.floor(optimum.sizes_mm / sizes.step_mm), optimum.spec, sizes.step_mm)
+        found = _best_of(optimum, [(optimum.values, down_mm)], calls)
+        best = min(best, found, key=lambda each: _loss(each, optimum))
+    if best is None and not sizes.is_stock:
+        best = _best_of(optimum, [(optimum.values, size_mm) for size_mm in _other_sizes(optimum, sizes)], calls)
     if best is None:
         raise InfeasibleDesign(
             "size", f"mirrors of the shape {_text(optimum.spec)} meet no optimum near sizes of {_range(optimum)}"
@@ -83,14 +89,19 @@ def _starts(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
     return list(np.unique(starts, axis=0))
 
 
-def _other_sizes(optimum: Optimum, sizes: RectangleSizes) -> list[list[FloatArray]]:
-    """Sizes (n, 2), mm, in steps, to try where the nearest have no optimum: those rounded down, then others.
+def _loss(found: Optimum | None, free: Optimum) -> float:
+    """Increase of the objective from the design with free sides; infinite without a design."""
+    return np.inf if found is None else found.outcome.objective - free.outcome.objective
+
+
+def _other_sizes(optimum: Optimum, sizes: RectangleSizes) -> list[FloatArray]:
+    """Sizes (n, 2), mm, in steps, to try where neither rounded nor smaller ones have an optimum.
 
     Where constraints leave little space, one side may grow while the other shrinks, or both shrink by more.
     """
     whole = np.floor(optimum.sizes_mm / sizes.step_mm)
     others = [*(whole + side for side in np.eye(2)), *(np.floor(ratio * whole) for ratio in SHRUNK)]
-    return [[_cut_sizes(steps, optimum.spec, sizes.step_mm) for steps in batch] for batch in ([whole], others)]
+    return [_cut_sizes(other, optimum.spec, sizes.step_mm) for other in others]
 
 
 def _cut_sizes(steps: FloatArray, spec: DesignSpec, step_mm: float) -> FloatArray:

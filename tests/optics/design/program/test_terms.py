@@ -86,8 +86,8 @@ def test_a_term_may_have_no_limits_or_nothing_to_minimise() -> None:
     assert np.array(term.hessian([3.0], [], 1.0, [1.0])).size == 0
 
 
-BODY_NAMES = ("body gap", "body light")
-NAMES = ("mirror", "rectangle", "region", "view", "tilted view", "grid", "mean", "seen", "gap", "in", "out", *BODY_NAMES)
+MIRROR_NAMES = ("mirror", "rectangle", "region", "view", "tilted view", "grid", "mean")
+NAMES = (*MIRROR_NAMES, "seen", "gap", "in", "out", "body gap", "body light")
 
 
 def random_use(kind: Kind, name: str) -> tuple[Term, FloatArray, FloatArray]:
