@@ -289,7 +289,7 @@ class EdgeFitter:
                 cost = float(np.nanmean(dark / (bright + 4.0))) + 0.1 * (right**2 + down**2) / SEARCH_RANGE_PX**2
                 if cost < lowest:
                     lowest, best = cost, shift
-        _, jacobian = self._offsets(np.zeros(self.device.count))
+        _, jacobian, _ = self._offsets(np.zeros(self.device.count))
         d_pose, offset = jacobian[:, 0, :CAMERA_ERRORS], stations.outward @ best
         errors = np.zeros(self.device.count)
         errors[:CAMERA_ERRORS] = np.linalg.solve(d_pose.T @ d_pose + 0.1 * np.eye(CAMERA_ERRORS), d_pose.T @ offset)
@@ -305,25 +305,30 @@ class EdgeFitter:
         pixels = np.clip(pixels, 0, [width - 1, height - 1])
         return np.where(inside, image[pixels[:, 1], pixels[:, 0]], np.nan)
 
-    def _offsets(self, errors: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Offsets (n, 2) of both edges along `outward`, and their derivatives (n, 2, p) with respect to the errors."""
-        stations, offsets, jacobians = self.stations, [], []
+    def _offsets(self, errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Offsets (n, 2) of both edges along `outward`, their derivatives (n, 2, p) by errors, and slopes (n, 2)."""
+        stations, offsets, jacobians, slopes = self.stations, [], [], []
         for points, designed in ((stations.edge, 0.0), (stations.neighbour_edge, stations.gap_px)):
-            pixels, jacobian = self.device.pixels_with_jacobian(points, errors)
-            offsets.append(((pixels - stations.position_px) * stations.outward).sum(axis=1) - designed)
-            jacobians.append(np.einsum("ni,nip->np", stations.outward, jacobian))
-        offset, jacobian = np.stack(offsets, axis=1), np.stack(jacobians, axis=1)
-        return np.where(np.isfinite(offset), offset, 0.0), np.nan_to_num(jacobian)
+            offset, jacobian, slope = self.device.crossings_px(points, errors, stations.position_px, stations.outward)
+            offsets.append(offset - designed)
+            jacobians.append(jacobian)
+            slopes.append(slope)
+        offset, slope = np.stack(offsets, axis=1), np.stack(slopes, axis=1)
+        return np.nan_to_num(offset), np.nan_to_num(np.stack(jacobians, axis=1)), np.nan_to_num(slope)
 
     def _linearized(self, image: NDArray[np.float32], errors: FloatArray, smooth: float) -> tuple[FloatArray, ...]:
         """Offsets with derivatives, and each station's information (n, 2, 2), score (n, 2) and reduced chi squared."""
-        offset, jacobian = self._offsets(errors)
+        offset, jacobian, slope = self._offsets(errors)
+        gap_px = self.stations.gap_px + offset[:, 1] - offset[:, 0]
         measured = profiles(image, self.stations, offset, smooth)
-        residual, d_offset = edge_residuals(measured, self.stations, offset, smooth)
+        residual, d_offset = edge_residuals(measured, self.stations, offset, slope, smooth)
         count = np.maximum(measured.weight.sum(axis=1) - 3.0, 1.0)
         chi_squared = (residual**2).sum(axis=1) / count
         # Reduce the weight of stations that the model does not explain.
         weight = 1.0 / np.maximum(chi_squared, 1.0) / (1.0 + np.maximum(chi_squared - MAX_CHI_SQUARED, 0.0))
+        # Where sub-images overlap, a mirror hides its neighbour's edge; fits to smoothed pictures must part them first.
+        if smooth == 0.0:
+            weight = np.where(self.stations.has_neighbour & (gap_px < 0.0), 0.0, weight)
         information = d_offset @ np.swapaxes(d_offset, 1, 2) * weight[:, None, None]
         score = (d_offset @ residual[..., None])[..., 0] * weight[:, None]
         return offset, jacobian, information, score, chi_squared

@@ -22,6 +22,8 @@ RIGID_ERRORS = 6
 """Number of a mirror's rigid-body errors, in its own frame: rotations about x, y and normal (3), shifts (3)."""
 STEP = 1e-3
 """Step of finite differences, in standard deviations."""
+EDGE_STEP = 1e-3
+"""Step along an edge, as a fraction of its length, that gives its tangent."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,25 @@ class BuiltDevice:
                 jacobian[rows, :, k] = change[rows]
         return pixels, jacobian
 
+    def crossings_px(
+        self, points: EdgePoints, errors: FloatArray, start_px: FloatArray, direction: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Distances (n,) along unit vectors (n, 2) from pixels (n, 2) to the edges, with derivatives (n, p) and slopes.
+
+        Slopes (n,) are tangents of the angles between the edges and the normals of the unit vectors.
+        An edge that moves along itself and also turns is crossed elsewhere than at the point's new position.
+        """
+        count = len(start_px)
+        later = points.fraction + EDGE_STEP
+        both = EdgePoints(np.tile(points.mirror, 2), np.tile(points.edge, 2), np.concatenate([points.fraction, later]))
+        pixels, jacobian = self.pixels_with_jacobian(both, errors)
+        tangent, d_tangent = pixels[count:] - pixels[:count], jacobian[count:] - jacobian[:count]
+        across = _cross(direction, tangent)
+        distance = _cross(pixels[:count] - start_px, tangent) / across
+        from_crossing = pixels[:count] - start_px - distance[:, None] * direction
+        derivative = _cross(jacobian[:count], tangent[..., None]) + _cross(from_crossing[..., None], d_tangent)
+        return distance, derivative / across[:, None], (direction * tangent).sum(axis=1) / across
+
     def _in_holder(self, points: EdgePoints, scaled: FloatArray) -> FloatArray:
         """Points (n, 3) on edges in the nominal rig frame, mm, with errors (p,) in mm, rad, fractions and px."""
         mirror, edge = points.mirror, points.edge
@@ -162,6 +183,11 @@ class BuiltDevice:
         displaced = np.einsum("nij,nj->ni", rotations[mirror], in_mirror) + rigid[mirror, 3:]
         frames = self._frames[mirror]
         return np.asarray(np.einsum("nij,nj->ni", frames[:, :3, :3], displaced) + frames[:, :3, 3])
+
+
+def _cross(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Cross products of vectors (n, 2, ...)."""
+    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
 
 
 def _stepped(errors: FloatArray, indices: IntArray) -> FloatArray:

@@ -39,8 +39,8 @@ DARK = 0.02
 """Fraction of light added where the model passes none, because a misplaced edge passes a little."""
 NOISE_GREY = 0.5
 """Noise of a profile, which averages pixels."""
-LENS_PX = 0.9
-"""Sigma of the combined blur of a lens in focus and a pixel."""
+LENS_PX = 0.95
+"""Sigma of the combined blur of a lens in focus, a pixel, and the interpolation of profiles."""
 NODES = 12
 _ANGLES = np.pi * np.arange(1, NODES + 1) / (NODES + 1)
 _CHORD, _WEIGHT = np.cos(_ANGLES), 2.0 * np.sin(_ANGLES) ** 2 / (NODES + 1)
@@ -234,10 +234,10 @@ def _texture(light: FloatArray, inside: NDArray[np.bool_]) -> FloatArray:
     return np.asarray(np.sqrt(1.5 * variance) + MIN_TEXTURE * mean)
 
 
-def edge_response(inside_px: FloatArray, radius_px: FloatArray, sigma_px: float) -> tuple[FloatArray, FloatArray]:
+def edge_response(inside_px: FloatArray, radius_px: FloatArray, sigma_px: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Fraction (n, d) of the light that passes an edge at distances (n, d) inside it, and its derivative.
 
-    The blur is a disc with radii (n,), convolved with a Gaussian.
+    The blur is a disc with radii (n,), convolved with a Gaussian of standard deviations (n,).
     """
     radius, sigma = radius_px[:, None], np.maximum(sigma_px, radius_px / 8.0)[:, None]
     total, derivative = np.zeros_like(inside_px), np.zeros_like(inside_px)
@@ -249,20 +249,22 @@ def edge_response(inside_px: FloatArray, radius_px: FloatArray, sigma_px: float)
 
 
 def edge_residuals(
-    measured: Profiles, stations: Stations, offset_px: FloatArray, smooth_px: float
+    measured: Profiles, stations: Stations, offset_px: FloatArray, slope: FloatArray, smooth_px: float
 ) -> tuple[FloatArray, FloatArray]:
     """Whitened residuals (n, d) of the best fit, and the model's derivatives (n, 2, d) for the offsets (n, 2).
 
-    Offsets are measured along `outward` from the nominal edges. The light of each mirror is a constant, which is solved
-    for, plus a random texture: correlated noise proportional to the fraction of light that passes the edge. Therefore,
-    the dark gap between edges determines their positions. The derivatives are projected on the complement of the
-    constants (Kaufman's variable projection).
+    Offsets are measured along `outward` from the nominal edges. An edge with a slope (n, 2) against the nominal one is
+    blurred by the average over its section. The light of each mirror is a constant, which is solved for, plus a random
+    texture: correlated noise proportional to the fraction of light that passes the edge. Therefore, the dark gap
+    between edges determines their positions. The derivatives are projected on the complement of the constants
+    (Kaufman's variable projection).
     """
-    sigma = float(np.hypot(LENS_PX, smooth_px))
+    section_sigma_px = np.abs(slope) * stations.section_px[:, None] / np.sqrt(12.0)
+    sigma_px = np.sqrt(LENS_PX**2 + smooth_px**2 + section_sigma_px**2)
     out_px = measured.out_px[None]
-    response, d_response = edge_response(offset_px[:, :1] - out_px, stations.blur_px[:, 0], sigma)
+    response, d_response = edge_response(offset_px[:, :1] - out_px, stations.blur_px[:, 0], sigma_px[:, 0])
     other_response, d_other = edge_response(
-        out_px - stations.gap_px[:, None] - offset_px[:, 1:], stations.blur_px[:, 1], sigma
+        out_px - stations.gap_px[:, None] - offset_px[:, 1:], stations.blur_px[:, 1], sigma_px[:, 1]
     )
     has_other = stations.has_neighbour[:, None].astype(np.float64)
     other_response, d_other = other_response * has_other, d_other * has_other

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
+from scipy.special import ndtr
 
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.alignment.alignment import view_rotation_signs
 from mirrorcam.optics.alignment.build_errors import CAMERA_ERRORS, RIGID_ERRORS, BuildErrors, BuiltDevice
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
+
+PER_SIDE = 16
+"""Points of an outline per side, between which its image is straight."""
 
 
 def built(layout: Layout, errors: BuildErrors, units: FloatArray) -> Layout:
@@ -69,12 +70,27 @@ def tilts_deg(layout: Layout, errors: BuildErrors, units: FloatArray) -> FloatAr
 
 
 def sheet(layout: Layout, grey: float = 150.0, noise: float = 1.0) -> NDArray[np.float32]:
-    """A frame (h, w) of a white sheet that fills all views of a pinhole camera, with noise, and stray light of 3."""
+    """A frame (h, w) of a white sheet that fills all views of a pinhole camera, with noise, and stray light of 3.
+
+    Edges are as sharp as a lens and pixels make them, at their exact positions.
+    """
     camera = layout.camera
-    fine: Any = np.zeros((2 * camera.height_px, 2 * camera.width_px), np.uint8)
-    for k in range(len(layout.mirrors)):
-        corners = np.rint((2.0 * layout.outline_px(k, 16) + 0.5) * 16.0).astype(np.int32)
-        cv2.fillPoly(fine, [corners], [200], shift=4)
-    light: Any = cv2.resize(fine, (camera.width_px, camera.height_px), interpolation=cv2.INTER_AREA)
-    light = cv2.GaussianBlur(light.astype(np.float32), (0, 0), 0.8) * (grey / 200.0) + 3.0
-    return np.asarray(light + np.random.default_rng(0).normal(0.0, noise, light.shape), np.float32).clip(0.0)
+    sigma_px = np.hypot(0.8, 1.0 / np.sqrt(12.0))
+    light = np.zeros((camera.height_px, camera.width_px))
+    for k, mirror in enumerate(layout.mirrors):
+        outline = layout.outline_px(k, PER_SIDE)
+        first = np.maximum(outline.min(axis=0) - 5.0, 0.0).astype(int)
+        last = np.minimum(outline.max(axis=0) + 6.0, [camera.width_px, camera.height_px]).astype(int)
+        window = np.s_[first[1] : last[1], first[0] : last[0]]
+        pixels = np.stack(np.meshgrid(*(np.arange(*ends) for ends in zip(first, last, strict=True))), axis=-1)
+        shown = np.ones(light[window].shape)
+        for side in range(len(mirror.outline_in_rig_mm)):
+            points = np.take(outline, np.arange(PER_SIDE + 1) + PER_SIDE * side, axis=0, mode="wrap")
+            along = (points[-1] - points[0]) / np.linalg.norm(points[-1] - points[0])
+            inward = np.array([-along[1], along[0]])
+            inward *= np.sign(inward @ (outline.mean(axis=0) - points[0]))
+            bow = np.interp((pixels - points[0]) @ along, (points - points[0]) @ along, (points - points[0]) @ inward)
+            shown *= ndtr(((pixels - points[0]) @ inward - bow) / sigma_px)
+        light[window] = np.minimum(light[window] + shown, 1.0)  # a mirror hides what it overlaps
+    noisy = grey * light + 3.0 + np.random.default_rng(0).normal(0.0, noise, light.shape)
+    return noisy.clip(0.0).astype(np.float32)

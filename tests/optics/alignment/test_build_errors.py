@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mirrorcam.optics.alignment.build_errors import CAMERA_ERRORS, RIGID_ERRORS, BuildErrors, BuiltDevice, EdgePoints
+from mirrorcam.optics.alignment.edge_profiles import edge_stations
 from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.alignment.built_devices import built
 
@@ -56,6 +57,27 @@ def test_derivatives_are_those_of_finite_differences(device: BuiltDevice) -> Non
         step[place] = 1e-2
         change = (device.pixels(points, errors + step) - device.pixels(points, errors - step)) / 2e-2
         assert np.abs(jacobian[:, :, place] - change).max() < 2e-2 * max(np.abs(change).max(), 0.1)
+
+
+def test_a_line_meets_a_turned_edge_where_it_crosses_it(device: BuiltDevice) -> None:
+    stations = edge_stations(device)
+    points, start, direction = stations.edge, stations.position_px, stations.outward
+    errors = np.random.default_rng(2).normal(0.0, 0.7, device.count)
+    errors[9:CAMERA_ERRORS] = 0.0  # without distortion, edges are straight
+    distance, jacobian, slope = device.crossings_px(points, errors, start, direction)
+    ends = [
+        device.pixels(EdgePoints(points.mirror, points.edge, np.full(len(start), part)), errors) for part in (0.0, 1.0)
+    ]
+    along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0], axis=1, keepdims=True)
+    crossing = start + distance[:, None] * direction - ends[0]
+    assert np.abs(along[:, 0] * crossing[:, 1] - along[:, 1] * crossing[:, 0]).max() < 1e-4
+    assert np.abs(slope) == pytest.approx(np.abs(np.tan(np.arcsin((along * direction).sum(axis=1)))), abs=1e-6)
+    for place in range(0, device.count, 7):
+        step = np.zeros(device.count)
+        step[place] = 1e-2
+        pair = [device.crossings_px(points, errors + sign * step, start, direction)[0] for sign in (1.0, -1.0)]
+        change = (pair[0] - pair[1]) / 2e-2
+        assert np.abs(jacobian[:, place] - change).max() < 2e-2 * max(np.abs(change).max(), 0.1)
 
 
 def test_errors_are_those_of_the_camera_then_of_each_mirror(device: BuiltDevice) -> None:
