@@ -191,6 +191,7 @@ class Mirror(Value):
             virtual_centre_in_rig_mm=self.virtual_centre_in_rig_mm * (1.0 - rise / self.distance_mm),
             outline_in_rig_mm=self.outline_in_rig_mm + rise * self.normal_in_rig,
             thickness_mm=self.thickness_mm,
+            refractive_index=self.refractive_index,
             curvature_per_m=self.curvature_per_m,
         )
 

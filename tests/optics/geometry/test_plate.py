@@ -62,6 +62,7 @@ def test_apparent_undoes_second_surface(centre: FloatArray, thickness_mm: float,
     assert np.allclose(stored.apparent.virtual_centre_in_rig_mm, centre, atol=1e-9)
     assert np.allclose(stored.apparent.outline_in_rig_mm, intersect_plane(SQUARE, centre), atol=1e-9)
     assert not stored.apparent.is_second_surface
+    assert (stored.apparent.thickness_mm, stored.apparent.refractive_index) == (thickness_mm, index)
     # The reflecting surface lies behind the apparent plane, by less than the thickness.
     assert stored.apparent.distance_mm <= stored.distance_mm < stored.apparent.distance_mm + thickness_mm
 
