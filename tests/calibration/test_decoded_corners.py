@@ -47,12 +47,15 @@ def test_errors_of_parameters_show_in_decoded_views_as_predicted() -> None:
     pixels, points = pixels[::7], points[::7]
     centre = layout.mirrors[view].virtual_centre_in_rig_mm
     turn = Rotation.align_vectors([[0.1, -0.2, 1.0]], [(points - centre).mean(axis=0)])[0].as_matrix()
-    d_rotation, d_parameter = error_derivatives(layout, view, points, centre, FOCAL_PX, turn)
+    d_rotation, d_parameter, d_frame = error_derivatives(layout, view, points, centre, FOCAL_PX, turn)
     before = decoded_px(layout, view, pixels, turn)
     for k, parameter in enumerate(uncertainty_of(layout).parameters):
         step = 1e-3 if parameter.endswith(("_mm", "_px")) else 1e-6
         after = decoded_px(changed(layout, parameter, step), view, pixels, turn)
         np.testing.assert_allclose((after - before) / step, d_parameter[..., k], 2e-3, 2e-3, err_msg=parameter)
+    for axis in range(2):
+        after = decoded_px(layout, view, pixels + 1e-3 * np.eye(2)[axis], turn)
+        np.testing.assert_allclose((after - before) / 1e-3, d_frame[..., axis], rtol=2e-3, atol=2e-3)
     np.testing.assert_allclose(project_points(layout, view, points).pixels, pixels, atol=1e-6)
     moved = (points - centre) @ Rotation.from_rotvec([0.0, 1e-6, 0.0]).as_matrix().T @ turn.T
     after = FOCAL_PX * moved[:, :2] / moved[:, 2:]
@@ -63,8 +66,9 @@ def test_a_rotation_of_the_rig_is_no_error() -> None:
     random = np.random.default_rng(0)
     d_rotation, noise = random.normal(size=(50, 2, 3)), 0.01 * random.normal(size=(50, 2))
     products = np.zeros((4, 4))
+    same = np.tile(np.eye(2), (50, 1, 1))
     still, turned = (
-        DecodedCorners(errors, d_rotation, products) for errors in (noise, noise + d_rotation @ [3.0, -2.0, 1.0])
+        DecodedCorners(errors, d_rotation, same, products) for errors in (noise, noise + d_rotation @ [3.0, -2.0, 1.0])
     )
     np.testing.assert_allclose(turned.distances_px(), still.distances_px(), atol=1e-12)
 
@@ -73,12 +77,14 @@ def test_a_rotation_of_the_rig_is_no_error() -> None:
 def test_the_bound_is_exceeded_as_often_as_stated(corner_sigma_px: float) -> None:
     random = np.random.default_rng(1)
     d_rotation, d_parameter = random.normal(size=(200, 2, 3)), random.normal(size=(200, 2, 6))
+    d_frame = 1.3 * np.tile(Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()[:2, :2], (200, 1, 1))
     root = np.diag([2.0, 1.0, 0.7, 0.5, 0.2, 0.1]) @ random.normal(size=(6, 6))
     columns = np.concatenate([d_rotation, d_parameter], axis=2).reshape(-1, 9)
     rms = []
     for _ in range(2000):
-        errors = d_parameter @ (root @ random.normal(size=6)) + corner_sigma_px * random.normal(size=(200, 2))
-        drawn = DecodedCorners(errors, d_rotation, columns.T @ columns)
+        noise = np.einsum("nij,nj->ni", d_frame, corner_sigma_px * random.normal(size=(200, 2)))
+        errors = d_parameter @ (root @ random.normal(size=6)) + noise
+        drawn = DecodedCorners(errors, d_rotation, d_frame, columns.T @ columns)
         rms.append(float(np.sqrt(np.mean(drawn.distances_px() ** 2))))
     sigma_px, limit_px = drawn.bound_px(root @ root.T, corner_sigma_px, 0.05)
     assert np.sqrt(np.mean(np.square(rms))) == pytest.approx(sigma_px, rel=0.05)

@@ -26,6 +26,9 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import transform
 from mirrorcam.optics.light_field.light_field import LightField
 
+INTERPOLATION_PX = 0.005
+"""Standard deviation per axis of the error of corners by linear interpolation in decoding, in sharp pictures."""
+
 
 @dataclass(frozen=True)
 class DecodedCorners:
@@ -37,6 +40,8 @@ class DecodedCorners:
         Detected minus predicted pixels (n, 2).
     d_rotation
         Derivatives (n, 2, 3) of the errors with respect to a rotation vector of the rig, px/rad.
+    d_frame
+        Derivatives (n, 2, 2) of pixels of the views with respect to those of the frame.
     products
         Products (3 + g, 3 + g), summed over all errors, of `d_rotation` and of the derivatives with respect to the
         calibration's g parameters.
@@ -44,6 +49,7 @@ class DecodedCorners:
 
     errors_px: FloatArray
     d_rotation: FloatArray
+    d_frame: FloatArray
     products: FloatArray
 
     @classmethod
@@ -52,6 +58,7 @@ class DecodedCorners:
         return cls(
             np.concatenate([part.errors_px for part in parts]),
             np.concatenate([part.d_rotation for part in parts]),
+            np.concatenate([part.d_frame for part in parts]),
             np.sum([part.products for part in parts], axis=0),
         )
 
@@ -73,7 +80,7 @@ class DecodedCorners:
         covariance
             Of the calibration's parameters, (g, g).
         corner_sigma_px
-            Standard deviation per axis of the noise of corners in the frames; decoding hardly scales views.
+            Standard deviation per axis of the noise of corners in the frames, which decoding scales.
         chance
             The probability.
         """
@@ -81,7 +88,8 @@ class DecodedCorners:
         rest = of_parameters - mixed.T @ np.linalg.pinv(of_rotation, hermitian=True) @ mixed
         mean_square = rest @ covariance / len(self.errors_px)
         total, squares = float(np.trace(mean_square)), float(np.sum(mean_square * mean_square.T))
-        noise = 2.0 * corner_sigma_px**2
+        scale = float(np.mean(np.square(self.d_frame).sum(axis=(1, 2))))
+        noise = corner_sigma_px**2 * scale + 2.0 * INTERPOLATION_PX**2
         worst = squares / total * chi2.isf(chance, total**2 / squares) if total > 0.0 else 0.0
         return float(np.sqrt(total + noise)), float(np.sqrt(worst + noise))
 
@@ -104,7 +112,8 @@ def decoded_corners(
     """
     points = transform(rig_from_board, board.corners_in_board_mm)
     parameters = len(uncertainty_of(layout).parameters)
-    parts = [DecodedCorners(np.empty((0, 2)), np.empty((0, 2, 3)), np.zeros((3 + parameters, 3 + parameters)))]
+    none = np.zeros((3 + parameters, 3 + parameters))
+    parts = [DecodedCorners(np.empty((0, 2)), np.empty((0, 2, 3)), np.empty((0, 2, 2)), none)]
     for view in range(light_field.rows * light_field.cols):
         t, s = divmod(view, light_field.cols)
         corners = detect_direct_view(as_grey(light_field.samples[t, s]), board)
@@ -115,15 +124,17 @@ def decoded_corners(
         matrix = light_field.matrices[t, s]
         offset = (points_in_rig - centre) @ light_field.view_from_rig.T
         predicted = matrix[0, 0] * offset[:, :2] / offset[:, 2:] + matrix[:2, 2]
-        derivatives = error_derivatives(layout, view, points_in_rig, centre, matrix[0, 0], light_field.view_from_rig)
-        columns = np.concatenate(derivatives, axis=2).reshape(-1, 3 + parameters)
-        parts.append(DecodedCorners(corners.pixels - predicted, derivatives[0], columns.T @ columns))
+        d_rotation, d_parameter, d_frame = error_derivatives(
+            layout, view, points_in_rig, centre, matrix[0, 0], light_field.view_from_rig
+        )
+        columns = np.concatenate([d_rotation, d_parameter], axis=2).reshape(-1, 3 + parameters)
+        parts.append(DecodedCorners(corners.pixels - predicted, d_rotation, d_frame, columns.T @ columns))
     return DecodedCorners.join(parts)
 
 
 def error_derivatives(
     layout: Layout, view: int, points_in_rig: FloatArray, centre: FloatArray, focal_px: float, view_from_rig: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Derivatives of the errors of points in a decoded view, px.
 
     Parameters
@@ -141,8 +152,9 @@ def error_derivatives(
 
     Returns
     -------
-    d_rotation, d_parameter
-        (n, 2, 3) and (n, 2, g), with respect to a rotation vector of the true rig and to the calibration's parameters.
+    d_rotation, d_parameter, d_frame
+        (n, 2, 3), (n, 2, g) and (n, 2, 2), with respect to a rotation vector of the true rig, to the calibration's
+        parameters and to pixels of the frame.
     """
     offset = points_in_rig - centre
     x, y, z = view_from_rig @ offset.T
@@ -152,5 +164,6 @@ def error_derivatives(
     d_rotation = d_point @ np.cross(np.eye(3), offset[:, None, :])
     # A point is shown where the calibration, not the truth, images it on the sensor.
     projected = project_points(layout, view, points_in_rig)
-    d_shown = -np.linalg.pinv(projected.d_point) @ projected.d_parameter
-    return d_rotation, d_point @ (d_shown - centre_derivatives(layout, view))
+    d_frame = d_point @ np.linalg.pinv(projected.d_point)
+    d_parameter = -d_frame @ projected.d_parameter - d_point @ centre_derivatives(layout, view)
+    return d_rotation, d_parameter, d_frame
