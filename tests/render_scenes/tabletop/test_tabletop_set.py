@@ -121,6 +121,8 @@ def compared(folder: Path, decoder: Decoder) -> tuple[list[float], list[float], 
         inside = cv2.erode(
             light_field.valid[t, s].astype(np.uint8), np.ones((7, 7)), borderType=cv2.BORDER_CONSTANT, borderValue=0
         ).astype(bool)
+        # The lens blurs highlights before the sensor clips them, so that they are larger than those of a true view.
+        inside &= ~cv2.dilate((true.max(axis=-1) >= 255.0).astype(np.uint8), np.ones((13, 13))).astype(bool)
         # The blur of the lens (0.8 px) and of interpolation in decoding.
         blurred = np.asarray(cv2.GaussianBlur(true, (0, 0), 0.95))
         for errors, picture in ((sharp, true), (soft, blurred)):
@@ -142,8 +144,8 @@ def test_a_decoded_frame_of_a_webcam_is_the_true_views(default_layout: Layout, t
     render_tabletop(request, tmp_path / "scene")
     sharp, soft, shifts = compared(tmp_path / "scene", Decoder(Layout.load(tmp_path / "scene/truth/layout.json")))
     assert min(sharp) > 25.5
-    assert min(soft) > 36.0
-    assert max(shifts) < 0.03
+    assert min(soft) > 37.0
+    assert max(shifts) < 0.02
 
 
 def test_decoding_as_designed_instead_of_as_built_is_noticed(
