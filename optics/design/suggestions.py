@@ -12,7 +12,7 @@ import numpy as np
 from mirrorcam.core.bounds import FOLD_DEG, MIRRORS
 from mirrorcam.core.processes.calls import Call, Calls, in_turn
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.design.optimise import design_near
+from mirrorcam.optics.design.optimise import design, design_near
 from mirrorcam.optics.design.program.design_problem import SLACK_WEIGHTS, overlap_draft, relaxed_fold, relaxed_program
 from mirrorcam.optics.design.program.nonlinear_program import Solver, SolverOutcome
 from mirrorcam.optics.design.program.separation import neighbour_pairs
@@ -132,9 +132,10 @@ def suggestions(
     """Yield, for each single parameter that can make a spec feasible, the spec with the nearest value and its design.
 
     The value is an unknown of the design's program, which minimises its change under all constraints. It is rounded
-    to three digits, away from the original value, and the design with it is solved and verified. Only parameters that
-    relieve the violated constraint are tried. The search is local: a nearer value may exist, or a value may exist
-    where none is found. Tolerances of devices as built are ignored.
+    to three digits, away from the original value, and the design with it is solved and verified; for rectangles, it is
+    the one that `design` finds. Only parameters that relieve the violated constraint are tried. The search is local: a
+    nearer value may exist, or a value may exist where none is found. For free outlines, tolerances of devices as built
+    are ignored.
 
     Parameters
     ----------
@@ -172,7 +173,7 @@ def _with_fewer(spec: DesignSpec, name: str) -> Suggestion | None:
     """The suggestion of one row or column fewer."""
     fewer = spec.replaced(**{name: getattr(spec, name) - 1})
     outcome = optimum_from(fewer, CONVERGENCE_DEPTHS[0], neighbour_pairs(fewer.arrangement))
-    layout = design_near(fewer, outcome.values) if outcome.solved else None
+    layout = _designed(fewer, outcome.values) if outcome.solved else None
     return None if layout is None else Suggestion(name, fewer, layout, 1.0 / getattr(spec, name))
 
 
@@ -220,12 +221,16 @@ def _with_fold(spec: DesignSpec) -> Suggestion | None:
 
 
 def _designed(spec: DesignSpec, values: FloatArray) -> Layout | None:
-    """The design near given values; None if there is none, or `design` would refuse the spec at once."""
+    """The design near given values; None if there is none, or `design` refuses the spec.
+
+    With fixed sizes, optima are isolated, and `design` may miss the one near the values.
+    """
     try:
         check_obvious_infeasibility(spec)
+        layout = design_near(spec, values)
+        return layout if layout is None or spec.rectangle_sizes is None else design(spec)
     except InfeasibleDesign:
         return None
-    return design_near(spec, values)
 
 
 def _nearest(solver: Solver) -> SolverOutcome | None:
