@@ -23,10 +23,11 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.adjuster import UNDER_NUT_MM, Adjuster, boss_mm, recess_diameter_mm
+from mirrorcam.cad.holder.back import BLUNT_RADIUS_MM, tip_mm
 from mirrorcam.cad.holder.glue import glue_mm3, groove_solid, grooves_of, planned_cover
 from mirrorcam.cad.holder.pads import min_altitude_mm, pad_shapes, pad_solid, plan_pads, widest_triangle
 from mirrorcam.cad.plan.dimension import Hole, holes
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Countersink
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, outline_at, seat_distance_mm, seat_height_mm
 from mirrorcam.cad.plan.threads import thread_of
@@ -199,7 +200,8 @@ NOTCH_MM = 1.0
 class CarrierPlan:
     """A carrier in the rig frame, mm: its `body` from its back to its seat, the `pads` on the seat, and the cuts.
 
-    The cuts are `grooves` (with the notch in its upper edge), `holes` and `nuts`. `rig_from_back` (4, 4) is the frame
+    The cuts are `grooves` (with the notch in its upper edge), `holes`, the cones `tips` in which holes for inserts end,
+    and `nuts`. `rig_from_back` (4, 4) is the frame
     of its flat back: origin in the centre of its screws, z out of the back towards the holder. `screws_mm` (3, 2) are
     the screws' axes in that frame, `thread` is theirs. `planned_cover` is the fraction of the mirror's back that its
     seat covers, `glue_mm3` the volume of the gap between them.
@@ -210,6 +212,7 @@ class CarrierPlan:
     pads: tuple[Frustum, ...]
     grooves: tuple[Frustum, ...]
     holes: tuple[Bore, ...]
+    tips: tuple[Countersink, ...]
     nuts: tuple[Frustum, ...]
     nut_flats_mm: float
     rig_from_back: FloatArray
@@ -237,17 +240,16 @@ class CarrierPlan:
 def min_level_mm(mirror: Mirror, area: CarrierArea, axes: FloatArray, hole_mm: float, hardware: Hardware) -> float:
     """The smallest z of a carrier's back in the mount's axes, from the pupil.
 
-    The carrier is at least as thick as the holder's floor and, at its screws, as the depth of their holes plus a wall,
-    or plus a floor below a groove of its seat.
+    The carrier is at least as thick as the holder's floor and, at its screws, as the depth of their holes, to the tips
+    of the cones in which these end, plus a wall, or plus a floor below a groove of its seat.
     """
     cover = max(hardware.printer.wall_mm, hardware.holder.groove_depth_mm + hardware.printer.floor_mm)
     level_for_floor = float(_seat_z(mirror, area.corners, axes, hardware).max()) + hardware.holder.floor_mm
     angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     circle = boss_mm(hardware) * np.column_stack([np.cos(angles), np.sin(angles)])
-    levels_for_screws = [
-        float(_seat_z(mirror, screw + circle, axes, hardware).max()) + hole_mm + cover for screw in area.screws
-    ]
-    return max(level_for_floor, *levels_for_screws)
+    around = [float(_seat_z(mirror, screw + circle, axes, hardware).max()) for screw in area.screws]
+    over_tips = _seat_z(mirror, area.screws, axes, hardware) + (0.0 if _has_nuts(hardware) else tip_mm(hardware.screw))
+    return max(level_for_floor, max(*around, float(over_tips.max())) + hole_mm + cover)
 
 
 def _seat_z(mirror: Mirror, points: FloatArray, axes: FloatArray, hardware: Hardware) -> FloatArray:
@@ -288,6 +290,14 @@ def plan_carrier(
     depth = screw.hole_mm + OUTSIDE_MM
     radius = (hardware.screw.clearance_hole_mm if nuts else hardware.screw.insert_hole_mm) / 2.0
     mouths = area.screws @ axes[:2] + (level_mm + OUTSIDE_MM) * normal
+    cones = (
+        ()
+        if nuts
+        else (
+            Countersink(mouth - depth * normal, -normal, radius, BLUNT_RADIUS_MM, tip_mm(hardware.screw))
+            for mouth in mouths
+        )
+    )
     return CarrierPlan(
         name=name,
         body=Frustum(back + level_mm * normal, top),
@@ -299,6 +309,7 @@ def plan_carrier(
             ),
         ),
         holes=tuple(Bore(mouth, -normal, radius, depth) for mouth in mouths),
+        tips=tuple(cones),
         nuts=nuts,
         nut_flats_mm=_nut_flats_mm(hardware),
         rig_from_back=rigid(axes.T, area.centre @ axes[:2] + level_mm * normal),

@@ -159,7 +159,8 @@ def make_coupon(plan: CouponPlan) -> Part:
 @recipe("cad.parts.solids.make_carrier")
 def make_carrier(plan: CarrierPlan) -> Part:
     """A mirror's carrier: its wedge with pads, minus grooves and the holes of its screws."""
-    return built_of(carrier_name(plan.name), (plan.body, *plan.pads), (*plan.grooves, *plan.holes, *plan.nuts))
+    cuts: tuple[Cut, ...] = (*plan.grooves, *plan.holes, *plan.tips, *plan.nuts)
+    return built_of(carrier_name(plan.name), (plan.body, *plan.pads), cuts)
 
 
 @recipe("cad.parts.solids.make_clip")

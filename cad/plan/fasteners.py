@@ -202,8 +202,9 @@ def thread(
     if screw.kind == "insert":
         return (Bore(start, axis, screw.insert_hole_mm / 2.0, screw.insert_depth_mm + OUTSIDE_MM, up),)
     depth = wall_mm - fastened.begins_mm + OUTSIDE_MM
+    through = wall_mm + 2.0 * OUTSIDE_MM
     return (
-        Bore(start, axis, screw.clearance_hole_mm / 2.0, wall_mm + 2.0 * OUTSIDE_MM, up),
+        Bore(start, axis, screw.clearance_hole_mm / 2.0, through, up, roof_deg=ROOF_IN_SKINS_DEG),
         Hexagon(mouth + fastened.begins_mm * axis, axis, up, screw.nut_flats_mm + NUT_FIT_MM, depth),
     )
 
