@@ -26,7 +26,7 @@ from mirrorcam.optics.design.search import (
     best_via_feasible_points,
     check_obvious_infeasibility,
 )
-from mirrorcam.optics.design.size_search import with_allowed_sizes
+from mirrorcam.optics.design.size_search import expected_searches, with_allowed_sizes
 from mirrorcam.optics.geometry.design_spec import FIRST_FOLD_DEG, GAVE_UP, DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import fields_of_view
@@ -54,8 +54,8 @@ def design(spec: DesignSpec, calls: Calls = in_turn, *, progress: Progress = no_
     calls
         Runs independent searches, in this process or with a worker of `in_parallel` in two. The layout is the same.
     progress
-        Called with the number of searches done and the number known so far, which grows: a search may show that others
-        are needed. An exception that it raises ends the design.
+        Called with the number of searches done and the number expected, which grows if a search shows that others are
+        needed. An exception that it raises ends the design.
 
     Returns
     -------
@@ -71,7 +71,10 @@ def design(spec: DesignSpec, calls: Calls = in_turn, *, progress: Progress = no_
     """
     check_type("spec", spec, DesignSpec)
     check_obvious_infeasibility(spec)
-    calls = counted(calls, progress)
+    expected, is_sized = len(CONVERGENCE_DEPTHS) + expected_searches(spec), spec.rectangle_sizes is not None
+    if spec.objective == "depth":  # both stages again, each also from the design for overlap
+        expected += expected + 1 + is_sized
+    calls = counted(calls, progress, expected)
     overlap = with_allowed_sizes(_for_overlap(spec, calls), calls)
     if spec.objective == "overlap":
         return _verified(overlap)

@@ -39,6 +39,17 @@ MIN_GAIN = 1e-4
 """Improvement of the objective for which a mirror changes its size."""
 
 
+def expected_searches(spec: DesignSpec) -> int:
+    """The number of searches of `with_allowed_sizes` if the first candidates have optima; 0 for free outlines."""
+    sizes = spec.rectangle_sizes
+    if sizes is None:
+        return 0
+    if not sizes.is_stock:
+        return 4 if spec.same_size else 1
+    tried = min(TRIED, len(sizes.options_mm))
+    return tried if spec.same_size else 1 + len(FITS) + tried + (tried - 1) * len(spec.arrangement.steps)
+
+
 def with_allowed_sizes(optimum: Optimum, calls: Calls, reference: Optimum | None = None) -> Optimum:
     """The best design found with allowed sizes; free outlines are returned as they are.
 

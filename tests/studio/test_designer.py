@@ -14,14 +14,26 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio import design_work
-from mirrorcam.studio.design_values import DesignDrawing, RefusedDesign, SolvedDesign, SuggestedRequest
+from mirrorcam.studio.design_values import (
+    DesignDrawing,
+    DesignResult,
+    RefusedDesign,
+    SolvedDesign,
+    SuggestedRequest,
+    TargetResult,
+)
 from mirrorcam.studio.designer import Designer, Search
-from mirrorcam.studio.turns import PageRequest, Superseded
+from mirrorcam.studio.turns import PageRequest
 
 SMALL = DesignSpec(rows=1, cols=2, depths_mm=(300.0,))
 LONG = DesignSpec(rows=5, cols=5)
 PAIR = DesignSpec(pattern=Pattern(name="pair", positions=np.array([[0.0, 0.0], [1.0, 0.0]])))
 """A pattern, whose number of mirrors a target does not vary."""
+
+
+def solved(designer: Designer, spec: DesignSpec, page_request: PageRequest | None = None) -> DesignResult | None:
+    """The result of a request; None if it was superseded."""
+    return next((found for found in designer.solve(spec, page_request) if not isinstance(found, float)), None)
 
 
 @pytest.fixture
@@ -34,9 +46,9 @@ def designer() -> Iterator[Designer]:
 
 @pytest.mark.slow
 def test_what_was_solved_is_kept_and_previews_lie_near_it(designer: Designer) -> None:
-    found = designer.solve(SMALL)
+    found = solved(designer, SMALL)
     assert isinstance(found, SolvedDesign)
-    assert designer.solve(SMALL) is found
+    assert solved(designer, SMALL) is found
     assert designer.preview(SMALL) == found.drawing.model_dump_json()
     preview = DesignDrawing.model_validate_json(designer.preview(SMALL.replaced(scale_mm=85.0)) or "")
     assert preview.kind == "preview"
@@ -46,21 +58,14 @@ def test_what_was_solved_is_kept_and_previews_lie_near_it(designer: Designer) ->
 
 
 def test_a_newer_request_ends_the_older_one(designer: Designer) -> None:
-    ended: list[str] = []
-
-    def solve_long() -> None:
-        try:
-            designer.solve(LONG)
-        except Superseded:
-            ended.append("superseded")
-
-    waiting = threading.Thread(target=solve_long)
+    ended: list[DesignResult | None] = []
+    waiting = threading.Thread(target=lambda: ended.append(solved(designer, LONG)))
     waiting.start()
-    while designer._solutions.working is None:
+    while designer._solver.turns.working is None:
         time.sleep(0.01)
-    assert isinstance(designer.solve(SMALL), SolvedDesign)
+    assert isinstance(solved(designer, SMALL), SolvedDesign)
     waiting.join(30.0)
-    assert ended == ["superseded"]
+    assert ended == [None]
 
 
 @pytest.mark.slow
@@ -69,7 +74,7 @@ def test_pages_get_their_designs_one_after_another(designer: Designer) -> None:
     found: dict[int, object] = {}
 
     def ask(number: int) -> None:
-        found[number] = designer.solve(specs[number], PageRequest(number))
+        found[number] = solved(designer, specs[number], PageRequest(number))
 
     threads = [threading.Thread(target=ask, args=(number,)) for number in range(4)]
     for thread in threads:
@@ -84,38 +89,31 @@ def test_pages_get_their_designs_one_after_another(designer: Designer) -> None:
 
 @pytest.mark.slow
 def test_a_page_that_leaves_frees_the_solver_for_the_others(designer: Designer) -> None:
-    ended: list[str] = []
+    ended: list[DesignResult | None] = []
     leaving = PageRequest("a")
-
-    def solve_long() -> None:
-        try:
-            designer.solve(LONG, leaving)
-        except Superseded:
-            ended.append("superseded")
-
-    waiting = threading.Thread(target=solve_long)
+    waiting = threading.Thread(target=lambda: ended.append(solved(designer, LONG, leaving)))
     waiting.start()
-    while designer._solutions.working is None:
+    while designer._solver.turns.working is None:
         time.sleep(0.01)
     time.sleep(0.5)
     designer.leave(leaving)
     waiting.join(5.0)
-    assert ended == ["superseded"]
-    assert isinstance(designer.solve(SMALL, PageRequest("b")), SolvedDesign)
+    assert ended == [None]
+    assert isinstance(solved(designer, SMALL, PageRequest("b")), SolvedDesign)
 
 
 @pytest.mark.slow
 def test_a_solver_that_dies_is_reported_and_replaced(designer: Designer) -> None:
-    killed = threading.Timer(0.5, designer._solver.kill)
+    killed = threading.Timer(0.5, designer._solver.process.kill)
     killed.start()
-    with pytest.raises(InputError, match="ended by signal 9"):
-        designer.solve(LONG)
-    assert isinstance(designer.solve(SMALL), SolvedDesign)
+    found = solved(designer, LONG)
+    assert isinstance(found, RefusedDesign) and "ended by signal 9" in found.finding
+    assert isinstance(solved(designer, SMALL), SolvedDesign)
 
 
 @pytest.mark.slow
 def test_what_is_near_is_solved_ahead(designer: Designer) -> None:
-    designer.solve(SMALL)
+    solved(designer, SMALL)
     ahead = SMALL.replaced(rows=2)
     for _ in range(600):
         if ahead in designer._results:
@@ -125,7 +123,7 @@ def test_what_is_near_is_solved_ahead(designer: Designer) -> None:
 
 
 def test_a_refusal_is_kept_too(designer: Designer) -> None:
-    found = designer.solve(SMALL.replaced(seen_gap_mm=500.0))
+    found = solved(designer, SMALL.replaced(seen_gap_mm=500.0))
     assert isinstance(found, RefusedDesign)
     assert found.constraint == "seen gap"
     with pytest.raises(InputError, match="not solved"):
@@ -133,13 +131,13 @@ def test_a_refusal_is_kept_too(designer: Designer) -> None:
 
 
 def test_a_stored_layout_is_read_instead_of_solved(designer: Designer, tmp_path: Path) -> None:
-    found = designer.solve(SMALL)
+    found = solved(designer, SMALL)
     assert isinstance(found, SolvedDesign)
     # Kept under another request: were it solved, it would be another design.
     other = SMALL.replaced(scale_mm=200.0)
     found.layout.save(tmp_path / "layout.json")
     designer.offer({other: tmp_path / "layout.json"})
-    again = designer.solve(other)
+    again = solved(designer, other)
     assert isinstance(again, SolvedDesign)
     assert again.layout.identity == found.layout.identity
 
@@ -147,19 +145,20 @@ def test_a_stored_layout_is_read_instead_of_solved(designer: Designer, tmp_path:
 @pytest.mark.slow
 def test_designs_for_a_target_come_with_progress_and_are_kept(designer: Designer) -> None:
     *steps, last = designer.target("1mm@300mm 500g", PAIR)
-    done = [step.done / step.total for step in steps]
-    assert done == sorted(done) and done[0] == 0.0
+    assert isinstance(last, TargetResult)
+    shares = [step for step in steps if isinstance(step, float)]
+    assert shares == steps == sorted(shares) and steps[0] == 0.0
     for found in last.designs:
         assert [term.label for term in found.terms] == ["1mm@300mm", "500g"]
         assert all(term.passed for term in found.terms)
         assert found.solved.layout.spec is not None
-        assert designer.solve(found.solved.layout.spec) is found.solved
+        assert solved(designer, found.solved.layout.spec) is found.solved
     assert last.designs
 
 
 def test_a_target_that_is_none_is_refused_in_words(designer: Designer) -> None:
     (only,) = designer.target("3 apples", SMALL)
-    assert only.designs == () and "'3'" in only.refusal
+    assert isinstance(only, TargetResult) and only.designs == () and "'3'" in only.refusal
 
 
 @pytest.mark.slow
@@ -169,7 +168,7 @@ def test_a_cancelled_search_for_a_target_ends(designer: Designer) -> None:
     next(search)
     designer.leave(leaving)
     assert len(list(search)) <= 1
-    assert next(designer.target("0.3mm@400mm", SMALL)).done == 0
+    assert next(designer.target("0.3mm@400mm", SMALL)) == 0.0
 
 
 NARROW = DesignSpec(rows=1, cols=2, seen_gap_mm=120.0)
@@ -178,7 +177,7 @@ MANY = DesignSpec(seen_gap_mm=200.0)
 
 @pytest.fixture
 def advisor() -> Iterator[Search]:
-    made = Search(design_work.next_suggestion)
+    made = Search()
     yield made
     made.close()
 
@@ -215,7 +214,7 @@ def test_another_request_ends_a_search_and_the_next_one_works(advisor: Search) -
     searching = threading.Thread(target=lambda: got.append(list(suggestions(advisor, MANY, refusal))))
     searching.start()
     time.sleep(0.5)
-    advisor.end(PageRequest())
+    advisor.turns.drop_earlier(PageRequest(), None)
     searching.join(60.0)
     assert got == [[]]
     assert list(suggestions(advisor, NARROW, refused(NARROW)))
@@ -226,7 +225,7 @@ def test_a_search_that_is_not_read_to_its_end_is_over(advisor: Search) -> None:
     refusal = refused(NARROW)
     search = suggestions(advisor, NARROW, refusal)
     first = next(search)
-    advisor.end(PageRequest())
+    advisor.turns.drop_earlier(PageRequest(), None)
     assert list(search) == []
     again = list(suggestions(advisor, NARROW, refusal))
     assert again[0] == first

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from http.client import HTTPConnection
 from pathlib import Path
+from typing import Any
 
 import pytest
 from starlette.testclient import TestClient
@@ -43,10 +44,17 @@ def client(folder: Path) -> Iterator[TestClient]:
     designer.close()
 
 
+def lines(text: str) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in text.splitlines()]
+
+
 def test_a_request_gives_its_exact_design_and_the_files_of_it(client: TestClient) -> None:
     body = SMALL.model_dump_json()
     assert client.post("/layout", content=body, headers=JSON).status_code == 422
-    found = client.post("/design", content=body, headers=JSON).json()
+    *steps, found = lines(client.post("/design", content=body, headers=JSON).text)
+    shares = [step["progress"] for step in steps]
+    assert shares == sorted(shares) and (shares[0], shares[-1]) == (0.0, 1.0)
+    assert lines(client.post("/design", content=body, headers=JSON).text) == [found]  # it is kept
     assert found["status"] == "solved"
     assert found["drawing"]["kind"] == "exact"
     layout = Layout.model_validate_json(client.post("/layout", content=body, headers=JSON).text)
@@ -68,7 +76,7 @@ def test_a_request_gives_its_exact_design_and_the_files_of_it(client: TestClient
     ],
 )
 def test_invalid_requests_are_refused_in_one_line(client: TestClient, body: bytes, expected: str) -> None:
-    found = client.post("/design", content=body, headers=JSON).json()
+    (found,) = lines(client.post("/design", content=body, headers=JSON).text)
     assert found["status"] == "refused"
     assert expected in found["finding"]
     assert "\n" not in found["finding"]
@@ -162,8 +170,9 @@ def test_ten_pages_get_each_its_design_and_one_that_is_closed_is_not_waited_for(
     pages = [post(studio[0], spec, f"page {number}" if number % 2 == 0 else None) for number, spec in enumerate(specs)]
     closed.close()
     for spec, page in zip(specs, pages, strict=True):
-        found = json.loads(page.getresponse().read())
+        found = lines(page.getresponse().read().decode())[-1]
         assert (
             found["status"] == "solved" and DesignSpec.model_validate_json(json.dumps(found["drawing"]["spec"])) == spec
         )
-    assert json.loads(earlier.getresponse().read())["status"] in ("superseded", "solved")
+    ended = lines(earlier.getresponse().read().decode())  # superseded, unless it was first
+    assert all("progress" in line or line["status"] == "solved" for line in ended)

@@ -170,11 +170,9 @@ class FoundDesign:
 
 
 @dataclass(frozen=True)
-class TargetProgress:
-    """Steps of a search that are done and their total; at its end the designs found, or why there is none."""
+class TargetResult:
+    """The designs that a search for a target found, or why there is none."""
 
-    done: int
-    total: int
     designs: tuple[FoundDesign, ...] = ()
     refusal: str = ""
 

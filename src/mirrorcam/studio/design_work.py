@@ -6,15 +6,16 @@ import os
 import sys
 import threading
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
 from queue import SimpleQueue
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Calls, in_parallel, in_turn
 from mirrorcam.core.processes.worker_process import WorkerProcess
+from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
@@ -25,7 +26,7 @@ from mirrorcam.studio.design_values import (
     RefusedDesign,
     SolvedDesign,
     SuggestedRequest,
-    TargetProgress,
+    TargetResult,
     ToleranceBars,
 )
 
@@ -48,17 +49,12 @@ def _partner() -> WorkerProcess:
     return WorkerProcess(preload=("mirrorcam.optics.design.optimise",))
 
 
-def solve_in_two(spec: DesignSpec) -> SolvedDesign | RefusedDesign:
-    """Solve a request exactly in two processes; return the design, or why there is none."""
-    return solve(spec, in_parallel(_partner()))
-
-
-def solve(spec: DesignSpec, calls: Calls = in_turn) -> SolvedDesign | RefusedDesign:
-    """Solve a request exactly; return the design, or why there is none. `calls` as for `design`."""
+def solve(spec: DesignSpec, calls: Calls = in_turn, progress: Progress = no_progress) -> SolvedDesign | RefusedDesign:
+    """Solve a request exactly; return the design, or why there is none. `calls` and `progress` as for `design`."""
     from mirrorcam.optics.design.optimise import design
 
     try:
-        layout = design(spec, calls)
+        layout = design(spec, calls, progress=progress)
     except InfeasibleDesign as error:
         from mirrorcam.studio.drawing import violation_drawing
 
@@ -128,16 +124,21 @@ def report(layout: Layout) -> str:
     return design_report(layout, parabola, design_pictures(layout, parabola, built), not_built=not_built)
 
 
-_suggestions: list[Iterator[SuggestedRequest]] = []
-"""The search that `next_suggestion` continues."""
+_search: list[Iterator[Any]] = []
+"""The search that `next_found` continues."""
+
+
+def next_found() -> Any:
+    """Return what the search finds next; None at its end, or without a search."""
+    return next(_search[0], None) if _search else None
 
 
 def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
-    """Begin a search for feasible requests near a refused one, which `next_suggestion` continues."""
+    """Begin a search for feasible requests near a refused one, each a `SuggestedRequest`."""
     from mirrorcam.optics.design.suggestions import suggestions
 
     alternatives = suggestions(spec, InfeasibleDesign(constraint, finding), in_parallel(_partner()))
-    _suggestions[:] = [
+    _search[:] = [
         (
             SuggestedRequest(text=change_text(spec, item.spec, item.parameter), spec=item.spec.model_dump(mode="json"))
             for item in alternatives
@@ -145,43 +146,44 @@ def begin_suggestions(spec: DesignSpec, constraint: str, finding: str) -> None:
     ]
 
 
-def next_suggestion() -> SuggestedRequest | None:
-    """Return the next feasible request; None at the end, or without a search."""
-    return next(_suggestions[0], None) if _suggestions else None
-
-
-_progress = SimpleQueue[TargetProgress | Exception | None]()
-"""Progress of the search that `next_of_target` follows, None at its end."""
+def begin_design(spec: DesignSpec) -> None:
+    """Begin to solve a request exactly in two processes: shares of the searches done, then the `DesignResult`."""
+    calls = in_parallel(_partner())
+    _search[:] = [_in_thread(lambda progress: solve(spec, calls, progress))]
 
 
 def begin_target(terms: str, spec: DesignSpec) -> None:
-    """Begin a search, in a thread, for designs that meet a target; `next_of_target` returns its progress."""
+    """Begin a search for designs that meet a target: shares of the search done, then the `TargetResult`."""
     from mirrorcam.designs.target_search import designs_for
 
     calls = in_parallel(_partner())
 
-    def show(done: int, total: int) -> None:
-        _progress.put(TargetProgress(done, total))
-
-    def search() -> None:
+    def search(progress: Progress) -> TargetResult:
         try:
-            found = designs_for(terms, spec, calls=calls, progress=show)
-            _progress.put(TargetProgress(1, 1, tuple(map(_found_design, found.designs))))
+            found = designs_for(terms, spec, calls=calls, progress=progress)
         except InputError as error:
-            _progress.put(TargetProgress(1, 1, refusal=str(error)))
+            return TargetResult(refusal=str(error))
+        return TargetResult(tuple(map(_found_design, found.designs)))
+
+    _search[:] = [_in_thread(search)]
+
+
+def _in_thread(search: Callable[[Progress], Any]) -> Iterator[Any]:
+    """Run a search in a thread, and yield the share that is done as it grows, then the result."""
+    found = SimpleQueue[Any]()
+
+    def run() -> None:
+        try:
+            found.put(search(lambda done, total: found.put(done / total)))
         except Exception as error:  # raised again where the progress is read
-            _progress.put(error)
-        _progress.put(None)
+            found.put(error)
 
-    threading.Thread(target=search, daemon=True, name="target").start()
-
-
-def next_of_target() -> TargetProgress | None:
-    """Wait for the next progress of the search for a target; None at its end."""
-    progress = _progress.get()
-    if isinstance(progress, Exception):
-        raise progress
-    return progress
+    threading.Thread(target=run, daemon=True, name="search").start()
+    while isinstance(share := found.get(), float):
+        yield share
+    if isinstance(share, Exception):
+        raise share
+    yield share
 
 
 def _found_design(found: TargetDesign) -> FoundDesign:

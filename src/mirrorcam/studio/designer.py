@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from mirrorcam.studio.design_values import (
     RefusedDesign,
     SolvedDesign,
     SuggestedRequest,
-    TargetProgress,
+    TargetResult,
     ToleranceBars,
 )
 from mirrorcam.studio.look_ahead import LookAhead, nearby_requests
@@ -32,50 +32,36 @@ from mirrorcam.studio.turns import PageRequest, Superseded, Turns
 class Search:
     """Makes searches that find one result after the other; any thread may call. Searches of several pages take turns.
 
-    Parameters
-    ----------
-    following
-        Returns the next result in the process, None at the end.
+    `turns` are those of its process: a search that is dropped there ends.
     """
 
-    def __init__(self, following: Callable[[], Any]) -> None:
-        self._following = following
-        self._process = WorkerProcess(preload=design_work.PRELOAD)
-        self._turns = Turns(self._process.kill)
+    def __init__(self) -> None:
+        self.process = WorkerProcess(preload=design_work.PRELOAD)
+        self.turns = Turns(self.process.kill)
 
     def results(
         self, page_request: PageRequest, begin: Callable[..., None], *arguments: Hashable
     ) -> Generator[Any, None, None]:
         """Begin a search, and yield its results until it ends or its page has a new request."""
-        call = self._process.call
         try:
-            with self._turns.turn(page_request, arguments), self._searching():
-                call(begin, *arguments)
-                while not page_request.dropped and (found := call(self._following)) is not None:
-                    yield found
+            with self.turns.turn(page_request, arguments):
+                yield from self.found(page_request, begin, *arguments)
         except (Superseded, WorkerDied):
             return  # the search was ended
 
-    def end(self, page_request: PageRequest) -> None:
-        """End the search of a page that has a new request."""
-        self._turns.drop_earlier(page_request, None)
-
-    def leave(self, page_request: PageRequest) -> None:
-        """End a search that its page cancelled."""
-        self._turns.leave(page_request)
-
-    @contextmanager
-    def _searching(self) -> Iterator[None]:
-        """Kill the process if a search is abandoned, because it works ahead."""
+    def found(self, page_request: PageRequest, begin: Callable[..., None], *arguments: Hashable) -> Iterator[Any]:
+        """Yield the results of a search whose turn it is. Raises WorkerDied if the process ends."""
         try:
-            yield
-        except GeneratorExit:
-            self._process.kill()
+            self.process.call(begin, *arguments)
+            while not page_request.dropped and (found := self.process.call(design_work.next_found)) is not None:
+                yield found
+        except GeneratorExit:  # abandoned, but the process works ahead
+            self.process.kill()
             raise
 
     def close(self) -> None:
         """End at once, for good."""
-        self._process.close()
+        self.process.close()
 
 
 MAX_RESULTS = 300
@@ -105,17 +91,17 @@ class Designer:
         self._stored_values: dict[DesignSpec, dict[str, float | None]] = {}
         self._reading = threading.Lock()
         self._results: OrderedDict[DesignSpec, DesignResult] = OrderedDict()
-        self._solver, self._previewer, self._analyst = (WorkerProcess(preload=design_work.PRELOAD) for _ in range(3))
+        self._previewer, self._analyst = (WorkerProcess(preload=design_work.PRELOAD) for _ in range(2))
         self._painter = WorkerProcess()
-        self._advisor, self._finder = Search(design_work.next_suggestion), Search(design_work.next_of_target)
+        self._solver, self._advisor, self._finder = Search(), Search(), Search()
         self._look_ahead = LookAhead(self._results.__contains__, self._keep)
         self._lock = threading.Lock()
-        self._solutions, self._studies = Turns(self._solver.kill), Turns(self._analyst.kill)
+        self._studies = Turns(self._analyst.kill)
         self._closed = False
 
     def start(self, *, at_once: bool = True) -> None:
         """Start; with `at_once`, start the processes for the first request in advance, others when needed."""
-        for process in (self._previewer, self._solver) if at_once else ():
+        for process in (self._previewer, self._solver.process) if at_once else ():
             process.start()
         self._look_ahead.start()
 
@@ -123,8 +109,8 @@ class Designer:
         """End all processes."""
         with self._lock:
             self._closed = True
-        processes = (self._solver, self._previewer, self._analyst, self._painter)
-        for worker in (self._look_ahead, self._advisor, self._finder, *processes):
+        processes = (self._previewer, self._analyst, self._painter)
+        for worker in (self._look_ahead, self._solver, self._advisor, self._finder, *processes):
             worker.close()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
@@ -135,42 +121,49 @@ class Designer:
         """Add files of solved layouts, such as a sweep's; each is read when it is requested."""
         self._stored = dict(stored)
 
-    def solve(self, spec: DesignSpec, page_request: PageRequest | None = None) -> DesignResult:
-        """Solve a request exactly when its page has its turn.
+    def solve(self, spec: DesignSpec, page_request: PageRequest | None = None) -> Iterator[float | DesignResult]:
+        """Solve a request exactly when its page has its turn: yield the share of the searches done, then the result.
 
-        A page's new request ends the solution of its earlier one, whose call raises Superseded. Raises InputError if
-        the process that solves it dies.
+        A page's new request ends the solution of its earlier one, which then has no result.
         """
         page_request = page_request or PageRequest()
         if spec in self._stored and spec not in self._results:
             self.keep(spec, Layout.load(self._stored[spec]))
-        self._advisor.end(page_request)  # for an abandoned request
+        self._advisor.turns.drop_earlier(page_request, None)  # for an abandoned request
         result = self._results.get(spec)
         if result is None:
-            with self._solutions.turn(page_request, spec):
-                result = self._results.get(spec) or self._solve_now(spec, page_request)
+            result = yield from self._solve_in_turn(spec, page_request)
         else:
-            self._solutions.drop_earlier(page_request, spec)
-        self._look_ahead.solve_next(list(nearby_requests(spec)))
-        return result
+            self._solver.turns.drop_earlier(page_request, spec)
+        if result is not None:
+            self._look_ahead.solve_next(list(nearby_requests(spec)))
+            yield result
 
     def leave(self, page_request: PageRequest) -> None:
         """Cancel a request that its page abandoned."""
-        self._solutions.leave(page_request)
-        self._studies.leave(page_request)
-        self._advisor.leave(page_request)
-        self._finder.leave(page_request)
+        for turns in (self._solver.turns, self._studies, self._advisor.turns, self._finder.turns):
+            turns.leave(page_request)
 
-    def _solve_now(self, spec: DesignSpec, page_request: PageRequest) -> DesignResult:
+    def _solve_in_turn(
+        self, spec: DesignSpec, page_request: PageRequest
+    ) -> Generator[float, None, DesignResult | None]:
         try:
-            with self._look_ahead.paused():
-                result: DesignResult = self._solver.call(design_work.solve_in_two, spec)
+            with self._solver.turns.turn(page_request, spec), self._look_ahead.paused():
+                result = self._results.get(spec)
+                if result is None:
+                    for found in self._solver.found(page_request, design_work.begin_design, spec):
+                        if isinstance(found, float):
+                            yield found
+                        else:
+                            result = found
+                            self._keep(spec, result)
+                return result
+        except Superseded:
+            return None
         except WorkerDied as death:
             if page_request.dropped or self._closed:
-                raise Superseded from None
-            raise InputError(f"the process that solved it ended {death}: change something, or try again") from None
-        self._keep(spec, result)
-        return result
+                return None
+            return RefusedDesign("", f"the process that solved it ended {death}: change something, or try again")
 
     def _keep(self, spec: DesignSpec, result: DesignResult) -> None:
         with self._lock:
@@ -251,17 +244,19 @@ class Designer:
         begin, why = design_work.begin_suggestions, (refused.constraint, refused.finding)
         return self._advisor.results(page_request or PageRequest(), begin, spec, *why)
 
-    def target(self, terms: str, spec: DesignSpec, page_request: PageRequest | None = None) -> Iterator[TargetProgress]:
-        """Yield the progress of a search for designs that meet a target, such as "0.3mm@400mm 90EUR", and keep them."""
+    def target(
+        self, terms: str, spec: DesignSpec, page_request: PageRequest | None = None
+    ) -> Iterator[float | TargetResult]:
+        """Search designs that meet a target, such as "0.3mm@400mm 90EUR": yield the share done, then the result."""
         begin = design_work.begin_target
         with (
             self._look_ahead.paused(),
             closing(self._finder.results(page_request or PageRequest(), begin, terms, spec)) as results,
         ):
-            for progress in results:
-                for found in progress.designs:
-                    self._keep(DesignSpec.model_validate(found.solved.drawing.spec), found.solved)
-                yield progress
+            for found in results:
+                for design in found.designs if isinstance(found, TargetResult) else ():
+                    self._keep(DesignSpec.model_validate(design.solved.drawing.spec), design.solved)
+                yield found
 
     def frame(self, spec: DesignSpec, subject: Subject) -> Frame:
         """A simulated frame of a solved design. Raises InputError if there is no room for the subject."""

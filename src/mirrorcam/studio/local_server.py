@@ -220,8 +220,13 @@ def _value(model: type[Body], body: bytes) -> Body:
 
 
 def as_json(value: Any) -> Response:
-    """Return a JSON response: paths as text, NaN and infinity as null."""
-    return Response(json.dumps(plain(value), allow_nan=False), media_type="application/json")
+    """Return a JSON response."""
+    return Response(json_text(value), media_type="application/json")
+
+
+def json_text(value: Any) -> str:
+    """Convert a value to JSON on one line: paths as text, NaN and infinity as null."""
+    return json.dumps(plain(value), allow_nan=False)
 
 
 def plain(value: Any) -> Any:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator, Callable, Iterable
 from contextlib import asynccontextmanager
 from pathlib import Path, PurePath
-from typing import Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 from pydantic import Field
 from starlette.applications import Starlette
@@ -25,12 +24,12 @@ from mirrorcam.core.processes.worker_process import WorkerDied
 from mirrorcam.core.values import Value
 from mirrorcam.designs.design_files import request_of, request_toml
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.studio.design_values import SolvedDesign, TargetProgress
+from mirrorcam.studio.design_values import DesignResult, RefusedDesign, SolvedDesign, TargetResult
 from mirrorcam.studio.designer import Designer
 from mirrorcam.studio.jobs import Jobs, plan, write_folder, zipped
 from mirrorcam.studio.live.answers import CameraAnswers, CameraHost
 from mirrorcam.studio.live.values import LiveRequest
-from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, as_json, posted
+from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, as_json, json_text, posted
 from mirrorcam.studio.page import studio_page
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.studio.turns import PageRequest, Superseded
@@ -82,36 +81,37 @@ class DesignAnswers:
         return Response(f'{{"drawing": {drawing or "null"}}}', media_type="application/json")
 
     async def design(self, request: Request) -> Response:
+        page_request = _page_request(request)  # first: a later request may be parsed sooner
+        found: Iterable[float | DesignResult]
         try:
-            result = await self._solved(request, self._designer.solve)
+            found = self._designer.solve(await posted(DesignSpec, request), page_request)
         except InputError as error:
-            return as_json({"status": "refused", "constraint": "", "finding": str(error)})
-        except Superseded:
-            return as_json({"status": "superseded"})
-        if not isinstance(result, SolvedDesign):
-            where = result.drawing and result.drawing.model_dump(mode="json")
-            refusal = {"constraint": result.constraint, "finding": result.finding, "where": where}
-            return as_json({"status": "refused"} | refusal)
-        return as_json({"status": "solved", "drawing": result.drawing.model_dump(mode="json")})
+            found = [RefusedDesign("", str(error))]
+        return self._lines(request, page_request, found, _design_answer)
 
     async def suggestions(self, request: Request) -> Response:
         page_request = _page_request(request)
         suggestions = self._designer.suggestions(await posted(DesignSpec, request), page_request)
-        return self._lines(request, page_request, (each.model_dump_json() for each in suggestions))
+        return self._lines(request, page_request, suggestions, lambda each: each.model_dump(mode="json"))
 
     async def target(self, request: Request) -> Response:
         page_request = _page_request(request)
         message = await posted(TargetRequest, request)
         search = self._designer.target(message.terms, message.spec, page_request)
-        return self._lines(request, page_request, map(_target_line, search))
+        return self._lines(request, page_request, search, _target_answer)
 
-    def _lines(self, request: Request, page_request: PageRequest, results: Iterable[str]) -> Response:
-        """Stream results, one per line, as they come."""
+    def _lines(
+        self, request: Request, page_request: PageRequest, found: Iterable[Any], answer: Callable[[Any], dict[str, Any]]
+    ) -> Response:
+        """Stream the progress of work, from 0 to 1, and its results, one per line as they come."""
+
+        def line(item: Any) -> str:
+            return json_text({"progress": item} if isinstance(item, float) else answer(item)) + "\n"
 
         async def lines() -> AsyncIterator[str]:
             async with self._cancelled_on_disconnect(request, page_request):
-                async for result in iterate_in_threadpool(results):
-                    yield f"{result}\n"
+                async for text in iterate_in_threadpool(map(line, found)):
+                    yield text
 
         return StreamingResponse(lines(), media_type="application/x-ndjson")
 
@@ -154,7 +154,7 @@ class DesignAnswers:
 
     async def _solved(self, request: Request, work: Callable[[DesignSpec, PageRequest], Result]) -> Result:
         """Return the result of work on the design of a request."""
-        page_request = _page_request(request)  # first: a later request may be parsed sooner
+        page_request = _page_request(request)
         spec = await posted(DesignSpec, request)
         async with self._cancelled_on_disconnect(request, page_request):
             return await run_in_threadpool(work, spec, page_request)
@@ -282,16 +282,23 @@ def _page_request(request: Request) -> PageRequest:
     return PageRequest(object() if name is None else name[:MAX_NAME_LENGTH])
 
 
-def _target_line(state: TargetProgress) -> str:
+def _design_answer(result: DesignResult) -> dict[str, Any]:
+    if isinstance(result, SolvedDesign):
+        return {"status": "solved", "drawing": result.drawing.model_dump(mode="json")}
+    where = result.drawing and result.drawing.model_dump(mode="json")
+    return {"status": "refused", "constraint": result.constraint, "finding": result.finding, "where": where}
+
+
+def _target_answer(result: TargetResult) -> dict[str, Any]:
     designs = [
         {
             "title": found.solved.drawing.title,
             "spec": found.solved.drawing.spec,
             "terms": [term.model_dump(mode="json") for term in found.terms],
         }
-        for found in state.designs
+        for found in result.designs
     ]
-    return json.dumps({"progress": state.done / state.total, "refusal": state.refusal, "designs": designs})
+    return {"refusal": result.refusal, "designs": designs}
 
 
 async def _superseded(request: Request, error: Exception) -> Response:

@@ -94,16 +94,16 @@ def test_what_nobody_wants_any_more_is_not_waited_for(worker: WorkerProcess, tmp
     assert list(in_parallel(worker)([(pow, (2, 5)), (pow, (2, 6))])) == [32, 64]
 
 
-def test_results_are_counted_and_cancelled_calls_leave_the_total(calls: Calls) -> None:
+def test_results_and_those_expected_are_counted_and_never_fewer(calls: Calls) -> None:
     reported: list[tuple[int, int]] = []
-    count = counted(calls, lambda *both: reported.append(both))
+    count = counted(calls, lambda *both: reported.append(both), 4)
     assert list(count([(abs, (-1,)), (abs, (-2,))])) == [1, 2]
-    assert reported == [(0, 2), (1, 2), (2, 2)]
+    assert reported == [(0, 4), (1, 4), (2, 4)]
     more = count([(abs, (-3,))] * 3)
     assert next(more) == 3
     more.close()
     assert list(count([(abs, (-4,))])) == [4]
-    assert reported[3:] == [(2, 5), (3, 5), (3, 4), (4, 4)]
+    assert reported[3:] == [(2, 5), (3, 5), (3, 5), (4, 5)]
 
 
 def test_an_exception_of_the_report_ends_the_calls(calls: Calls, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -77,6 +78,29 @@ def test_the_list_is_at_least_as_good_as_its_best_size() -> None:
     each, one = (designed(SMALL.replaced(shape=shape, same_size=same)) for same in (False, True))
     assert len({tuple(size) for size in sizes_mm(one)}) == 1
     assert usable(each) >= usable(one) - 1e-3
+
+
+@pytest.mark.parametrize(
+    ("fields", "first", "last"),
+    [
+        ({"shape": "free"}, (0, 2), (2, 2)),
+        ({}, (0, 3), (3, 3)),
+        ({"same_size": True}, (0, 6), (6, 6)),
+        ({"objective": "depth"}, (0, 8), (8, 8)),
+        ({"spacing_mm": 25.0}, (0, 3), (4, 4)),
+        ({"shape": "stock:25x15,25x20,30x20"}, (0, 15), (9, 15)),
+    ],
+    ids=str,
+)
+def test_searches_for_sizes_are_counted_from_the_start_and_no_count_decreases(
+    fields: dict[str, Any], first: tuple[int, int], last: tuple[int, int]
+) -> None:
+    counts: list[tuple[int, int]] = []
+    spec = DesignSpec(rows=1, cols=2, depths_mm=(300.0,)).replaced(**fields)
+    design(spec, progress=lambda *count: counts.append(count))
+    assert (counts[0], counts[-1]) == (first, last)
+    for column in zip(*counts, strict=True):
+        assert list(column) == sorted(column)
 
 
 def test_sizes_far_larger_than_the_sensor_sees_are_refused_at_once() -> None:

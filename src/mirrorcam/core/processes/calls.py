@@ -23,25 +23,22 @@ def in_turn(calls: Sequence[Call]) -> Generator[Any, None, None]:
         yield function(*arguments)
 
 
-def counted(calls: Calls, progress: Progress) -> Calls:
-    """Make calls as `calls` does, and report the number of results and of all calls requested so far.
+def counted(calls: Calls, progress: Progress, expected: int = 0) -> Calls:
+    """Make calls as `calls` does, and report the number of results and of those expected.
 
-    Calls that are cancelled no longer count.
+    The number expected grows if more calls are requested. It never decreases, even if calls are cancelled.
     """
-    done = total = 0
+    done, total = 0, expected
 
     def make(requested: Sequence[Call]) -> Generator[Any, None, None]:
         nonlocal done, total
-        before, total = done, total + len(requested)
+        total = max(total, done + len(requested))
         progress(done, total)
         with closing(calls(requested)) as results:
-            try:
-                for result in results:
-                    done += 1
-                    progress(done, total)
-                    yield result
-            finally:
-                total -= len(requested) - (done - before)
+            for result in results:
+                done += 1
+                progress(done, total)
+                yield result
 
     return make
 

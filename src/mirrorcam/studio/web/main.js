@@ -138,6 +138,8 @@
     requests.timer = null;
     byId("cancel").hidden = !on;
     byId("cancel").textContent = "Cancel";
+    byId("progress").hidden = !on;
+    byId("progress").value = 0;
     if (!on) return;
     Object.assign(requests, { startedAt: performance.now(), shown: null, timer: setInterval(showSolving, 500) });
     document.body.classList.add("stale");
@@ -191,7 +193,7 @@
     byId("infeasible").hidden = true;
     let answer;
     try {
-      answer = await source.design(spec);
+      answer = await source.design(spec, (share) => serial === requests.exact && (byId("progress").value = share));
     } catch (error) {
       if (serial === requests.exact) {
         solving(false);
@@ -202,7 +204,7 @@
     if (serial !== requests.exact) return;
     performance.measure("solve", { start: requests.startedAt, end: performance.now() });
     solving(false);
-    if (answer.status === "superseded") {
+    if (!answer) {
       lost(new Error("another request of this page came first"));
       return;
     }

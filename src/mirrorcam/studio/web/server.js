@@ -33,6 +33,15 @@
       parts.forEach((line) => take(JSON.parse(line)));
     }
   };
+  // The result of long work, undefined if it was superseded; lines before it state the progress, from 0 to 1.
+  const postLong = async (address, body, advance) => {
+    let result;
+    await postStreamed(address, body, (line) => {
+      if ("progress" in line) advance(line.progress);
+      else result = line;
+    });
+    return result;
+  };
   const cancel = (address) => pending[address]?.abort();
 
   // Everything that is polled: jobs, and the camera. An event stream would hold one of a browser's six connections for
@@ -57,10 +66,10 @@
   };
   // A listener gets each state, null if the server does not respond, and returns after which time it wants the next, ms.
   const watch = (listener) => listeners.push(listener) === 1 && follow();
-  Object.assign(Studio, { post, postNewest, postStreamed, cancel, watch, poll: () => wake() });
+  Object.assign(Studio, { post, postNewest, postLong, cancel, watch, poll: () => wake() });
   Studio.source = {
     preview: (spec) => post("/preview", spec),
-    design: (spec) => postNewest("/design", spec),
+    design: (spec, advance) => postLong("/design", spec, advance),
     suggestions: (spec, take) => postStreamed("/suggestions", spec, take),
     nearby: (spec) => post("/nearby", spec),
     cancel: () => cancel("/design"),

@@ -25,12 +25,8 @@
       event.preventDefault();
       list.replaceChildren();
       const work = Studio.working(note, "Searching", () => Studio.cancel("/target"));
-      let found = null;
       try {
-        await Studio.postStreamed("/target", { terms: terms(form), spec: spec() }, (line) => {
-          found = line;
-          work.step("Searching", line.progress);
-        });
+        const found = await Studio.postLong("/target", { terms: terms(form), spec: spec() }, (share) => work.step("Searching", share));
         const meets = ({ terms: reached }) => reached.every(({ passed }) => passed);
         note.textContent = found?.refusal || (found?.designs.some(meets) ? "These designs meet the target; click one to open it." : "No design meets it. These come nearest, and give way in red.");
         list.replaceChildren(...(found?.designs ?? []).map((design) => card(design, go)));
