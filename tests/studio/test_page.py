@@ -110,6 +110,26 @@ def test_a_typed_number_is_previewed_and_its_solution_can_be_cancelled(page: Wat
     assert page.page.is_hidden("#cancel")
 
 
+def test_the_share_of_the_searches_done_grows_while_a_design_is_solved(page: Watched, studio: tuple[str, Path]) -> None:
+    opened(page, studio)
+    page.page.evaluate(
+        """() => {
+      const bar = document.querySelector("#progress");
+      window.shares = [];
+      new MutationObserver(() => shares.push(bar.value)).observe(bar, { attributeFilter: ["value"] });
+    }"""
+    )
+    bar = page.page.get_by_role("progressbar", name="Progress of the search for the exact design")
+    assert bar.count() == 0
+    typed(page, "Rows", "4")
+    bar.wait_for()
+    page.page.wait_for_selector("#status.exact")
+    assert bar.count() == 0
+    shares = page.page.evaluate("shares")
+    assert shares == sorted(shares) and shares[0] == 0.0 and {round(3 * share) for share in shares} == {0, 1, 2, 3}
+    assert [shift for shift in page.shifts() if shift[0] > 0.005] == []
+
+
 def test_what_is_no_longer_shown_is_dimmed_until_something_is(page: Watched, studio: tuple[str, Path]) -> None:
     opened(page, studio)
     page.page.route("**/design", lambda route: None)

@@ -139,8 +139,8 @@
     byId("cancel").hidden = !on;
     byId("cancel").textContent = "Cancel";
     byId("progress").hidden = !on;
-    byId("progress").value = 0;
     if (!on) return;
+    byId("progress").value = 0;
     Object.assign(requests, { startedAt: performance.now(), shown: null, timer: setInterval(showSolving, 500) });
     document.body.classList.add("stale");
     for (const id of ["verdict", "tolerance", "sight"]) byId(id)?.classList.add("old");
