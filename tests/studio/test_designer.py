@@ -140,6 +140,10 @@ def test_a_stored_layout_is_read_instead_of_solved(designer: Designer, tmp_path:
     again = solved(designer, other)
     assert isinstance(again, SolvedDesign)
     assert again.layout.identity == found.layout.identity
+    gone = SMALL.replaced(scale_mm=201.0)
+    designer.offer({gone: tmp_path / "gone.json"})
+    refused = solved(designer, gone)
+    assert isinstance(refused, RefusedDesign) and "gone.json" in refused.finding
 
 
 @pytest.mark.slow

@@ -128,7 +128,11 @@ class Designer:
         """
         page_request = page_request or PageRequest()
         if spec in self._stored and spec not in self._results:
-            self.keep(spec, Layout.load(self._stored[spec]))
+            try:
+                self.keep(spec, Layout.load(self._stored[spec]))
+            except InputError as error:
+                yield RefusedDesign("", str(error))
+                return
         self._advisor.turns.drop_earlier(page_request, None)  # for an abandoned request
         result = self._results.get(spec)
         if result is None:
