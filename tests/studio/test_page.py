@@ -126,7 +126,7 @@ def test_the_share_of_the_searches_done_grows_while_a_design_is_solved(page: Wat
     page.page.wait_for_selector("#status.exact")
     assert bar.count() == 0
     shares = page.page.evaluate("shares")
-    assert shares == sorted(shares) and shares[0] == 0.0 and {round(3 * share) for share in shares} == {0, 1, 2, 3}
+    assert shares == sorted(shares) and {0.0, 1.0} < set(shares)
     assert [shift for shift in page.shifts() if shift[0] > 0.005] == []
 
 
