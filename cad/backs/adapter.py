@@ -7,16 +7,18 @@ towards the scene, and z up into the mount, so that the part has z <= 0.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from build123d import Plane, Shape, Solid, Vector
 
-from mirrorcam.cad.holder.holder_solid import solid_of
-from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.threads import thread_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import LONGEST
+
+if TYPE_CHECKING:
+    from build123d import Plane, Solid
+
+    from mirrorcam.cad.plan.seats import Frustum
 
 Point = tuple[float, float, float]
 
@@ -59,6 +61,8 @@ class MountFace:
     @property
     def light(self) -> tuple[Solid, ...]:
         """Solids that light passes, which the part must not enter."""
+        from mirrorcam.cad.holder.holder_solid import solid_of
+
         return tuple(solid_of(volume) for volume in self.light_volumes)
 
 
@@ -124,6 +128,8 @@ class Adapter:
     steps: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        from build123d import Shape, Vector
+
         if not isinstance(self.part, Shape):
             raise InputError(f"part is a {type(self.part).__name__}, expected a Part or Solid of build123d")
         solids = self.part.solids()

@@ -176,7 +176,9 @@ SCREW_RATIO, STEEL_G_PER_CM3 = 2.0, 7.85
 # Largest mass of a holder over its estimate: of the estimate itself, or with infill of 20 %.
 PLASTIC_MARGIN = 1.2
 # Steps of the candidate widths and depths, and candidate factors of the thicknesses.
-WIDTH_STEP_MM, DEPTH_STEP_MM = 2.0, 1.0
+WIDTH_STEP_MM, DEPTH_STEP_MM = 2.0, 0.5
+# Skins and webs that are this much thinner are also stiff enough: walls of two lines are hardly more accurate.
+THINNER_MM = 0.02
 THICKNESS_FACTORS = (1.0, 1.5, 2.0)
 # Number of candidate heights of the bend; a mount with a higher bend leans further back.
 BEND_HEIGHTS = 4
@@ -298,12 +300,11 @@ def _walls(
     deviation, so interpolation to the general tolerance is on the safe side.
     """
     section, limit = profile.section, hardware.mount.tilt_deg
-    thin = replace(
-        profile,
-        section=replace(section, skin_mm=section.skin_mm - GENERAL_MM, web_mm=section.web_mm - GENERAL_MM),
+    tilt, thin_tilt = (
+        bending(thinned(profile, mm), holder, clip, load_g, load_at, hardware)[0] for mm in (THINNER_MM, GENERAL_MM)
     )
-    tilt, thin_tilt = (bending(each, holder, clip, load_g, load_at, hardware)[0] for each in (profile, thin))
-    minus = min(GENERAL_MM, float(np.floor(100.0 * GENERAL_MM * (limit - tilt) / (thin_tilt - tilt)) / 100.0))
+    range_mm = GENERAL_MM - THINNER_MM
+    minus = THINNER_MM + float(np.floor(100.0 * range_mm * min((limit - tilt) / (thin_tilt - tilt), 1.0))) / 100.0
 
     def wall(line: FloatArray, thickness: float, text: str, start: float) -> Length:
         """The thickness at the middle of a line (2, 2; y and z), from `start` on its left."""
@@ -321,6 +322,12 @@ def _walls(
     )
 
 
+def thinned(profile: Profile, mm: float) -> Profile:
+    """The same profile with skins and webs that are thinner."""
+    section = profile.section
+    return replace(profile, section=replace(section, skin_mm=section.skin_mm - mm, web_mm=section.web_mm - mm))
+
+
 def _lightest(
     holder: HolderPlan, clip: ClipPlan, load_g: float, load_at: FloatArray, lean: float, hardware: Hardware
 ) -> tuple[Profile, Placement]:
@@ -335,7 +342,7 @@ def _lightest(
         placement = place_on_bed(profile.inner, profile.outer, hardware)
         if placement is None and stiff is not None:
             continue
-        if bending(profile, holder, clip, load_g, load_at, hardware)[0] <= limit:
+        if bending(thinned(profile, THINNER_MM), holder, clip, load_g, load_at, hardware)[0] <= limit:
             if placement is not None:
                 return profile, placement
             stiff = profile

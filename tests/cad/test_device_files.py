@@ -15,7 +15,8 @@ from mirrorcam.cad.write.slicer import check_slicing
 from mirrorcam.core.figures.figure_labels import LABELS
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
-from tests.cad.write.freecad import LISTED, NEEDS_FREECAD, run_in_freecad
+from tests.cad.write.freecad import LISTED, run_in_freecad
+from tests.cad.write.needs_freecad import NEEDS_FREECAD
 
 Built = tuple[Layout, Path, dict[str, Metric]]
 PARTS = ("mirror_holder", "mount", "camera_clip", "adapter_desk", "fit_coupon")

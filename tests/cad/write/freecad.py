@@ -9,8 +9,6 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 PROGRAMS = ("freecadcmd", "FreeCADCmd")
 CAD_PAGE = Path(__file__).parents[3] / "docs" / "cad.md"
 # Without merge=False, version 0.20.2 merges an assembly's solids, and crashes later.
@@ -41,9 +39,6 @@ def about(thing):
 def find_freecad() -> str | None:
     """FreeCAD's program without a window, if it is installed."""
     return next((path for name in PROGRAMS if (path := shutil.which(name))), None)
-
-
-NEEDS_FREECAD = pytest.mark.skipif(find_freecad() is None, reason="FreeCAD is not installed: no freecadcmd")
 
 
 def run_in_freecad(script: str, folder: Path) -> Any:

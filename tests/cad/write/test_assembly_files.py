@@ -40,7 +40,8 @@ from mirrorcam.cad.write.assembly_files import (
 from mirrorcam.core.names import LONGEST
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
-from tests.cad.write.freecad import LISTED, NEEDS_FREECAD, run_in_freecad
+from tests.cad.write.freecad import LISTED, run_in_freecad
+from tests.cad.write.needs_freecad import NEEDS_FREECAD
 from tests.hostile_names import ACCEPTED
 
 LEAN_DEG = 30.0

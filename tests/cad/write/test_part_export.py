@@ -17,7 +17,8 @@ from mirrorcam.cad.plan.part_plan import BuiltPart, NamedFace, PartPlan
 from mirrorcam.cad.write.part_export import STL_TOLERANCE_MM, mass_properties, name_faces, write_step, write_stl
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
-from tests.cad.write.freecad import NEEDS_FREECAD, run_in_freecad, script_of_the_page
+from tests.cad.write.freecad import run_in_freecad, script_of_the_page
+from tests.cad.write.needs_freecad import NEEDS_FREECAD
 
 UP, RIGHT = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
 ENTITY = re.compile(r"^#(\d+) = ([A-Z0-9_]+)\((.*?)\);$", re.MULTILINE | re.DOTALL)
