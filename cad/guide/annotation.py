@@ -347,21 +347,34 @@ def _draw_along(sheet: DrawingSheet, bases: Sequence[FloatArray], direction: Flo
 def _draw_notes(sheet: DrawingSheet, box: FloatArray, notes: Sequence[Note], free_mm: float) -> float:
     """Draw notes above the view, the rightmost lowest, so that no leader crosses text or another leader.
 
-    Returns the space that they need, mm, of which `free_mm` is there.
+    They point to the left instead, the leftmost lowest, if one would leave the sheet's field at the right. Returns the
+    space that they need, mm, of which `free_mm` is there.
     """
     outside, gaps = FIRST_NOTE_MM + TEXT_MM + 1.5, max(len(notes) - 1, 0)
     pitch = min(NOTE_PITCH_MM, (free_mm - outside) / max(gaps, 1))
-    ordered = sorted(notes, key=lambda note: (-(note.point[0] - LEADER_SLOPE * note.point[1]), note.text))
-    leader_direction = np.array([LEADER_SLOPE, 1.0]) / np.hypot(LEADER_SLOPE, 1.0)
-    for row, note in enumerate(ordered):
-        height = float(box[1, 1]) + FIRST_NOTE_MM + row * pitch
-        tip = note.point + note.radius * leader_direction
-        knee = np.array([tip[0] + LEADER_SLOPE * (height - tip[1]), height])
-        width = text_width_mm(note.text, TEXT_MM)
-        sheet.lines([np.array([tip, knee, knee + np.array([width + 1.5, 0.0])])], LINE_MM)
-        sheet.arrow_head(tip, -leader_direction)
-        sheet.text(knee + np.array([1.0, 0.8]), note.text, TEXT_MM)
+    placed = _leaders(box, notes, pitch, 1.0)
+    if any(line[:, 0].max() > FIELD_MM[1, 0] for _, line in placed):
+        placed = _leaders(box, notes, pitch, -1.0)
+    for note, line in placed:
+        tip, knee, end = line
+        sheet.lines([line], LINE_MM)
+        sheet.arrow_head(tip, (tip - knee) / np.linalg.norm(tip - knee))
+        sheet.text(np.array([min(knee[0] + 1.0, end[0] + 0.5), knee[1] + 0.8]), note.text, TEXT_MM)
     return outside + gaps * MIN_NOTE_PITCH_MM if notes else 0.0
+
+
+def _leaders(box: FloatArray, notes: Sequence[Note], pitch_mm: float, side: float) -> list[tuple[Note, FloatArray]]:
+    """Notes with their lines (3, 2) from tip to knee and along the text, to the right (1.0) or the left (-1.0)."""
+    ordered = sorted(notes, key=lambda note: (-(side * note.point[0] - LEADER_SLOPE * note.point[1]), note.text))
+    leader_direction = np.array([side * LEADER_SLOPE, 1.0]) / np.hypot(LEADER_SLOPE, 1.0)
+    placed = []
+    for row, note in enumerate(ordered):
+        height = float(box[1, 1]) + FIRST_NOTE_MM + row * pitch_mm
+        tip = note.point + note.radius * leader_direction
+        knee = np.array([tip[0] + side * LEADER_SLOPE * (height - tip[1]), height])
+        end = knee + np.array([side * (text_width_mm(note.text, TEXT_MM) + 1.5), 0.0])
+        placed.append((note, np.array([tip, knee, end])))
+    return placed
 
 
 Characteristic = Literal["flatness", "angularity", "profile"]
