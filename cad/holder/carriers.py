@@ -23,11 +23,10 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.adjuster import UNDER_NUT_MM, Adjuster, boss_mm, recess_diameter_mm
-from mirrorcam.cad.holder.back import BLUNT_RADIUS_MM, tip_mm
 from mirrorcam.cad.holder.glue import glue_mm3, groove_solid, grooves_of, planned_cover
 from mirrorcam.cad.holder.pads import min_altitude_mm, pad_shapes, pad_solid, plan_pads, widest_triangle
 from mirrorcam.cad.plan.dimension import Hole, holes
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Countersink
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, ROOF_DEG, Bore, Countersink
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, outline_at, seat_distance_mm, seat_height_mm
 from mirrorcam.cad.plan.threads import thread_of
@@ -194,6 +193,8 @@ def _fitting_size(area: Polygon, hardware: Hardware) -> str:
 
 # Depth of the notch in a carrier's upper edge.
 NOTCH_MM = 1.0
+# Radius of the end of a screw hole's cone: a ceiling as small needs no support.
+END_RADIUS_MM = 0.5
 
 
 @dataclass(frozen=True)
@@ -241,15 +242,19 @@ def min_level_mm(mirror: Mirror, area: CarrierArea, axes: FloatArray, hole_mm: f
     """The smallest z of a carrier's back in the mount's axes, from the pupil.
 
     The carrier is at least as thick as the holder's floor and, at its screws, as the depth of their holes, to the tips
-    of the cones in which these end, plus a wall, or plus a floor below a groove of its seat.
+    of the cones in which these end, plus a wall.
     """
-    cover = max(hardware.printer.wall_mm, hardware.holder.groove_depth_mm + hardware.printer.floor_mm)
     level_for_floor = float(_seat_z(mirror, area.corners, axes, hardware).max()) + hardware.holder.floor_mm
     angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     circle = boss_mm(hardware) * np.column_stack([np.cos(angles), np.sin(angles)])
     around = [float(_seat_z(mirror, screw + circle, axes, hardware).max()) for screw in area.screws]
-    over_tips = _seat_z(mirror, area.screws, axes, hardware) + (0.0 if _has_nuts(hardware) else tip_mm(hardware.screw))
-    return max(level_for_floor, max(*around, float(over_tips.max())) + hole_mm + cover)
+    over_tips = _seat_z(mirror, area.screws, axes, hardware) + (0.0 if _has_nuts(hardware) else _tip_mm(hardware))
+    return max(level_for_floor, max(*around, float(over_tips.max())) + hole_mm + hardware.printer.wall_mm)
+
+
+def _tip_mm(hardware: Hardware) -> float:
+    """Height of the cone at the end of an insert's hole."""
+    return float((hardware.screw.insert_hole_mm / 2.0 - END_RADIUS_MM) / np.tan(np.deg2rad(ROOF_DEG)))
 
 
 def _seat_z(mirror: Mirror, points: FloatArray, axes: FloatArray, hardware: Hardware) -> FloatArray:
@@ -294,8 +299,7 @@ def plan_carrier(
         ()
         if nuts
         else (
-            Countersink(mouth - depth * normal, -normal, radius, BLUNT_RADIUS_MM, tip_mm(hardware.screw))
-            for mouth in mouths
+            Countersink(mouth - depth * normal, -normal, radius, END_RADIUS_MM, _tip_mm(hardware)) for mouth in mouths
         )
     )
     return CarrierPlan(
