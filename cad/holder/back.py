@@ -46,9 +46,9 @@ def hole_mm(screw: Fastening) -> float:
     return screw.insert_hole_mm if screw.kind == "insert" else screw.clearance_hole_mm
 
 
-def tip_mm(screw: Fastening) -> float:
+def tip_mm(screw: Fastening, end_radius_mm: float = BLUNT_RADIUS_MM) -> float:
     """Height of the cone at the end of a screw hole: a flat ceiling would be a round bridge."""
-    return float((hole_mm(screw) / 2.0 - BLUNT_RADIUS_MM) / np.tan(np.deg2rad(ROOF_DEG)))
+    return float((hole_mm(screw) / 2.0 - end_radius_mm) / np.tan(np.deg2rad(ROOF_DEG)))
 
 
 def slot_width_mm(hardware: Hardware) -> float:

@@ -23,10 +23,11 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.holder.adjuster import UNDER_NUT_MM, Adjuster, boss_mm, recess_diameter_mm
+from mirrorcam.cad.holder.back import tip_mm
 from mirrorcam.cad.holder.glue import glue_mm3, groove_solid, grooves_of, planned_cover
 from mirrorcam.cad.holder.pads import min_altitude_mm, pad_shapes, pad_solid, plan_pads, widest_triangle
 from mirrorcam.cad.plan.dimension import Hole, holes
-from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, ROOF_DEG, Bore, Countersink
+from mirrorcam.cad.plan.fasteners import OUTSIDE_MM, Bore, Countersink
 from mirrorcam.cad.plan.hardware import Hardware
 from mirrorcam.cad.plan.seats import Frustum, outline_at, seat_distance_mm, seat_height_mm
 from mirrorcam.cad.plan.threads import thread_of
@@ -248,13 +249,10 @@ def min_level_mm(mirror: Mirror, area: CarrierArea, axes: FloatArray, hole_mm: f
     angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     circle = boss_mm(hardware) * np.column_stack([np.cos(angles), np.sin(angles)])
     around = [float(_seat_z(mirror, screw + circle, axes, hardware).max()) for screw in area.screws]
-    over_tips = _seat_z(mirror, area.screws, axes, hardware) + (0.0 if _has_nuts(hardware) else _tip_mm(hardware))
+    over_tips = _seat_z(mirror, area.screws, axes, hardware) + (
+        0.0 if _has_nuts(hardware) else tip_mm(hardware.screw, END_RADIUS_MM)
+    )
     return max(level_for_floor, max(*around, float(over_tips.max())) + hole_mm + hardware.printer.wall_mm)
-
-
-def _tip_mm(hardware: Hardware) -> float:
-    """Height of the cone at the end of an insert's hole."""
-    return float((hardware.screw.insert_hole_mm / 2.0 - END_RADIUS_MM) / np.tan(np.deg2rad(ROOF_DEG)))
 
 
 def _seat_z(mirror: Mirror, points: FloatArray, axes: FloatArray, hardware: Hardware) -> FloatArray:
@@ -299,7 +297,8 @@ def plan_carrier(
         ()
         if nuts
         else (
-            Countersink(mouth - depth * normal, -normal, radius, END_RADIUS_MM, _tip_mm(hardware)) for mouth in mouths
+            Countersink(mouth - depth * normal, -normal, radius, END_RADIUS_MM, tip_mm(hardware.screw, END_RADIUS_MM))
+            for mouth in mouths
         )
     )
     return CarrierPlan(

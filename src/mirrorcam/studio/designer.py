@@ -32,7 +32,7 @@ from mirrorcam.studio.turns import PageRequest, Superseded, Turns
 class Search:
     """Makes searches that find one result after the other; any thread may call. Searches of several pages take turns.
 
-    `turns` are those of its process: a search that is dropped there ends.
+    Pages take `turns` on its process: a search whose page is dropped there ends.
     """
 
     def __init__(self) -> None:
