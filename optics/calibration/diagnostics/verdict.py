@@ -175,7 +175,8 @@ def _uniformity_checks(views: Sequence[ViewFigures]) -> list[Check]:
         Check(
             "RMS of the noisiest view and axis, relative to the quietest",
             Metric(value=ratio, unit="1", limit=MAX_RMS_RATIO),
-            f"the residuals of {worst[0]} in {worst[1]} are {ratio:.1f} times those of {best[0]} in {best[1]}",
+            f"relative to the scatter of corners, the residuals of {worst[0]} in {worst[1]} are {ratio:.1f} times "
+            f"those of {best[0]} in {best[1]}",
             f"Look at the arrows of {worst[0]}: its residuals exceed the scatter of its corners.",
         )
     ]
