@@ -24,7 +24,7 @@ from mirrorcam.core.images.pictures import read_image, write_image
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.light_field.depth.parallax import reference_index
-from mirrorcam.optics.light_field.io.view_images import tiled_views
+from mirrorcam.optics.light_field.io.view_images import rgb, tiled_views
 from mirrorcam.optics.light_field.render.perspective import orbit, render_view
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
 from mirrorcam.render_scenes.preview.preview_frame import preview_frame
@@ -34,9 +34,11 @@ from mirrorcam.studio.demo.decoded_frame import DecodedFrame
 
 IMAGES = Path(__file__).parent / "images"
 MOVIE = "light_field.webp"
-STEP_MS, HOLD_MS = 60, 1800
+STEP_MS, HOLD_MS, DEPTH_MS = 60, 1800, 3500
 SWEEP, ORBIT = 40, 48
-CAPTION_PX, GAP_PX, FONT_PX = 32, 8, 18
+CAPTION_PX, GAP_PX, FONT_PX, LABEL_PX = 32, 8, 18, 13
+LABELS = 14
+"""Features whose distance is written beside them."""
 QUALITY = 72
 NEAR_MM, FAR_MM = 285.0, 600.0
 """Range of the focus: the glass ball, and the wall."""
@@ -54,23 +56,63 @@ class MovieFrame:
 
 
 def movie_frames(decoded: DecodedFrame) -> list[MovieFrame]:
-    """Return the views, the depth, a sweep of the focus there and back, and an orbit of the viewpoint."""
+    """Return depth, views, features, a sweep of the focus there and back, and an orbit of the viewpoint."""
     field = decoded.light_field
     size = field.width_px, field.height_px
-    inverse = decoded.depths.inverse_distance[reference_index(field)]
-    low, high = np.percentile(inverse, [0.5, 99.5])
-    level = np.rint(255.0 * np.clip((inverse - low) / (high - low) * 0.9 + 0.06, 0.0, 1.0)).astype(np.uint8)
-    depth = np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_TURBO), dtype=np.uint8)[..., ::-1]
+    depth = coloured(1.0 / decoded.depths.depth_mm(field)[reference_index(field)])
     views = np.asarray(cv2.resize(tiled_views(field), size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
     there = np.linspace(1.0 / NEAR_MM, 1.0 / FAR_MM, SWEEP // 2)
     focused = [to_bytes(refocus(decoded.dense, FocalPlane.at_depth(field, 1.0 / depth_mm))) for depth_mm in there]
     around = [to_bytes(render_view(field, decoded.depths, position)) for position in orbit(field, ORBIT)]
     return [
+        MovieFrame("depth", with_scale(depth), DEPTH_MS),
         MovieFrame("nine views", views, HOLD_MS),
-        MovieFrame("depth, 0.3 to 0.6 m", depth, HOLD_MS),
+        MovieFrame("features and their distances, mm", with_features(decoded), HOLD_MS),
         *(MovieFrame("focus after capture", picture) for picture in (*focused, *focused[::-1])),
-        *(MovieFrame("viewpoints in between", picture) for picture in (*around, *around)),
+        *(MovieFrame("viewpoints in between", picture) for picture in around),
     ]
+
+
+def coloured(inverse: NDArray[np.floating]) -> NDArray[np.uint8]:
+    """Colours (h, w, 3) of inverse depths (h, w), 1/mm, from blue at `FAR_MM` to red at `NEAR_MM`."""
+    part = (inverse - 1.0 / FAR_MM) / (1.0 / NEAR_MM - 1.0 / FAR_MM)
+    level = np.rint(255.0 * np.clip(part * 0.9 + 0.06, 0.0, 1.0)).astype(np.uint8)
+    return np.asarray(cv2.applyColorMap(level, cv2.COLORMAP_TURBO), dtype=np.uint8)[..., ::-1]
+
+
+def with_scale(depth: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Draw the scale of colours into a picture of depth (h, w, 3)."""
+    height, width = depth.shape[0] // 2, 10
+    page = Image.fromarray(np.ascontiguousarray(depth))
+    draw, font = ImageDraw.Draw(page), ImageFont.load_default(LABEL_PX)
+    left, top = page.width - 64, page.height // 4
+    draw.rectangle((left - 8, top - 12, page.width, top + height + 28), fill="white")
+    bar = coloured(np.linspace(1.0 / NEAR_MM, 1.0 / FAR_MM, height)[:, None].repeat(width, axis=1))
+    page.paste(Image.fromarray(np.ascontiguousarray(bar)), (left, top))
+    for depth_mm in (300, 350, 400, 500, 600):
+        part = (1.0 / NEAR_MM - 1.0 / depth_mm) / (1.0 / NEAR_MM - 1.0 / FAR_MM)
+        draw.text((left + width + 4, top + part * height), f"{depth_mm}", fill="#333", font=font, anchor="lm")
+    draw.text((page.width - 12, top + height + 24), "mm", fill="#333", font=font, anchor="rb")
+    return np.asarray(page)
+
+
+def with_features(decoded: DecodedFrame) -> NDArray[np.uint8]:
+    """Draw the features into the central view, coloured by their distance, which is written beside some of them."""
+    features, field = decoded.features, decoded.light_field
+    page = Image.fromarray(rgb(field.samples[reference_index(field)]))
+    draw, font = ImageDraw.Draw(page), ImageFont.load_default(LABEL_PX)
+    colours = coloured(1.0 / features.depth_mm[None])[0]
+    labelled: list[int] = []
+    for index in np.argsort(features.depth_sigma_mm):
+        x, y = features.pixels[index]
+        draw.circle((x, y), 4, outline=tuple(colours[index].tolist()), width=2)
+        apart = np.abs(features.pixels[labelled] - (x, y)) > (70, 30)
+        if len(labelled) < LABELS and apart.any(axis=1).all() and x < field.width_px - 40:
+            labelled.append(int(index))
+    for index in labelled:
+        (x, y), text = features.pixels[index], f"{features.depth_mm[index]:.0f}"
+        draw.text((x + 8, y), text, fill="white", font=font, anchor="lm", stroke_width=2, stroke_fill="#222")
+    return np.asarray(page)
 
 
 def write_movie(path: Path, frame: NDArray[np.uint8], frames: list[MovieFrame]) -> None:
@@ -84,7 +126,7 @@ def write_movie(path: Path, frame: NDArray[np.uint8], frames: list[MovieFrame]) 
         page.paste(left, (0, 0))
         page.paste(Image.fromarray(np.ascontiguousarray(shown.picture)), (width + GAP_PX, 0))
         draw = ImageDraw.Draw(page)
-        for x, text in ((0, "one rendered frame: a webcam before nine mirrors"), (width + GAP_PX, shown.caption)):
+        for x, text in ((0, "one rendered frame of a webcam facing nine mirrors"), (width + GAP_PX, shown.caption)):
             draw.text((x + width / 2, height + CAPTION_PX / 2 + 2), text, fill="#333", font=font, anchor="mm")
         pages.append(page)
     file = BytesIO()

@@ -21,6 +21,9 @@ EXPECTED = {
     "all at once": (0.6, 0.06),
 }
 
+OUTLYING = 0.002
+"""Part of the corners that JPEG 40 in little light may move by more than 5 sigma: 1 of 8,800 in eleven runs."""
+
 
 @pytest.mark.slow
 def test_no_corner_is_false_in_a_frame_of_a_good_camera(tmp_path: Path) -> None:
@@ -28,7 +31,8 @@ def test_no_corner_is_false_in_a_frame_of_a_good_camera(tmp_path: Path) -> None:
     assert set(found) == set(EXPECTED) == set(CONDITIONS)
     assert sum(each.found for each in found.values()) > 2500
     for way, (part, rms_px) in EXPECTED.items():
-        assert found[way].false == 0, way
+        assert found[way].far == 0, way
+        assert found[way].outlying <= OUTLYING * found[way].found, way
         assert found[way].found > part * found[way].visible, way
         assert found[way].rms_px < rms_px, way
 
