@@ -99,7 +99,7 @@ def record_of(gallery: Gallery) -> str:
     origin = f"Made on {gallery.date} on a machine with {gallery.machine}, of commit {gallery.commit}"
     return (
         f"![The {count} devices, from the front and from the side](images/{OVERVIEW.name})\n\n"
-        f"{origin}, with {gallery.slicer}, in {processor_s / 60.0:.0f} minutes of processor time.\n\n{table_of(gallery)}"
+        f"{origin}, with {gallery.slicer}, in {processor_s / 60.0:.0f} min of processor time.\n\n{table_of(gallery)}"
     )
 
 
