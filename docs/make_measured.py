@@ -31,9 +31,9 @@ sizes.
 
 A device for a Logitech C920, seed 0, whose nine mirrors are tilted by 0.3° and shifted by 0.3 mm (standard deviations).
 The sensor `webcam` has waves in the lens, a pupil that walks, colour fringes, a mosaic, noise and its reduction, a tone
-curve, sharpening and MJPEG. Stated standard deviations are the calibration's own, the largest of a mirror. Limits in
-the run's report are such that a calibration with the right covariance exceeds one in a run of a thousand; for corners
-they are at most the noise of matching.
+curve, sharpening and MJPEG. A stated standard deviation is the calibration's, the largest of all mirrors. A calibration
+with the right covariance exceeds a limit of the run's report once in a thousand runs; limits for corners are at most
+the noise of matching.
 
 default_run | grid error, in grid spacings | {design.grid_error:.3f}
 default_run | usable share of the sensor at 300 mm | {design.usable_efficiency_300mm:.2f}
@@ -183,7 +183,7 @@ light_field_motion_mirrors | the same by OpenCV's StereoSGBM and PnP | {mirrors,
 
 ## Measured once
 
-The scripts are in the history of the repository, up to commit 93f9e36d54cf.
+The scripts are in the history of the repository, up to commit b9e55788167a.
 
 - **Blind sets of the reference renderer.** Worst normal 0.0006° with first-surface mirrors, and 0.0007° with 2 mm of
   acrylic, whose thickness is found within 0.004 mm.
