@@ -22,18 +22,18 @@ HEAD_WITH_SOURCES = "| figure | value | command | date, commit |\n|---|---|---|-
 TEMPLATE = """\
 # Measured figures
 
-Each figure with the command that measures it, its date and commit ("+": with changes not committed). `python -m
+Each figure with the command that measures it, its date and commit ("+": with uncommitted changes). `python -m
 docs.make_measured` writes this page from [measured.json](measured.json), which the benchmarks write. Pictures are
-rendered unless a row says "real"; [idealisations.md](idealisations.md) states how a real setup differs, and how much
-that matters.
+rendered unless a row says "real"; [idealisations.md](idealisations.md) lists the effects of real setups, and their
+sizes.
 
 ## Default run
 
-A device for a Logitech C920, seed 0, whose nine mirrors are tilted by 0.3° and shifted by 0.3 mm (standard
-deviations). The sensor `webcam` has waves in the lens, a pupil that walks, colour fringes, a mosaic, noise and its
-reduction, a tone curve, sharpening and MJPEG. The standard deviations are those that the calibration states. A
-calibration with the right covariance exceeds the limits of the run's report once in a thousand runs; limits for corners
-are at most the noise of matching.
+A device for a Logitech C920, seed 0, whose nine mirrors are tilted by 0.3° and shifted by 0.3 mm (standard deviations).
+The sensor `webcam` has waves in the lens, a pupil that walks, colour fringes, a mosaic, noise and its reduction, a tone
+curve, sharpening and MJPEG. A stated standard deviation is the calibration's, the largest of all mirrors. A calibration
+with the right covariance exceeds a limit of the run's report once in a thousand runs; limits for corners are at most
+the noise of matching.
 
 default_run | grid error, in grid spacings | {design.grid_error:.3f}
 default_run | usable share of the sensor at 300 mm | {design.usable_efficiency_300mm:.2f}
@@ -68,17 +68,19 @@ model_camera | corners in decoded views, RMS | {decoded_corner_rms_px:.3f} px
 ## Calibration
 
 NEES (normalised estimation error squared) is the squared error over the stated variance: 1 where the uncertainty is
-right. The real photographs, by a phone, and the real video, where a hand moves it, show a board before two mirrors.
+right. The real photographs (by a phone) and the real video (of a board moved by hand) show a board in front of two
+mirrors.
 
 calibration_bound | NEES, 1000 trials with Gaussian noise | {NEES per degree of freedom/0}
-calibration_start | fits that converge of 500, mirrors off by 2° and 2 mm | {converged_2deg:.0f}
+calibration_start | converged fits of 500 from mirrors off by 2° and 2 mm | {converged_2deg:.0f}
 calibration_photos | real photographs: reprojection, RMS x / y | {board bows in each photograph/0} px
 calibration_photos | the same, mirrored corners held out | {board bows in each photograph/1} px
 calibration_video | real video: reprojection, RMS x / y | {reprojection/0}
 
 ## Layouts of rectangles
 
-Usable efficiency, as a percentage of free quadrilaterals with the same choice of fold.
+Usable efficiency, as a percentage of that of free quadrilaterals with the same fold. Mirrors are cut, or bought in the
+sizes of a list: one size for all, or any for each.
 
 mirror_shapes | 3 x 3 mirrors, default fold: cut in 1 mm steps | {3x3_120.0_cut_percent:.0f} %
 mirror_shapes | 3 x 3 mirrors, default fold: one size of a list | {3x3_120.0_one_size_percent:.0f} %
@@ -99,8 +101,8 @@ calibration_foreign | 2 mm acrylic, second surface: worst normal, distance | {wo
 
 ## Other calibrators
 
-RMS over the sets that all calibrators solved; [leaderboard.md](leaderboard.md) interprets the comparison.
-`sensor-webcam` is the set closest to a real webcam.
+RMS error, averaged over the sets that all calibrators solved; [leaderboard.md](leaderboard.md) interprets the
+comparison. `sensor-webcam` is the set closest to a real webcam.
 
 leaderboard | MirrorCam | {mirrorcam.rms_px:.3f} px
 leaderboard | mrcal, one lens | {mrcal.rms_px:.3f} px
@@ -113,10 +115,10 @@ leaderboard | MirrorCam: NEES over all its sets, `sensor-webcam` included | {mir
 ## Light fields
 
 Depth of scenes of the HCI 4D Light Field Benchmark, from 3 x 3 of its 9 x 9 views, and of other rendered scenes. The
-reference is the truth where a row states it, else the disparity by EPINET from all views, which is close to the truth
-except in the dark parts of `greek`. StereoSGBM is the best of all pairs of views and settings, by the reference. Errors
-are those of the benchmark: BadPix.07, the percentage of pixels off by more than 0.07 px, and MSE, the mean squared
-error times 100.
+reference is the truth where a row states it, else the disparity by EPINET, a neural network, from all views, which is
+close to the truth except in the dark parts of `greek`. OpenCV's StereoSGBM is given the pair of views and the settings
+that fit the reference best. Errors are those of the benchmark: BadPix.07, the percentage of pixels off by more than
+0.07 px, and MSE, the mean squared error times 100.
 
 light_field_depth_scenes | `cotton`: BadPix.07, MSE | {cotton_step4/1}
 light_field_depth_scenes | `cotton`, StereoSGBM | {cotton_step4/2}
@@ -133,12 +135,12 @@ light_field_depth_scenes | `rods`, StereoSGBM | {rods2/2}
 light_field_depth_scenes | bare office, noise of 20 (truth): BadPix.07, MSE | {office/1}
 light_field_depth_scenes | bare office, StereoSGBM | {office/2}
 
-Confidence and standard deviation on scenes that were not used in training: mean stated probability; fraction of right
-depths; mean difference of both over ten classes of stated probability, averaged over cases; and fraction of all errors
-beyond three standard deviations. `noise` adds white noise of 5 and 20 grey levels;
-`photographed` simulates lens, sensor and processing of three webcams; `wide range` searches five times the range in
-these pictures, `wrong range` two fifths of it only, so that most true depths are outside; `wrong order` exchanges
-views.
+Confidence and standard deviation on scenes that were not used in training, in this order: mean confidence; fraction of
+right depths; mean difference of both over ten classes of confidence, averaged over cases; and fraction of all errors
+beyond three standard deviations. `noise` adds white noise of 5 and 20 grey levels; `photographed` simulates lens,
+sensor and processing of three webcams; `wide range` searches five times the range in these pictures, `wrong range` two
+fifths of it only, so that most true depths are outside; `wrong order` exchanges views, and `few views` keeps two to
+four of them.
 
 light_field_depth_confidence | rendered | {rendered/0}; {rendered/1}; {rendered/2}; {rendered/3}
 light_field_depth_confidence | noise | {noise/0}; {noise/1}; {noise/2}; {noise/3}
@@ -150,8 +152,9 @@ light_field_depth_confidence | few views | {few views/0}; {few views/1}; {few vi
 light_field_depth_confidence | real pair | {real pair/0}; {real pair/1}; {real pair/2}; {real pair/3}
 light_field_depth_confidence | bare walls | {bare walls/0}; {bare walls/1}; {bare walls/2}; {bare walls/3}
 
-Time of a depth map, ms: `best`; a frame of a video by `fast`; one StereoSGBM pair. Each is the processor time of one
-thread / the wall time of two, in brackets relative to the pair. Rows are views, pixels of a view, planes.
+Time of a depth map, ms: alone; as a frame of a video with `--fast`; by StereoSGBM from one pair. Each is the processor
+time of one thread / the wall time of two, in brackets relative to the pair. Rows are views, pixels of a view, and
+planes of depth searched.
 
 light_field_depth_speed | 3x3, 400x240, 114 | {3x3, 400x240, 114/0}; {3x3, 400x240, 114/2}; {3x3, 400x240, 114/3}
 light_field_depth_speed | 3x3, 200x120, 58 | {3x3, 200x120, 58/0}; {3x3, 200x120, 58/2}; {3x3, 200x120, 58/3}
@@ -169,18 +172,18 @@ decode | the same with equalised views | {equalised_times_remap:.2f}
 
 ## Robustness and motion
 
-For hidden boards: frames, views and corners that were found.
+Detected frames, views and corners of boards that are partly hidden:
 
 detection_parts | entire boards | {nothing more/2}
 detection_parts | only the middle of each view visible | {all but the middle of each view/2}
 detection_parts | corners off by more than 1 px, the last case | {all but the middle of each view/3}
 
 light_field_motion_mirrors | camera on a loop of 0.5 m: drift | {mirrors, loop 0/1}
-light_field_motion_mirrors | the same by OpenCV | {mirrors, loop 0/6}
+light_field_motion_mirrors | the same by OpenCV's StereoSGBM and PnP | {mirrors, loop 0/6}
 
 ## Measured once
 
-The scripts are in the history of the repository, up to commit 93f9e36d54cf.
+The scripts are in the history of the repository, up to commit b9e55788167a.
 
 - **Blind sets of the reference renderer.** Worst normal 0.0006° with first-surface mirrors, and 0.0007° with 2 mm of
   acrylic, whose thickness is found within 0.004 mm.

@@ -67,7 +67,7 @@ def score(
 def suite(
     rendered: Annotated[
         Path,
-        Parameter(name="SUITE", help="NAME.suite.json that mirrorcam suite wrote, or a folder that contains just one"),
+        Parameter(name="SUITE", help="NAME.suite.json that mirrorcam suite wrote, or a folder with only one"),
     ],
     /,
     *,

@@ -59,7 +59,7 @@ class CalibrationRequest(Value):
     )
     views: tuple[str, ...] = Field(
         default=(),
-        description="with --labels: names of the views, the direct one first, with which labels begin or end "
+        description="with --labels: names of the views, the direct one first, as prefixes or suffixes of labels "
         "(paw_side), or one name for each table",
     )
     field_of_view: tuple[float, float] | None = Field(

@@ -123,7 +123,7 @@ def design(
         ),
     ] = None,
     tolerance: Annotated[
-        bool, Parameter(help="also simulate devices built with the tolerances of design.toml, else by hand")
+        bool, Parameter(help="also simulate devices with the tolerances of design.toml, else of assembly by hand")
     ] = False,
     out: Annotated[Path, Parameter(help="output folder")] = Path("output/design"),
     force: Force = False,

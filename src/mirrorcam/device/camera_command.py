@@ -56,7 +56,7 @@ def new(
     *,
     like: Annotated[
         str,
-        Parameter(metavar="NAME", help="similar camera of the library, whose figures are the offered values"),
+        Parameter(metavar="NAME", help="similar camera of the library, whose figures become the defaults"),
     ] = "c920",
 ) -> int:
     """Measure a camera of your own.

@@ -209,8 +209,8 @@ class FilterRequest(DepthRange):
 
     kind: Literal["hyperfan", "dual-fan", "hypercone"] = Field(
         default="hyperfan",
-        description="passband. hyperfan: everything between two depths; dual-fan: the same, without comparing slopes "
-        "along x and y; hypercone: surfaces at any depth",
+        description="passband. hyperfan: everything between two depths; dual-fan: slopes of these depths along x "
+        "and y, independently; hypercone: surfaces at any depth",
     )
     near_mm: float | None = DEPTH_MM.field(
         None, "nearest depth of the passband, from the pupil", unset="as the file states"

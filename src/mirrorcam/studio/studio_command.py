@@ -79,8 +79,8 @@ def live(
 ) -> int:
     """Align, focus and calibrate a camera, on a page in the browser.
 
-    Opens the page of `mirrorcam studio` at its tab Camera, which shows frame, views, a refocused picture and depth
-    until Ctrl-C. Writes recordings/, pictures/ and calibrations/.
+    Opens the Camera tab of `mirrorcam studio`, which shows the frame, views, a refocused picture and depth until
+    Ctrl-C. Writes recordings/, pictures/ and calibrations/.
 
     Examples:
         mirrorcam live --layout output/mine/layout.json
