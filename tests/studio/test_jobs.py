@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 import zipfile
 from pathlib import Path
@@ -14,7 +15,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.designs.design_files import read_request
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.studio.jobs import JobReport, Jobs, calibration_plan, folder_name, plan, write_folder, zipped
+from mirrorcam.studio.jobs import JobReport, Jobs, calibration_plan, folder_name, plan, progress, write_folder, zipped
 
 SCRIPT = """
 import sys, time
@@ -51,6 +52,35 @@ def test_a_job_reports_its_progress_and_its_page(scripted: Path, tmp_path: Path)
     assert done.command.startswith("mirrorcam cad ")
 
 
+def test_progress_is_that_of_all_steps_and_never_falls() -> None:
+    lines = [f"{name:12} step {k} of 2, its work ..." for k, name in ((1, "cad"), (2, "set"))]
+    counts = [f"{name:12} {done}/4 frames after 9 s" for name in ("cad", "set") for done in (1, 3)]
+    log = [lines[0], *counts[:2], "cad          done in 9.0 s", lines[1], *counts[2:]]
+    shares = [share for k in range(1, len(log) + 1) if (share := progress(log[:k])[1]) is not None]
+    assert shares == [0.0, 0.125, 0.375, 0.375, 0.5, 0.625, 0.875]
+    assert progress(log) == ("step 2 of 2: set, 3 of 4", 0.875)
+    assert progress(["mirrorcam"]) == ("", None)
+
+
+def test_only_the_newest_job_of_a_folder_offers_files_and_a_result_only_once_complete(
+    scripted: Path, tmp_path: Path
+) -> None:
+    jobs, folder = Jobs(tmp_path), tmp_path / "d" / "run"
+    (folder / "cad").mkdir(parents=True)
+    for name in ("index.html", "cad/index.html"):
+        (folder / name).write_text("before")
+    scripted.write_text("import time; time.sleep(60)")
+    jobs.start(plan(tmp_path, "run", "d"))
+    jobs.cancel(1)
+    cancelled = ended(jobs)
+    assert (cancelled.page, cancelled.bytes) == ("d/run/cad/index.html", 12)
+    scripted.write_text("")
+    jobs.start(plan(tmp_path, "run", "d"))
+    assert ended(jobs).page == "d/run/index.html"
+    older = jobs.reports()[1]
+    assert (older.page, older.bytes) == ("", 0)
+
+
 def test_a_job_that_fails_says_so_with_its_last_words(scripted: Path, tmp_path: Path) -> None:
     jobs = Jobs(tmp_path)
     scripted.write_text(SCRIPT.format('sys.exit("mirrorcam: no space")'))
@@ -84,14 +114,23 @@ def test_commands_write_below_the_folder_of_the_design(kind: Any, tmp_path: Path
     assert Path(out) == tmp_path / made.folder == tmp_path / "d" / kind
 
 
-def test_a_calibration_gets_a_folder_of_its_own_and_its_alarm_is_not_a_failure(scripted: Path, tmp_path: Path) -> None:
+def test_a_calibration_gets_a_folder_of_its_own(tmp_path: Path) -> None:
     (tmp_path / "calibrations" / "calibration_0001").mkdir(parents=True)
     made = calibration_plan(tmp_path, Path("board.toml"), Path("layout.json"))
     assert made.folder == "calibrations/calibration_0002"
-    jobs = Jobs(tmp_path)
-    scripted.write_text("import sys; sys.exit(1)")
-    jobs.start(made)
-    assert ended(jobs).state == "alarm"
+
+
+@pytest.mark.parametrize("writes", [True, False])
+def test_a_failed_check_of_complete_files_is_an_alarm_and_no_failure(
+    writes: bool, scripted: Path, tmp_path: Path
+) -> None:
+    jobs, page = Jobs(tmp_path), tmp_path / "d" / "run" / "index.html"
+    page.parent.mkdir(parents=True)
+    page.write_text("before")
+    os.utime(page, (0, 0))
+    scripted.write_text(f"import pathlib, sys\nif {writes}: pathlib.Path({str(page)!r}).write_text('new')\nsys.exit(1)")
+    jobs.start(plan(tmp_path, "run", "d"))
+    assert ended(jobs).state == ("alarm" if writes else "failed")
 
 
 @pytest.mark.parametrize("adapter", BACKS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -221,9 +221,10 @@ def run_all(
     require("cad", "render")
     with output_folder(root, "run", force=force) as output:
         output.refuse_others("metrics.json", "index.html")
-        refuse_foreign(stages(recipe, root), output)
-        for stage in stages(recipe, root):
-            finish(stage, output, reporter)
+        planned = stages(recipe, root)
+        refuse_foreign(planned, output)
+        for number, stage in enumerate(planned, 1):
+            finish(replace(stage, doing=f"step {number} of {len(planned)}, {stage.doing}"), output, reporter)
         figures = _figures(root)
         groups = {"design": figures.design, "cad": figures.parts, "validation": figures.validation}
         with output.staged(result="metrics.json") as folder:

@@ -6,8 +6,9 @@ import re
 import shlex
 import tempfile
 import threading
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -15,7 +16,7 @@ from mirrorcam.cad.plan.back_table import Kind as Adapter
 from mirrorcam.core.disk.files import numbered, write_text
 from mirrorcam.core.disk.zip_files import files_to_zip, write_zip
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.processes.child_command import ENDING_S, ChildCommand
+from mirrorcam.core.processes.child_command import COUNT, ENDING_S, ChildCommand
 from mirrorcam.core.values import Value
 from mirrorcam.designs.design_files import DESIGN_FILE, request_toml
 from mirrorcam.optics.geometry.layout import Layout
@@ -64,12 +65,17 @@ def zipped(root: Path, name: str) -> Path:
 JobKind = Literal["parts", "set", "run", "calibration"]
 State = Literal["running", "done", "alarm", "failed", "cancelled"]
 """State of a job; "alarm": its files are complete, but the check of its command failed."""
-PROGRESS = re.compile(r"(\d+)/(\d+) ")
+STEP = re.compile(r"(\w+) +step (\d+) of (\d+),")
+"""Beginning of the line with which a command begins one of its steps."""
 FRAMES = 12
 
 
 class JobReport(Value):
-    """State of a job for a page; `progress` is from 0 to 1, null if unknown."""
+    """State of a job for a page.
+
+    `progress` of all its steps is from 0 to 1, null if unknown; `step` is the current one in words. Only the newest job
+    of a folder offers files: a page to open and the size of all.
+    """
 
     number: int
     kind: JobKind
@@ -78,10 +84,11 @@ class JobReport(Value):
     command: str
     state: State
     seconds: float
+    step: str
     progress: float | None
     lines: list[str]
     page: str
-    """Path of the result below the address of files; empty without one."""
+    """Path below the address of files: of the result if it is complete, else of a finished step; empty without one."""
     folder: str
     bytes: int
     """Size of the files in `folder` once the job has ended; 0 before."""
@@ -91,7 +98,7 @@ class JobReport(Value):
 class Plan:
     """The command of a job: kind, folder that it reads, arguments, output folder, and the page or file to open.
 
-    Folders are below the root of all jobs, and `page` is below the output folder.
+    Folders are below the root of all jobs, and `page` is below the output folder, as is `step_page` of a finished step.
     """
 
     kind: JobKind
@@ -99,6 +106,7 @@ class Plan:
     arguments: tuple[str, ...]
     folder: str
     page: str
+    step_page: str = ""
 
 
 def plan(root: Path, kind: JobKind, design: str, adapter: Adapter = "none") -> Plan:
@@ -110,7 +118,7 @@ def plan(root: Path, kind: JobKind, design: str, adapter: Adapter = "none") -> P
         "set": (("render", layout, "--frames", str(FRAMES), *out), "dataset.json"),
         "run": (("run", str(folder / DESIGN_FILE), *back, *out), "index.html"),
     }[kind]
-    return Plan(kind, design, arguments, f"{design}/{kind}", page)
+    return Plan(kind, design, arguments, f"{design}/{kind}", page, "cad/index.html" if kind == "run" else "")
 
 
 PICTURES, CALIBRATIONS = "pictures", "calibrations"
@@ -129,6 +137,8 @@ class _Job:
     number: int
     plan: Plan
     command: ChildCommand
+    page: Path
+    started: float = field(default_factory=time.time)
 
     @property
     def state(self) -> State:
@@ -137,9 +147,21 @@ class _Job:
             return "running"
         if self.command.cancelled:
             return "cancelled"
-        if code == 1 and self.plan.kind == "calibration":
+        if code == 1 and self.page.is_file() and self.page.stat().st_mtime >= self.started:
             return "alarm"
         return "done" if code == 0 else "failed"
+
+
+def progress(lines: Sequence[str]) -> tuple[str, float | None]:
+    """Return the current step of a command in words, and the share that is done of all steps; None if unknown."""
+    begun, steps, share, text, counted = 1, 1, None, "", ""
+    for line in lines:
+        if step := STEP.match(line):
+            begun, steps, share, counted = int(step[2]), int(step[3]), 0.0, ""
+            text = f"step {begun} of {steps}: {step[1]}"
+        elif count := COUNT.search(line):
+            share, counted = int(count[1]) / max(int(count[2]), 1), f"{count[1]} of {count[2]}"
+    return ", ".join(filter(None, (text, counted))), None if share is None else (begun - 1 + share) / steps
 
 
 class Jobs:
@@ -157,15 +179,17 @@ class Jobs:
             running = (job.plan for job in self._jobs.values() if job.state == "running")
             if any((other.kind, other.subject) == (plan.kind, plan.subject) for other in running):
                 raise InputError(f"{plan.subject}: such a job is running already, expected it to end first")
-            job = _Job(len(self._jobs) + 1, plan, ChildCommand(plan.arguments))
+            page = self.root / plan.folder / plan.page
+            job = _Job(len(self._jobs) + 1, plan, ChildCommand(plan.arguments), page)
             self._jobs[job.number] = job
-        return self._report(job)
+        return self._report(job, is_newest=True)
 
     def reports(self) -> list[JobReport]:
         """Return all jobs, the newest first."""
         with self._lock:
             jobs = list(self._jobs.values())
-        return [self._report(job) for job in reversed(jobs)]
+        newest = {job.plan.folder: job for job in jobs}
+        return [self._report(job, is_newest=newest[job.plan.folder] is job) for job in reversed(jobs)]
 
     def cancel(self, number: int) -> None:
         """Interrupt a job as Ctrl-C would: finished files stay. Raises InputError for an unknown job."""
@@ -182,12 +206,12 @@ class Jobs:
         for job in jobs:
             job.command.wait(ENDING_S + 1.0)
 
-    def _report(self, job: _Job) -> JobReport:
+    def _report(self, job: _Job, *, is_newest: bool) -> JobReport:
         state, lines, plan = job.state, job.command.lines, job.plan
-        counted = [match for line in lines if (match := PROGRESS.search(line))]
-        fraction = float(counted[-1][1]) / max(float(counted[-1][2]), 1.0) if counted else None
-        page, ended = f"{plan.folder}/{plan.page}", state != "running"
-        if ended and job.number not in self._bytes:
+        step, share = progress(lines)
+        offers, complete = is_newest and state != "running", state in ("done", "alarm")
+        name = plan.page if complete else plan.step_page
+        if offers and job.number not in self._bytes:
             self._bytes[job.number] = bytes_of(self.root / plan.folder)
         return JobReport(
             number=job.number,
@@ -196,11 +220,12 @@ class Jobs:
             command=command_line(plan.arguments),
             state=state,
             seconds=round(job.command.seconds, 1),
-            progress=1.0 if state in ("done", "alarm") else fraction,
+            step=step,
+            progress=1.0 if complete else share,
             lines=list(lines),
-            page=page if ended and (self.root / page).is_file() else "",
+            page=f"{plan.folder}/{name}" if offers and name and (self.root / plan.folder / name).is_file() else "",
             folder=plan.folder,
-            bytes=self._bytes.get(job.number, 0),
+            bytes=self._bytes[job.number] if offers else 0,
         )
 
 

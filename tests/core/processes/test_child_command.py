@@ -65,6 +65,13 @@ def test_the_last_lines_are_kept(scripted: Path) -> None:
     assert command.lines == tuple(str(k) for k in range(1000 - LINES_KEPT, 1000))
 
 
+def test_a_line_of_progress_replaces_the_one_before(scripted: Path) -> None:
+    scripted.write_text("for k in range(9): print(f'set  {k}/8 frames after {k} s')\nprint('done')")
+    command = ChildCommand(["render"])
+    assert command.wait(60.0) == 0
+    assert command.lines == ("set  8/8 frames after 8 s", "done")
+
+
 def test_a_cancelled_command_may_finish_its_file(scripted: Path) -> None:
     scripted.write_text(WAITS.format('print("whole"); sys.exit(130)'))
     command = ready(ChildCommand(["render"]))

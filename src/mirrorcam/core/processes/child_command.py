@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import threading
@@ -12,6 +13,8 @@ from collections.abc import Sequence
 from mirrorcam.core.processes.child_program import NEW_GROUP, supervised
 
 LINES_KEPT = 40
+COUNT = re.compile(r"(\d+)/(\d+) [\w ]*after \d+ s$")
+"""End of a line of progress: how many of how many are done."""
 ENDING_S = 10.0
 """Time for a command to finish its file when it is cancelled or this process ends, before it is killed."""
 
@@ -49,7 +52,7 @@ class ChildCommand:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The last lines of both streams; complete once it has ended."""
+        """The last lines of both streams, complete once it has ended; a line of progress replaces the one before."""
         with self._lock:
             return tuple(self._lines)
 
@@ -78,7 +81,9 @@ class ChildCommand:
     def _follow(self) -> None:
         with self._process:
             assert self._process.stdout is not None
-            for line in self._process.stdout:
+            for line in map(str.rstrip, self._process.stdout):
                 with self._lock:
-                    self._lines.append(line.rstrip())
+                    if COUNT.search(line) and self._lines and COUNT.search(self._lines[-1]):
+                        self._lines.pop()
+                    self._lines.append(line)
         self._seconds = time.monotonic() - self._began
