@@ -77,7 +77,11 @@ def test_parts_are_built_shown_in_3d_and_downloaded(page: Watched, studio: tuple
     assert ended(page, 300.0) == "done"
     page.page.click("#design-tab")
     page.page.wait_for_selector("#built-option:not([hidden])", state="attached")
-    assert page.page.evaluate("Studio.designer.state.device") == page.drawn["identity"]
+    page.page.wait_for_function("Studio.view.layers.get('device')")
+    page.page.evaluate("Studio.designer.history.set({ cols: 3 })")
+    page.page.wait_for_selector("#built-option", state="hidden")
+    page.page.click("#undo")
+    page.page.wait_for_selector("#built-option:not([hidden])", state="attached")
     page.page.click("#build-tab")
     with page.page.expect_download() as download:
         page.page.click(".job >> text=ZIP")

@@ -115,6 +115,15 @@
     if (drawing.kind === "exact") refresh(history.spec, drawing.spec);
     document.body.classList.remove("stale");
     document.body.dataset.kind = drawing.kind;
+    showDevice();
+  };
+
+  // The device is shown whenever the parts of the design shown are built.
+  let maker = null;
+  const showDevice = () => {
+    const address = document.body.dataset.kind === "exact" && maker?.device(state.drawing);
+    byId("built-option").hidden = !address;
+    view?.device(address, state.drawing?.view_from_rig);
   };
 
   const say = (kind, text) => {
@@ -246,8 +255,6 @@
 
   // Slow results follow after the design.
   const after = async (spec, serial) => {
-    if (state.device !== state.drawing.identity) view?.replace("device", null);
-    byId("built-option").hidden = state.device !== state.drawing.identity;
     followNearby(spec, serial);
     if (!byId("tolerance")) return;
     byId("sight").classList.remove("old");
@@ -283,6 +290,7 @@
     const list = byId("suggestions");
     list.replaceChildren();
     document.body.dataset.kind = answer.where ? "violated" : "refused";
+    showDevice();
     if (answer.where) {
       view?.showViolation(answer.where);
       Studio.drawSensor(byId("sensor"), { ...answer.where, common_px: [] });
@@ -368,19 +376,13 @@
   if (byId("make")) {
     const written = byId("make-note").textContent;
     const note = (text) => (byId("make-note").textContent = text);
-    const built = (design, address) => {
-      if (!view || !state.drawing) return;
-      state.device = state.drawing.identity;
-      byId("built-option").hidden = false;
-      view.device(address, state.drawing.view_from_rig);
-    };
     const hosts = [[byId("jobs"), (kind) => kind !== "calibration"], [byId("calibrations"), (kind) => kind === "calibration"]];
-    const maker = new Studio.Maker(hosts, () => history.spec, built);
+    maker = new Studio.Maker(hosts, () => history.spec, showDevice);
     const names = { layout: ["layout.json", "application/json"], request: ["design.toml"] };
     for (const button of document.querySelectorAll("[data-file]")) {
       const kind = button.dataset.file;
-      const save = () => (kind === "report" ? maker.report(byId("make-note")).then(() => note("design.html saved")) : maker.file(kind, ...names[kind]));
-      button.addEventListener("click", () => save().catch((error) => note(error.name === "AbortError" ? "Cancelled" : error.message)));
+      const save = () => (kind === "report" ? maker.report(button, byId("report-note"), state.drawing) : maker.file(kind, ...names[kind]));
+      button.addEventListener("click", () => save().catch((error) => note(error.message)));
     }
     for (const button of document.querySelectorAll("[data-make]")) {
       button.addEventListener("click", () => {

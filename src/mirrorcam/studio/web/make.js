@@ -14,23 +14,39 @@
     URL.revokeObjectURL(address);
   };
 
-  // The jobs of the server in two lists: those of designs, and calibrations.
+  // The address of the assembled device in the folder of a job of its kind.
+  const MODELS = { parts: "assembly.glb", run: "cad/assembly.glb" };
+  const nameOf = ({ title, identity }) => `${title.split(",")[0].replaceAll(" ", "")}-${identity.slice(0, 8)}`;
+
+  // The jobs of the server in two lists: those of designs, and calibrations; `changed` is called when they do.
   Studio.Maker = class {
-    constructor(hosts, current, built) {
-      Object.assign(this, { hosts, current, built, shown: new Set(), drawn: "" });
+    constructor(hosts, current, changed) {
+      Object.assign(this, { hosts, current, changed, jobs: [] });
       Studio.watch((state) => state && this.draw(state.jobs));
+    }
+
+    // The device of a design, if its parts are built.
+    device(drawing) {
+      const job = this.jobs.find(({ kind, subject, page }) => page && MODELS[kind] && subject === nameOf(drawing));
+      return job && `/files/${job.folder}/${MODELS[job.kind]}?${job.number}`;
     }
 
     async file(kind, name, type) {
       Studio.save(name, await Studio.post(`/${kind}`, this.current(), "text"), type);
     }
 
-    async report(host) {
+    async report(button, host, drawing) {
+      const name = `${nameOf(drawing)}.html`;
       const work = Studio.working(host, "Report, with 200 devices as built", () => Studio.cancel("/report"));
+      button.disabled = true;
       try {
-        Studio.save("design.html", await Studio.postNewest("/report", this.current(), "text"), "text/html");
+        Studio.save(name, await Studio.postNewest("/report", this.current(), "text"), "text/html");
+        host.textContent = `${name} saved`;
+      } catch (error) {
+        host.textContent = error.name === "AbortError" ? "Report cancelled" : error.message;
       } finally {
         work.end();
+        button.disabled = false;
       }
     }
 
@@ -40,21 +56,18 @@
     }
 
     draw(jobs) {
-      const text = JSON.stringify(jobs);
-      if (text !== this.drawn) {
-        this.drawn = text;
+      if (!Studio.same(jobs, this.jobs)) {
+        this.jobs = jobs;
         const focus = document.activeElement?.dataset?.focus;
         for (const [host, wanted] of this.hosts) {
-          const open = new Set([...host.querySelectorAll("details[open]")].map((node) => node.dataset.job));
+          // An open log stays as far from its last line as it was: at it, it follows.
+          const below = ({ scrollHeight, clientHeight, scrollTop }) => scrollHeight - clientHeight - scrollTop;
+          const open = new Map([...host.querySelectorAll("details[open]")].map((node) => [node.dataset.job, below(node.lastChild)]));
           host.replaceChildren(...jobs.filter(({ kind }) => wanted(kind)).map((job) => this.row(job, open.has(String(job.number)))));
+          for (const log of host.querySelectorAll("details[open] pre")) log.scrollTop += below(log) - open.get(log.parentElement.dataset.job);
         }
         if (focus) document.querySelector(`[data-focus="${focus}"]`)?.focus();
-        for (const job of jobs) {
-          if (job.kind === "parts" && job.page && !this.shown.has(job.number)) {
-            this.shown.add(job.number);
-            this.built(job.subject, `/files/${job.folder}/assembly.glb`);
-          }
-        }
+        this.changed();
       }
       return jobs.some((job) => job.state === "running") ? 700 : undefined;
     }
@@ -69,16 +82,17 @@
         });
         actions.push(cancel);
       }
-      if (job.page) {
-        actions.push(element("a", { href: `/files/${job.page}`, target: "_blank", rel: "noopener" }, "Open"));
-        actions.push(element("a", { href: `/zip/${job.folder}`, download: "" }, `ZIP, ${size(job.bytes)}`));
-      }
+      const complete = job.state === "done" || job.state === "alarm";
+      if (job.page) actions.push(element("a", { href: `/files/${job.page}`, target: "_blank", rel: "noopener" }, complete ? "Open" : `Open ${job.page.slice(job.folder.length + 1)}`));
+      if (job.bytes) actions.push(element("a", { href: `/zip/${job.folder}`, download: "" }, `ZIP${complete ? "" : " of the files so far"}, ${size(job.bytes)}`));
       const bar = element("progress", { max: 1, "aria-label": `Progress of ${TITLES[job.kind]}`, hidden: job.state !== "running" });
       if (job.progress !== null) bar.value = job.progress;
-      const lines = element("details", { "data-job": job.number, open }, element("summary", {}, job.command), element("pre", {}, job.lines.join("\n")));
+      const log = element("pre", {}, job.lines.join("\n"));
+      const toLast = () => requestAnimationFrame(() => (log.scrollTop = log.scrollHeight));
+      const lines = element("details", { "data-job": job.number, open }, element("summary", { onclick: toLast }, job.command), log);
       return element(
         "li", { class: `job ${job.state}` },
-        element("div", { class: "line" }, element("b", {}, TITLES[job.kind]), ` of ${job.subject}: ${STATES[job.state]}, ${job.seconds.toFixed(0)} s`, bar, ...actions),
+        element("div", { class: "line" }, element("b", {}, TITLES[job.kind]), ` of ${job.subject}: ${STATES[job.state]}, ${job.seconds.toFixed(0)} s${complete || !job.step ? "" : `, ${job.step}`}`, bar, ...actions),
         lines,
       );
     }

@@ -18,6 +18,7 @@
       this.world = new THREE.Group();
       this.scene.add(this.world);
       const canvas = this.renderer.domElement;
+      canvas.style.touchAction = "pan-y"; // a finger that moves up or down scrolls the page
       canvas.setAttribute("role", "img");
       canvas.setAttribute("aria-label", "The mirrors in 3-D: drag to rotate, scroll or pinch to zoom; buttons rotate it, too");
       stage.prepend(canvas);
@@ -133,7 +134,7 @@
     // The mirrors that violate a request least, with thick marks where they do.
     showViolation(drawing) {
       this.bodies(drawing, drawing.concerned);
-      for (const name of ["cameras", "compared", "light", "device"]) this.replace(name, null);
+      for (const name of ["cameras", "compared", "light"]) this.replace(name, null);
       const marks = new THREE.Group();
       const size = this.size(drawing) * 0.02;
       for (const [from, to] of drawing.places_mm) {
@@ -231,9 +232,15 @@
       this.look(direction);
     }
 
-    // The parts of the device from its GLB file, which is in the rig's frame below its root.
+    // The parts of the device from its GLB file, which is in the rig's frame below its root; none without an address.
     device(address, viewFromRig) {
+      if (this.model === address) return;
+      this.model = address;
+      this.replace("device", null);
+      this.draw();
+      if (!address) return;
       new THREE.GLTFLoader().load(address, ({ scene }) => {
+        if (this.model !== address) return;
         const [a, b, c] = viewFromRig;
         const [root] = scene.children;
         root.matrixAutoUpdate = false;
