@@ -16,6 +16,7 @@ from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror_stock import stock_fields
 
 DEGREE = "\N{DEGREE SIGN}"
+UNBOUNDED = (None, None)
 
 
 class Named(Value):
@@ -55,7 +56,7 @@ class Control(Value):
     most: float = 1.0
     step: float = 1.0
     log: bool = False
-    allowed: tuple[float | None, float | None] = (None, None)
+    allowed: tuple[float | None, float | None] = UNBOUNDED
     values: tuple[float, ...] = ()
     choices: tuple[tuple[str, str], ...] = ()
     preset: float | bool | str | None = None
@@ -129,7 +130,8 @@ def _with_own(named: tuple[Named, ...], spec: DesignSpec, name: str, text: str) 
 
 
 def _bounded(control: Control) -> Control:
-    return control.replaced(allowed=_allowed(DesignSpec, control.name))
+    """Return a control with the limits of its field, unless it has its own."""
+    return control if control.allowed != UNBOUNDED else control.replaced(allowed=_allowed(DesignSpec, control.name))
 
 
 def _preset(model: type[Value], name: str) -> float | None:
@@ -209,6 +211,7 @@ _VIEWS = (
         least=30,
         most=200,
         log=True,
+        allowed=(10.0, 1000.0),
         help="Height of the central mirror above the lens. A larger device has longer baselines, so finer depth; it "
         "is heavier, and its views overlap only farther away.",
     ),
@@ -278,7 +281,7 @@ _MIRRORS = (
         choices=(("rectangles", "rectangles"), ("stock:", "sizes in stock"), ("free", "free")),
         preset="stock:25x15,30x20,40x30",
         help="Free outlines use the most pixels; rectangles are cut with a glass cutter or a guillotine; sizes in "
-        "stock are bought cut, in mm.",
+        "stock are bought cut: width x height in mm, such as 25x15, 30x20.",
     ),
     Control(
         name="size_step_mm",

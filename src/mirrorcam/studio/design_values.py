@@ -51,7 +51,8 @@ class FigureText(Value):
     reason: str
     limit: str
     passed: bool
-    lower_is_better: bool
+    lower_is_better: bool | None
+    """None if neither is better."""
 
 
 class DesignDrawing(Value):

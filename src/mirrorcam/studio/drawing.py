@@ -43,8 +43,11 @@ GROUPS: Mapping[str, Sequence[str]] = {
     "Focus of the camera": ("circle", "best_focus"),
     "Mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
 }
-DEVICE = "Device on a desk, estimated"
+DEVICE = "Device on a desk, estimated \N{PLUS-MINUS SIGN} standard deviation of the error"
 """Titles of the groups of figures, with the prefixes of their figures' names."""
+
+NEUTRAL = ("best_focus_mm",)
+"""Figures of which neither the lower nor the higher is better."""
 
 CURVE_POINTS, COARSE_CURVE_POINTS = 33, 9
 MAX_DEPTH_RATIO = 2.2
@@ -205,7 +208,7 @@ def _figure(name: str, metric: Metric) -> FigureText:
         reason=metric.reason,
         limit="" if metric.limit is None else limit_text(metric),
         passed=metric.passed,
-        lower_is_better=metric.lower_is_better,
+        lower_is_better=None if name in NEUTRAL else metric.lower_is_better,
     )
 
 

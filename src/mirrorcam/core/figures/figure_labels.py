@@ -137,6 +137,8 @@ DESIGNS: Mapping[str, str] = {
     "circle_at_best_focus_px": "worst circle at best focus",
     "unlike_spec": "differences from request",
     "outside_sensor_px": "sub-images beyond sensor",
+    "slab_stray_mm": "ray offset by the glass",
+    "slab_stray_px": "ray offset by the glass, in the picture",
     "off_rectangle_mm": "off rectangle",
     "off_size_mm": "off size",
     "shortest_edge_mm": "shortest edge of a mirror",

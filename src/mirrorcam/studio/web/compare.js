@@ -69,14 +69,10 @@
       return name;
     }
 
-    text(value) {
-      return typeof value === "object" && value !== null ? (Array.isArray(value) ? value.join(", ") : (value.name ?? "")) : String(value);
-    }
-
     card({ name, drawing }, pin) {
       const picture = element("div", { class: "drawing sensor-shape" });
       Studio.drawSensor(picture, drawing);
-      if (!pin) return element("div", { class: "card" }, element("h3", {}, name), picture);
+      if (!pin) return element("div", { class: "card" }, element("h3", {}, `${name} (now)`), picture);
       const title = element("input", { class: "text", value: name, maxlength: 60, "aria-label": "Name of the pinned design" });
       title.addEventListener("change", () => this.keep(this.pinned.map((other) => (other === pin ? { ...pin, name: title.value || drawing.title } : other))));
       const recall = element("button", { type: "button", onclick: () => this.recall(drawing.spec) }, "Go to");
@@ -89,7 +85,7 @@
       host.hidden = !this.pinned.length;
       if (host.hidden) return;
       const pins = this.pinned.map((pin) => ({ ...pin, drawing: current?.identity === pin.drawing.identity ? current : pin.drawing }));
-      const designs = [...pins, ...(current && !this.has(current) ? [{ name: `${current.title} (now)`, drawing: current }] : [])];
+      const designs = [...pins, ...(current && !this.has(current) ? [{ name: current.title, drawing: current }] : [])];
       const cards = designs.map((design, i) => this.card(design, this.pinned[i]));
       const specs = designs.map(({ drawing }) => Studio.whole(drawing.spec));
       const names = Object.keys(specs[0]).filter((name) => new Set(specs.map((spec) => JSON.stringify(spec[name]))).size > 1);
@@ -101,8 +97,8 @@
         return line(`${label} at ${depth} mm`, values.map((value) => (value === null ? "none" : format(value))));
       }));
       const table = element("div", { class: "wide-table", tabindex: 0, role: "region", "aria-label": "Figures of the designs" });
-      Studio.drawFigures(table, designs.map(({ name, drawing }) => [name, drawing]), { common: true });
-      const requests = names.length ? [title("Differences of the requests"), ...names.map((name) => line(NAMES[name] ?? this.labels[name] ?? name, specs.map((spec) => this.text(spec[name])), "differs"))] : [];
+      Studio.drawFigures(table, designs.map(({ name, drawing }) => [drawing === current ? `${name} (now)` : name, drawing]), { common: true });
+      const requests = names.length ? [title("Differences of the requests"), ...names.map((name) => line(NAMES[name] ?? this.labels[name] ?? name, specs.map((spec) => Studio.withUnit(spec[name], name)), "differs"))] : [];
       table.querySelector("tbody").prepend(...requests, title("At the working depths of the current design"), ...curves);
       host.replaceChildren(element("h2", {}, "Compare"), element("div", { class: "cards" }, ...cards), table, element("p", { class: "key" }, "Marks compare with the last column."));
     }

@@ -17,10 +17,13 @@
   const ends = (control) =>
     control.values.length ? [0, control.values.length - 1] : [toSlider(control, control.least), toSlider(control, control.most)];
 
+  // Controls below which the effect of one step is shown.
+  const STEPPED = ["rows", "scale_mm", "fold_deg", "tradeoff"];
+
   const row = (control, ...parts) => {
     const help = element("p", { class: "help", id: `${control.name}-help` }, control.help);
-    const next = element("div", { class: "next", id: `${control.name}-next` });
-    return element("div", { class: `control ${control.kind}`, "data-name": control.name }, ...parts, help, next);
+    const next = STEPPED.includes(control.name) && Studio.source.steps ? [element("div", { class: "next", id: `${control.name}-next` })] : [];
+    return element("div", { class: `control ${control.kind}`, "data-name": control.name }, ...parts, help, ...next);
   };
 
   const slider = (control, label, history, read, write) => {
@@ -44,7 +47,7 @@
 
   const box = (control, label, history, read, write) => {
     const field = element("input", {
-      type: "number", min: control.allowed[0], max: control.allowed[1], step: "any",
+      type: "number", min: control.allowed[0], max: control.allowed[1], step: control.kind === "counts" ? 1 : "any",
       "aria-label": `${label}, number`, readonly: control.values.length > 0,
     });
     field.addEventListener("change", () => {
@@ -58,6 +61,8 @@
     };
     return [field, refresh];
   };
+
+  const SIZE = "[1-9]\\d*(\\.\\d+)?x[1-9]\\d*(\\.\\d+)?";
 
   const makers = {
     slider(control, history) {
@@ -86,7 +91,7 @@
     counts(control, history) {
       const refreshes = [];
       const lines = [["rows", "Rows"], ["cols", "Columns"]].map(([name, label]) => {
-        const [read, write] = [(spec) => spec[name], (value) => ({ [name]: Math.round(value) })];
+        const [read, write] = [(spec) => spec[name], (value) => ({ [name]: value })];
         const [range, first] = slider(control, label, history, read, write);
         const [field, second] = box(control, label, history, read, write);
         refreshes.push(first, second);
@@ -152,7 +157,7 @@
 
     shape(control, history) {
       const select = element("select", { "aria-label": control.label, "aria-describedby": "shape-help" }, ...control.choices.map(([value, text]) => element("option", { value }, text)));
-      const sizes = element("input", { class: "text", "aria-label": "Sizes in stock, mm", pattern: "\\d+(\\.\\d+)?x\\d+(\\.\\d+)?( *, *\\d+(\\.\\d+)?x\\d+(\\.\\d+)?)*" });
+      const sizes = element("input", { class: "text", "aria-label": "Sizes in stock, mm", "aria-describedby": "shape-help", title: "Width x height in mm, separated by commas: 25x15, 30x20", pattern: `${SIZE}( *, *${SIZE})*` });
       const of = (spec) => (spec.shape.startsWith("stock:") ? "stock:" : spec.shape);
       select.addEventListener("change", () => {
         const shape = select.value === "stock:" ? control.preset : select.value;

@@ -3,6 +3,8 @@
 (() => {
   const { element } = Studio;
 
+  const DEVIATION = "\u00b1 is the standard deviation of the estimate's error";
+
   const all = (drawing) => Object.values(drawing.figures).flat();
   Studio.figureOf = (drawing, name) => all(drawing).find((figure) => figure.name === name);
 
@@ -13,11 +15,11 @@
   };
 
   // Relative change of a value, marked as better or worse; null for none.
-  const relative = (now, before, lower) => {
+  const relative = (now, before, lower, digits = 2) => {
     if (now === null || !before) return null;
     const percent = 100 * (now / before - 1);
-    if (Math.abs(percent) < 0.05) return null;
-    const text = `${percent > 0 ? "+" : "\u2212"}${Studio.number(Math.abs(percent), 2)} %`;
+    if (Math.abs(percent) < (digits ? 0.05 : 0.5)) return null;
+    const text = `${percent > 0 ? "+" : "\u2212"}${digits ? Studio.number(Math.abs(percent), digits) : Math.abs(percent).toFixed(0)}\u00a0%`;
     return element("span", { class: percent < 0 === lower ? "better" : "worse" }, text);
   };
 
@@ -25,33 +27,40 @@
   Studio.drawTiles = (host, drawing, before) => {
     const tiles = Studio.compared.map(({ start, label, lower_is_better: lower }) => {
       const figures = all(drawing).filter((figure) => figure.name.startsWith(start));
-      const short = (number) => Studio.number(+number);
-      const texts = figures.map((figure) => figure.text.replace(/\d+\.\d+/, short).replace(" grid spacings", " spacings"));
+      // Rounded once, from the value; an estimate has the digits that its error leaves.
+      const short = ({ value, text }) => (text.includes("\u00b1") ? text : text.replace(/^\d+\.\d+/, () => Studio.number(text.includes("%") ? 100 * value : value)));
+      const texts = figures.map((figure) => short(figure).replace(" grid spacings", " spacings"));
       // With several depths, show the nearest and the farthest.
       const unit = / \S+$/;
       const first = texts.length > 1 && texts[0].match(unit)?.[0] === texts.at(-1).match(unit)?.[0] ? texts[0].replace(unit, "") : texts[0];
       const text = texts.length > 1 ? `${first} \u2026 ${texts.at(-1)}` : (first ?? "none");
       const [value, error] = text.split(" \u00b1");
-      const reason = figures.find((figure) => figure.reason)?.reason;
-      const same = before && JSON.stringify(before.drawing.depths_mm) === JSON.stringify(drawing.depths_mm);
+      const reason = figures.find((figure) => figure.reason)?.reason ?? (error && DEVIATION);
+      const ofDepths = figures.some(({ name }) => /_[\d.e+]+mm$/.test(name));
+      const same = before && (!ofDepths || Studio.same(before.drawing.depths_mm, drawing.depths_mm));
       const change = same ? relative(Studio.mean(drawing, start), Studio.mean(before.drawing, start), lower) : null;
-      const where = texts.length > 1 ? `, at ${drawing.depths_mm[0]} \u2026 ${drawing.depths_mm.at(-1)} mm` : "";
+      const where = ofDepths ? `, at ${[...new Set([drawing.depths_mm[0], drawing.depths_mm.at(-1)])].join(" \u2026 ")} mm` : "";
       return element("div", { title: reason }, element("dt", {}, label + where), element("dd", {}, value, ...(error ? [element("span", { class: "error" }, ` \u00b1${error}`)] : []), element("small", { title: before?.name }, ...(change ? [change, ` to ${before.name}`] : ["\u00a0"]))));
     });
     host.replaceChildren(...tiles);
   };
 
-  // What one step of a control does, as a button that takes it; `points` are solved designs near the drawing's.
+  // What one step of a control does, as buttons that take it: smaller at the left, larger at the right. `points` are
+  // solved designs near the drawing's.
+  const EFFECTS = [["usable_efficiency", "pixels", false], ["depth_sigma", "\u03c3", true], ["device_size", "size", true], ["device_mass", "mass", true], ["device_price", "price", true]];
   Studio.drawSteps = (drawing, points, go) => {
     document.querySelectorAll(".next").forEach((host) => host.replaceChildren());
-    for (const { step: control, changes: spec, values } of points.filter(({ step }) => step)) {
-      const host = document.getElementById(`${control === "cols" ? "rows" : control}-next`);
-      const changes = [["usable_efficiency", "pixels", false], ["depth_sigma", "\u03c3", true], ["device_price", "price", true]]
-        .map(([start, label, lower]) => [relative(values[start], Studio.mean(drawing, start), lower), label])
-        .filter(([change]) => change)
-        .flatMap(([change, label]) => [`${label}\u00a0`, change, " "]);
-      const text = control === "cols" || control === "rows" ? `${spec.rows ?? drawing.spec.rows} \u00d7 ${spec.cols ?? drawing.spec.cols}` : Studio.number(spec[control]);
-      host?.append(element("button", { type: "button", title: "Take this step: changes of usable pixels, standard deviation of depth and price", onclick: () => go({ ...drawing.spec, ...spec }) }, element("b", {}, text), ...(changes.length ? changes : ["the same"])));
+    const steps = points.filter(({ step }) => step).sort((a, b) => a.changes[a.step] - b.changes[b.step]);
+    for (const { step: control, changes, values } of steps) {
+      const isCount = control === "cols" || control === "rows";
+      const spec = { ...drawing.spec, ...changes };
+      const effects = EFFECTS.map(([start, label, lower]) => [relative(values[start], Studio.mean(drawing, start), lower, 0), label]).filter(([change]) => change);
+      const text = isCount ? `${spec.rows} \u00d7 ${spec.cols}` : Studio.withUnit(spec[control], control);
+      const side = spec[control] < drawing.spec[control] ? "less" : "more";
+      const lines = effects.length ? effects.map(([change, label]) => element("span", {}, `${label} `, change)).flatMap((line) => [line, " "]) : ["the same"];
+      document.getElementById(`${isCount ? "rows" : control}-next`)?.append(
+        element("button", { type: "button", class: `${control} ${side}`, title: "Take this step: changes of usable pixels, standard deviation of depth, size, mass and price", onclick: () => go(spec) }, element("b", {}, text), ...lines),
+      );
     }
   };
 
@@ -59,8 +68,8 @@
   const change = (figure, other) => {
     if (!other || figure.text === other.text || figure.value === null || other.value === null) return null;
     const less = figure.value < other.value;
-    const better = less === figure.lower_is_better;
-    return element("span", { class: better ? "better" : "worse", title: `${better ? "better" : "worse"} than the first column: ${other.text}` }, `${less ? "\u25bc" : "\u25b2"}`);
+    const kind = figure.lower_is_better === null ? "other" : less === figure.lower_is_better ? "better" : "worse";
+    return element("span", { class: kind, title: `${kind} than ${other.text} of the last column` }, `${less ? "\u25bc" : "\u25b2"}`);
   };
 
   // The text of a figure, with the reason if it is unknown.

@@ -8,6 +8,13 @@
   Studio.defaults = start.defaults;
   const groups = start.controls.flatMap((group) => group.controls);
   Studio.compared = start.compared;
+  const units = Object.fromEntries(groups.map(({ name, unit }) => [name, unit]));
+  // A field of a request in words.
+  Studio.withUnit = (value, name) => {
+    const text = [value].flat().map((each) => (typeof each === "number" ? Studio.number(each, 4) : (each?.name ?? String(each ?? "")).replace("stock:", "in stock: "))).join(", ");
+    const unit = typeof value === "string" ? "" : (units[name] ?? "");
+    return `${text}${unit === "\u00b0" ? "" : " "}${unit}`.trim();
+  };
   Studio.named = Object.fromEntries(groups.filter(({ name }) => name === "camera" || name === "pattern").map(({ name, named }) => [name, named]));
 
   const style = () => {
@@ -31,12 +38,12 @@
     const button = byId("pin");
     const pinned = exact() && pins.has(exact());
     button.disabled = !exact() || pinned || pins.full;
-    button.textContent = pinned ? "Pinned" : "Pin";
-    button.title = pinned ? "This design is pinned: see Compare" : pins.full ? "Four designs are pinned: remove one first" : exact() ? "Keep this design for comparison" : "Only a solved design can be pinned";
+    button.textContent = pinned ? "Pinned" : pins.full ? "4 pinned" : "Pin";
+    button.title = pinned ? "This design is pinned: see Compare" : pins.full ? "Remove a pinned design first: see Compare" : exact() ? "Keep this design for comparison" : "Only a solved design can be pinned";
     pins.draw(exact());
     showJumps();
   };
-  const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), () => showPins());
+  const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), () => (state.drawing ? draw() : showPins()));
 
   // The design to compare with: the one pinned last, else the solved one before.
   const reference = () => {
@@ -53,7 +60,12 @@
     }
   };
   for (const button of document.querySelectorAll("[data-to]")) {
-    button.addEventListener("click", () => byId(button.dataset.to).scrollIntoView({ behavior: "smooth" }));
+    button.addEventListener("click", () => {
+      const target = byId(button.dataset.to);
+      target.tabIndex = -1;
+      target.focus({ preventScroll: true });
+      target.scrollIntoView({ behavior: "smooth" });
+    });
   }
 
   // ---- drawing -------------------------------------------------------------------------------------------------
@@ -78,6 +90,7 @@
     const shared = Studio.drawCoverage(byId("coverage"), drawing, state.depth, comparison());
     const size = shared ? `all views see ${Studio.number(shared[2] - shared[0])} x ${Studio.number(shared[3] - shared[1])} mm` : "no part is visible in all views";
     byId("plane-text").textContent = `${Studio.number(state.depth)} mm: ${size}`;
+    byId("plane").setAttribute("aria-valuetext", `${Studio.number(state.depth)} mm`);
     view?.light(drawing, state.depth);
     view?.visible();
   };
@@ -87,7 +100,9 @@
   const placeDepth = () => {
     const [near, far] = depthRange(state.drawing);
     const slider = byId("plane");
-    state.depth = Math.min(Math.max(state.depth ?? state.drawing.depths_mm.at(-1), near), far);
+    const depths = state.drawing.depths_mm;
+    if (!Studio.same(depths, state.depths)) Object.assign(state, { depths, depth: depths.at(-1) });
+    state.depth = Math.min(Math.max(state.depth, near), far);
     slider.min = Math.log(near);
     slider.max = Math.log(far);
     slider.step = (Math.log(far) - Math.log(near)) / 300;
@@ -295,8 +310,8 @@
       view?.showViolation(answer.where);
       Studio.drawSensor(byId("sensor"), { ...answer.where, common_px: [] });
     }
+    byId("looking").hidden = !answer.constraint;
     if (!answer.constraint) return;
-    byId("looking").hidden = false;
     const take = ({ text, spec: other }) => {
       if (serial !== requests.exact) return;
       const button = element("button", { type: "button" }, text);
@@ -363,7 +378,8 @@
 
   byId("plane").addEventListener("input", (event) => {
     if (!state.drawing) return;
-    state.depth = Math.exp(event.target.valueAsNumber);
+    const depth = Math.exp(event.target.valueAsNumber);
+    state.depth = state.depths.find((working) => Math.abs(Math.log(working / depth)) < event.target.step) ?? depth;
     drawDepth();
     drawCurves();
   });

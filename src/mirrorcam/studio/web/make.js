@@ -92,7 +92,7 @@
       const lines = element("details", { "data-job": job.number, open }, element("summary", { onclick: toLast }, job.command), log);
       return element(
         "li", { class: `job ${job.state}` },
-        element("div", { class: "line" }, element("b", {}, TITLES[job.kind]), ` of ${job.subject}: ${STATES[job.state]}, ${job.seconds.toFixed(0)} s${complete || !job.step ? "" : `, ${job.step}`}`, bar, ...actions),
+        element("div", { class: "line" }, element("b", {}, TITLES[job.kind]), ` of ${job.subject}: ${STATES[job.state]}, ${job.seconds.toFixed(0)} s${complete || !job.step ? "" : `, ${job.step}`}`, ...actions, bar),
         lines,
       );
     }

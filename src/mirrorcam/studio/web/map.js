@@ -51,10 +51,25 @@
       const [x, y] = this.axes.map(({ value }) => value);
       const known = this.points.filter(({ values }) => values[x] !== null && values[y] !== null);
       const solving = this.pending ? ` ${this.pending} more are being solved in the background.` : "";
-      this.note.textContent = `Solved designs for this camera and these depths, ${known.length} so far; darker ones have more views. None surpasses those on the line in both figures. Click one to open it.${solving}`;
+      this.note.textContent = `Solved designs for this camera and these depths, ${known.length} so far; darker ones have more views. None surpasses those on the line in both figures. Click one to open it; arrow keys lead from one to the next.${solving}`;
       const focused = this.plot.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
       if (known.length && this.plot.clientWidth) this.plot.replaceChildren(this.picture(known, x, y));
-      if (focused) [...this.plot.querySelectorAll("circle")].find((mark) => mark.getAttribute("aria-label") === focused)?.focus();
+      this.makeOneStop(focused);
+    }
+
+    // The points are one tab stop: arrow keys lead from each to the next along the horizontal axis.
+    makeOneStop(focused) {
+      const marks = [...this.plot.querySelectorAll(".point")].sort((a, b) => a.cx.baseVal.value - b.cx.baseVal.value);
+      const stop = (mark) => marks.forEach((other) => (other.tabIndex = other === mark ? 0 : -1));
+      stop(marks.find((mark) => mark.getAttribute("aria-label") === focused) ?? marks.find((mark) => mark.matches(".here")) ?? marks[0]);
+      if (focused) this.plot.querySelector("[tabindex='0']")?.focus();
+      marks.forEach((mark, i) => mark.addEventListener("keydown", (event) => {
+        const next = marks[i + ({ ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key] ?? NaN)];
+        if (!next) return;
+        event.preventDefault();
+        stop(next);
+        next.focus();
+      }));
     }
 
     picture(points, x, y) {
@@ -85,7 +100,7 @@
     mark({ spec, changes }, place, label) {
       const views = spec.pattern?.positions.length ?? spec.rows * spec.cols;
       const here = Object.keys(changes).length ? "" : " here";
-      const mark = svg("circle", { ...place, class: `point shade${Math.min(SHADES, Math.ceil(Math.sqrt(views)))}${here}`, role: "button", tabindex: 0, "aria-label": label }, svg("title"));
+      const mark = svg("circle", { ...place, class: `point shade${Math.min(SHADES, Math.ceil(Math.sqrt(views)))}${here}`, role: "button", "aria-label": label }, svg("title"));
       mark.firstChild.textContent = label;
       const go = () => this.go(spec);
       mark.addEventListener("click", go);

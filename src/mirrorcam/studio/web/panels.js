@@ -103,6 +103,13 @@
     ruler(root, box);
   };
 
+  // The ticks of a logarithmic axis: 1, 2 and 5 times each power of ten, or the powers alone where they are many.
+  const roundNumbers = (min, max) => {
+    const powers = Array.from({ length: 8 }, (_, i) => 10 ** (i - 4));
+    const inside = (factors) => powers.flatMap((power) => factors.map((factor) => +(factor * power).toPrecision(1))).filter((v) => v >= min && v <= max);
+    return inside(max > 300 * min ? [1] : [1, 2, 5]);
+  };
+
   // Curves over depth: `lines` are {values, name}; the depth axis is logarithmic, the other starts at 0.
   Studio.drawCurves = (host, label, drawing, lines, { at, format = number, scale = "linear" } = {}) => {
     const [width, height, left, bottom, top, right] = [300, 150, 40, 22, 8, 8];
@@ -116,7 +123,7 @@
     const min = scale === "log" ? Math.max(Math.min(...values), max / 1e4) : 0;
     const level = (value) => (scale === "log" ? Math.log(Math.max(value, min) / min) / Math.log(max / min || 1) : value / max);
     const y = (value) => height - bottom - (level(value) / 1.05) * (height - bottom - top);
-    const marks = scale === "log" ? [1e-3, 1e-2, 0.1, 1, 10, 100, 1000].filter((v) => v >= min && v <= max) : ticks(0, max, 4);
+    const marks = scale === "log" ? roundNumbers(min, max) : ticks(0, max, 4);
     for (const tick of marks) {
       root.append(svg("path", { d: path([[left, y(tick)], [width - right, y(tick)]], false), class: "rule" }));
       const text = svg("text", { x: left - 5, y: y(tick), class: "tick", "text-anchor": "end", "dominant-baseline": "middle" });

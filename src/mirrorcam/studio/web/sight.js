@@ -50,10 +50,12 @@
         slider.value = Math.log(decoded.focus_mm);
         slider.disabled = false;
         this.showDepth(decoded.focus_mm);
-        const error = decoded.error_mm === null ? "" : `, median error ${Studio.number(decoded.error_mm, 2)} mm`;
-        this.say(`Depth from ${Studio.number(decoded.near_mm)} mm (red) to ${Studio.number(decoded.far_mm)} mm (blue), darker where it is less sure${error}.`);
+        const error = decoded.error_mm === null ? "" : ` Their median error over the whole scene is ${Studio.number(decoded.error_mm, 2)} mm; \u03c3 is the bound for a textured surface at a working depth.`;
+        this.say(`Depth from ${Studio.number(decoded.near_mm)} mm (red) to ${Studio.number(decoded.far_mm)} mm (blue), darker where it is less sure.${error}`);
       } catch (error) {
-        if (serial === this.latest) this.say(error.name === "AbortError" ? "Cancelled. Choose a scene to start again." : error.message);
+        if (serial !== this.latest) return;
+        this.say(error.name === "AbortError" ? "Cancelled. " : error.message);
+        this.byId("sight-note").append(Studio.element("button", { type: "button", onclick: () => this.look() }, "Start again"));
       } finally {
         work.end();
       }
@@ -61,6 +63,7 @@
 
     showDepth(depth) {
       this.byId("sight-focus-text").textContent = `${Studio.number(depth)} mm`;
+      this.byId("sight-focus").setAttribute("aria-valuetext", `${Studio.number(depth)} mm`);
     }
 
     async focus() {
