@@ -77,7 +77,7 @@ def test_parts_are_built_shown_in_3d_and_downloaded(page: Watched, studio: tuple
     assert ended(page, 300.0) == "done"
     page.page.click("#design-tab")
     page.page.wait_for_selector("#built-option:not([hidden])", state="attached")
-    page.page.wait_for_function("Studio.view.layers.get('device')")
+    page.page.wait_for_function("() => Studio.view.layers.get('device')")
     page.page.evaluate("Studio.designer.history.set({ cols: 3 })")
     page.page.wait_for_selector("#built-option", state="hidden")
     page.page.click("#undo")

@@ -183,12 +183,41 @@ def test_a_point_of_the_map_is_a_design_to_open(page: Watched, studio: tuple[str
     typed(page, "Scale", "72")
     page.settled()
     page.page.wait_for_selector("#map circle:not(.here)")
-    other = page.page.get_by_role("button", name="1 x 2, 71 mm, fold 120°, trade-off 0.3:")
-    other.focus()
-    other.press("Enter")
+    assert page.page.locator("#map circle[tabindex='0']").count() == 1
+    page.page.focus("#map circle.here")
+    page.page.keyboard.press("ArrowLeft")  # smaller
+    page.page.keyboard.press("Enter")
     page.page.wait_for_function("Studio.designer.state.drawing.spec.scale_mm === 71")
     page.settled()
     assert "scale_mm=71" in page.page.url
+
+
+def test_a_finger_scrolls_past_the_mirrors_and_turns_them_sideways(browser: Any, studio: tuple[str, Path]) -> None:
+    with browser_page(browser, NARROW, has_touch=True, is_mobile=True) as watched:
+        opened(watched, studio)
+        page, touch = watched.page, watched.page.context.new_cdp_session(watched.page)
+        page.evaluate("document.getElementById('panels').scrollIntoView()")
+        place = "[document.querySelector('.viewing').scrollTop, Studio.view.camera.position.toArray().join()]"
+
+        def swiped(dx: int, dy: int) -> tuple[float, str]:
+            """How far the page scrolled, and the view's position."""
+            box = page.locator("#stage canvas").bounding_box()
+            x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+            before = page.evaluate(place)[0]
+            touch.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+            for k in range(1, 11):
+                point = {"x": x + dx * k / 10, "y": y + dy * k / 10}
+                touch.send("Input.dispatchTouchEvent", {"type": "touchMove", "touchPoints": [point]})
+            touch.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+            page.wait_for_timeout(300)
+            after, position = page.evaluate(place)
+            return after - before, position
+
+        position = page.evaluate(place)[1]
+        scrolled, same = swiped(0, -90)
+        assert scrolled > 45 and same == position
+        scrolled, turned = swiped(90, 0)
+        assert scrolled == 0 and turned != position
 
 
 PAIR = '#pattern={"name":"pair","positions":[[0,0],[1,0]]}'

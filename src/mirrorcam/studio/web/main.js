@@ -11,7 +11,7 @@
   const units = Object.fromEntries(groups.map(({ name, unit }) => [name, unit]));
   // A field of a request in words.
   Studio.withUnit = (value, name) => {
-    const text = [value].flat().map((each) => (typeof each === "number" ? Studio.number(each, 4) : (each?.name ?? String(each ?? "")).replace("stock:", "in stock: "))).join(", ");
+    const text = [value].flat().map((each) => (typeof each === "number" ? Studio.number(each, 4) : (each?.name ?? String(each ?? "")).replace("stock:", "in stock: ").replaceAll(",", ", "))).join(", ");
     const unit = typeof value === "string" ? "" : (units[name] ?? "");
     return `${text}${unit === "\u00b0" ? "" : " "}${unit}`.trim();
   };
@@ -43,7 +43,10 @@
     pins.draw(exact());
     showJumps();
   };
-  const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), () => (state.drawing ? draw() : showPins()));
+  const pins = new Studio.Pins(byId("compare"), labels, (spec) => history.settle(spec), () => {
+    if (state.drawing) drawFigures();
+    showPins();
+  });
 
   // The design to compare with: the one pinned last, else the solved one before.
   const reference = () => {
@@ -109,6 +112,12 @@
     slider.value = Math.log(state.depth);
   };
 
+  const drawFigures = () => {
+    const [{ drawing }, other] = [state, reference()];
+    Studio.drawTiles(byId("tiles"), drawing, other);
+    Studio.drawFigures(byId("figures"), [["this design", drawing], ...(other ? [[other.name, other.drawing]] : [])]);
+  };
+
   const draw = () => {
     const { drawing } = state;
     placeDepth();
@@ -117,9 +126,7 @@
     Studio.drawCameras(byId("cameras"), drawing, comparison());
     drawCurves();
     drawDepth();
-    Studio.drawTiles(byId("tiles"), drawing, reference());
-    const other = reference();
-    Studio.drawFigures(byId("figures"), [["this design", drawing], ...(other ? [[other.name, other.drawing]] : [])]);
+    drawFigures();
     if (drawing.kind === "exact") Studio.drawVerdict(byId("verdict"), drawing);
     byId("verdict").classList.toggle("old", drawing.kind !== "exact");
     if (byId("made")) {

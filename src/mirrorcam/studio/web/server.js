@@ -68,7 +68,6 @@
   const watch = (listener) => listeners.push(listener) === 1 && follow();
   Object.assign(Studio, { post, postNewest, postLong, cancel, watch, poll: () => wake() });
   Studio.source = {
-    steps: true,
     preview: (spec) => post("/preview", spec),
     design: (spec, advance) => postLong("/design", spec, advance),
     suggestions: (spec, take) => postStreamed("/suggestions", spec, take),

@@ -18,7 +18,10 @@
       this.world = new THREE.Group();
       this.scene.add(this.world);
       const canvas = this.renderer.domElement;
-      canvas.style.touchAction = "pan-y"; // a finger that moves up or down scrolls the page
+      // A finger that moves up or down scrolls the page; what it turned until then is undone.
+      canvas.style.touchAction = "pan-y";
+      canvas.addEventListener("pointerdown", () => this.controls.saveState());
+      canvas.addEventListener("pointercancel", () => this.controls.reset());
       canvas.setAttribute("role", "img");
       canvas.setAttribute("aria-label", "The mirrors in 3-D: drag to rotate, scroll or pinch to zoom; buttons rotate it, too");
       stage.prepend(canvas);
