@@ -74,7 +74,7 @@ def test_parts_are_built_shown_in_3d_and_downloaded(page: Watched, studio: tuple
     page.settled()
     page.page.click("#build-tab")
     page.page.click("[data-make=parts]")
-    assert ended(page, 300.0) == "done"
+    assert ended(page, 600.0) == "done"
     page.page.click("#design-tab")
     page.page.wait_for_selector("#built-option:not([hidden])", state="attached")
     page.page.wait_for_function("() => Studio.view.layers.get('device')")
