@@ -19,7 +19,7 @@ from mirrorcam.render_scenes.tabletop.objects import (
     TextureName,
     grain,
     lights,
-    mesh_on_base,
+    mesh_surface,
     shapes_of,
     texture,
 )
@@ -107,7 +107,7 @@ def test_a_mesh_stands_with_the_middle_of_its_base_at_the_origin(tmp_path: Path)
         size_mm=np.zeros(3),
         file=tmp_path / "x.stl",
     )
-    points = mesh_on_base(item).points
+    points = mesh_surface(item).points
     np.testing.assert_allclose(points.min(axis=0), [-2.0, -3.0, 0.0])
     np.testing.assert_allclose(points.max(axis=0), [2.0, 3.0, 5.0])
 
