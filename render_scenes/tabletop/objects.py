@@ -312,9 +312,7 @@ class SceneObject(Value):
             expected = "a file or vertices_mm and faces for a mesh, and nothing for other kinds"
             raise ValueError(f"a {self.kind} with {' and '.join(given) or 'no triangles'}, expected {expected}")
         if self.vertices_mm is not None and self.faces is not None and self.faces.max() >= len(self.vertices_mm):
-            raise ValueError(
-                f"faces have the index {self.faces.max()}, expected less than the {len(self.vertices_mm)} vertices"
-            )
+            raise ValueError(f"faces have the index {self.faces.max()}, expected less than {len(self.vertices_mm)}")
 
 
 def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:

@@ -104,7 +104,7 @@ def test_a_mesh_in_the_mirrors_is_refused(default_layout: Layout, tmp_path: Path
         ({"kind": "mesh"}, "a mesh with no triangles"),
         ({"kind": "box", "size_mm": (1, 1, 1), "file": "a.stl"}, "a box with file, expected"),
         ({"kind": "mesh", "vertices_mm": np.eye(3)}, "a mesh with vertices_mm, expected"),
-        ({"kind": "mesh", "vertices_mm": np.eye(3), "faces": [(0, 1, 3)]}, "the index 3, expected less than the 3"),
+        ({"kind": "mesh", "vertices_mm": np.eye(3), "faces": [(0, 1, 3)]}, "the index 3, expected less than 3"),
         ({"kind": "mesh", "vertices_mm": np.eye(3), "faces": [(0, 1, -1)]}, "counted from 0"),
         ({"kind": "mesh", "vertices_mm": np.eye(3), "faces": [(0, 1, 1.5)]}, "counted from 0"),
         ({"kind": "mesh", "vertices_mm": np.eye(3), "faces": np.zeros((0, 3))}, "one or more triangles"),
