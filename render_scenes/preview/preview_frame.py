@@ -42,13 +42,12 @@ from mirrorcam.render_scenes.preview.traced_scene import KIND, TRIANGLES, Traced
 from mirrorcam.render_scenes.preview.triangle_tree import NOTHING, add_scaled, scale
 from mirrorcam.render_scenes.sets.sensor_model import photograph
 from mirrorcam.render_scenes.settings import SENSORS, RenderSettings, SensorModel
-from mirrorcam.render_scenes.tabletop.objects import TextureName
 from mirrorcam.render_scenes.tabletop.tabletop import MIN_CLEARANCE, Tabletop, arrange_tabletop, clear_depth_mm
 from mirrorcam.render_scenes.tabletop.tabletop_set import default_depths_mm
 
 Subject = Literal["tabletop", "board"]
 
-TEXTURE_PX: dict[TextureName, tuple[int, int]] = {
+TEXTURE_PX: dict[str, tuple[int, int]] = {
     "poster": (1152, 768),
     "wood": (1536, 960),
     "page": (384, 516),
@@ -78,7 +77,7 @@ def arranged_tabletop(layout: Layout, seed: int, sized_for: Layout | None = None
     objects = tuple(
         item.replaced(
             view_from_object=rigid(np.eye(3), shift) @ item.view_from_object,
-            texture_px=None if item.texture is None else TEXTURE_PX[item.texture],
+            texture_px=TEXTURE_PX[item.texture] if isinstance(item.texture, str) else None,
         )
         for item in arranged.objects
     )

@@ -25,9 +25,7 @@ from mirrorcam.render_scenes.settings import RenderSettings
 from mirrorcam.render_scenes.tabletop.objects import (
     LAMP,
     SKY,
-    Kind,
     SceneObject,
-    TextureName,
     lamp_square,
     surface_texture,
     texture_size_px,
@@ -213,7 +211,7 @@ def traced_tabletop(tabletop: Tabletop) -> TracedScene:
     if len(foliage) > 1:
         raise InputError(f"{len(foliage)} objects are leaves, expected at most one")
     textured = [item for item in objects if item.texture is not None]
-    atlas = _atlas(tuple((item.kind, item.texture, texture_size_px(item), item.seed) for item in textured))
+    atlas = _atlas(textured)
     numbers = {id(item): number for number, item in enumerate(textured)}
     lamp = _lamp(tabletop)
     colours = np.array(
@@ -290,9 +288,27 @@ def _foliage_tree(seed: int) -> TriangleTree:
     return triangle_tree(leaves(1.0, seed))
 
 
+def _atlas(textured: Sequence[SceneObject]) -> TextureAtlas:
+    """Return the textures of objects; those of random textures only, which take half a second to draw, are cached."""
+    if not all(isinstance(item.texture, str) for item in textured):
+        return texture_atlas([surface_texture(item) for item in textured])
+    unplaced = (
+        SceneObject(
+            kind=item.kind,
+            view_from_object=np.eye(4),
+            size_mm=np.ones(3),
+            texture=item.texture,
+            texture_px=texture_size_px(item),
+            seed=item.seed,
+        )
+        for item in textured
+    )
+    return _drawn_atlas(tuple(unplaced))
+
+
 @lru_cache(maxsize=4)
-def _atlas(textures: tuple[tuple[Kind, TextureName, tuple[int, int], int], ...]) -> TextureAtlas:
-    return texture_atlas([surface_texture(*texture) for texture in textures])
+def _drawn_atlas(unplaced: tuple[SceneObject, ...]) -> TextureAtlas:
+    return texture_atlas([surface_texture(item) for item in unplaced])
 
 
 def _mean_colour(atlas: TextureAtlas, texture: int) -> FloatArray:

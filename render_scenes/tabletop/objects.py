@@ -1,22 +1,27 @@
 """Objects of a tabletop scene as Mitsuba shapes, their materials and procedural textures, and the light sources.
 
-Textures are linear RGB, 0 to 1, generated from a seed. Every texture has detail at all scales down to its texels,
-so that views can be matched everywhere.
+Textures are linear RGB, 0 to 1: a picture, or generated from a seed. Every generated texture has detail at all scales
+down to its texels, so that views can be matched everywhere.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
-from typing import Any, Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, PlainSerializer, PlainValidator, WithJsonSchema, model_validator
 
 from mirrorcam.core.arguments import PathField
-from mirrorcam.core.values import FloatArray, Matrix4, Value, Vector3
+from mirrorcam.core.bounds import SEED, Bounds
+from mirrorcam.core.images.pictures import PICTURE_ENDINGS, is_picture, read_image
+from mirrorcam.core.values import FloatArray, Matrix4, Points3, Shaped, Value, Vector3
 from mirrorcam.optics.geometry.transforms import rigid, transform
+from mirrorcam.optics.light_field.render.linear_light import light_from_levels
 from mirrorcam.render_scenes.mesh_shapes import Triangles, leaves, read_mesh
 from mirrorcam.render_scenes.reference.mirror_shapes import mesh
 
@@ -180,7 +185,7 @@ Kind = Literal["sphere", "cylinder", "box", "rectangle", "leaves", "mesh"]
 Material = Literal["matte", "glossy", "glass"]
 
 GLASS_INDEX = 1.5
-MAX_TEXELS = 4096
+MIN_TEXELS, MAX_TEXELS = 64, 4096
 SKY = (0.62, 0.65, 0.70)
 LAMP = (105.0, 98.0, 87.0)
 LAMP_OFFSET = (-1.2, -2.4, -1.3)
@@ -189,8 +194,43 @@ LAMP_HALF_SIDE = 0.22
 """Half the side length of the area light, in units of the arrangement's scale."""
 
 
-_SIDES = {"sphere": [0], "leaves": [0], "cylinder": [0, 2], "rectangle": [0, 1]}
+_Texels = Annotated[int, Bounds(MIN_TEXELS, MAX_TEXELS).limits]
+
+
+def _checked_texture(value: Any) -> str | Path | Texture | None:
+    """Return the name of a random texture, the path of a picture, or texels (h, w, 3), linear RGB."""
+    if value is None or (isinstance(value, str) and value in _MAKERS):
+        return value
+    if isinstance(value, str | os.PathLike):
+        if not is_picture(Path(value)):
+            raise ValueError(f"{value}, expected one of {', '.join(_MAKERS)}, or a {', '.join(PICTURE_ENDINGS)} file")
+        return Path(value)
+    texels = np.array(value)
+    if texels.ndim != 3 or texels.shape[2] != 3 or not texels.size:
+        raise ValueError(f"shape {texels.shape}, expected a name, a path, or an array (h, w, 3)")
+    if texels.dtype == np.uint8:
+        texels = light_from_levels(texels)
+    elif texels.dtype.kind != "f":
+        raise ValueError(f"an array of {texels.dtype}, expected uint8, or floating point from 0 to 1")
+    elif not (texels.min() >= 0.0 and texels.max() <= 1.0):  # also refuses NaN
+        raise ValueError(f"{texels.dtype} from {texels.min():g} to {texels.max():g}, expected 0 to 1, or uint8")
+    texels = texels.astype(np.float32)
+    texels.flags.writeable = False
+    return texels
+
+
+def _vertex_indices(faces: FloatArray) -> NDArray[np.int64]:
+    indices = faces.astype(np.int64)
+    if not len(indices) or (indices != faces).any() or indices.min() < 0:
+        raise ValueError("expected one or more triangles of three indices of vertices, counted from 0")
+    indices.flags.writeable = False
+    return indices
+
+
+_SIDES = {"sphere": [0], "leaves": [0], "cylinder": [0, 2], "rectangle": [0, 1], "mesh": []}
 """Sides that a kind of object uses, if not all."""
+_TEXTURED = ("rectangle", "sphere", "cylinder", "box")
+"""Kinds that can have a random texture. On a box, pictures would be mirrored on some sides: Mitsuba's cube is so."""
 
 
 class SceneObject(Value):
@@ -201,24 +241,32 @@ class SceneObject(Value):
     name
         Name in lists.
     kind
-        `sphere`, `cylinder` about its z, `box`, `rectangle` in its x and y, `leaves`, or the `mesh` of a file.
+        `sphere`, `cylinder` about its z, `box`, `rectangle` in its x and y, `leaves`, or a `mesh`.
     material
         `matte`, `glossy` or `glass`.
     view_from_object
         Pose (4, 4), rigid, mm, in view axes: origin at the pupil, x right, y down, z forward to the scene.
     size_mm
         Sides along the object's x, y and z. A sphere and leaves use only x; a cylinder x (diameter) and z (length); a
-        rectangle x and y; a mesh has the size of its file.
+        rectangle x and y; a mesh has the size of its vertices.
     texture
-        Name of a random texture; None for the uniform `colour`.
+        None for the uniform `colour`; a picture on a rectangle, a sphere or a cylinder: the path of a file, or an array
+        (h, w, 3), RGB, which is uint8 and encoded as sRGB, or linear reflectance in floating point from 0 to 1; or the
+        name of a random texture, also on a box: `wood`, `poster`, `page`, `label`, `cover` or `globe`. The first row
+        and column of a picture are at the least y and x of a rectangle. On a sphere and around a cylinder, the first
+        row is at the greatest z, and columns run counterclockwise about z from x.
     texels_per_mm, texture_px
-        Resolution of the texture, or its columns and rows.
+        Resolution of a random texture, or its columns and rows.
     colour
         Reflectance (3,), linear RGB from 0 to 1.
     seed
-        Seed of the texture and of leaves.
+        Seed of a random texture and of leaves.
     file
-        STL, PLY or OBJ file of a mesh, in mm with z up; the centre of its base is the object's origin.
+        STL, PLY or OBJ file of a mesh, in mm with z up; the centre of its base is the object's origin. Only triangles
+        are read: colours, materials (MTL) and textures of the file are not.
+    vertices_mm, faces
+        A mesh in memory instead of a file: vertices (n, 3) in the object's frame, and the indices (m, 3) of the corners
+        of its triangles.
     """
 
     name: str = ""
@@ -226,26 +274,45 @@ class SceneObject(Value):
     material: Material = "matte"
     view_from_object: Matrix4 = Field(serialization_alias="view_from_thing")
     size_mm: Vector3 = Field(default=(0.0, 0.0, 0.0), validate_default=True)
-    texture: TextureName | None = None
-    texels_per_mm: float = 1.0
-    texture_px: tuple[int, int] | None = None
+    texture: Annotated[
+        str | os.PathLike[str] | NDArray[np.uint8] | NDArray[np.floating] | None,
+        PlainValidator(_checked_texture),
+        PlainSerializer(lambda texture: texture.tolist() if isinstance(texture, np.ndarray) else texture),
+        WithJsonSchema({"type": ["string", "array", "null"]}),
+    ] = None
+    texels_per_mm: float = Field(default=1.0, gt=0.0)
+    texture_px: tuple[_Texels, _Texels] | None = None
     colour: Vector3 = Field(default=(0.6, 0.6, 0.6), validate_default=True)
-    seed: int = 0
+    seed: int = SEED.field(0)
     file: PathField | None = None
+    vertices_mm: Points3 | None = None
+    faces: Annotated[NDArray[np.int64], Shaped((None, 3), largest=2**31), AfterValidator(_vertex_indices)] | None = None
 
     @model_validator(mode="after")
     def _check(self) -> Self:
-        if (self.kind == "mesh") != (self.file is not None):
-            raise ValueError(
-                f"a {self.kind} with the file {self.file}, expected a file for a mesh, and for nothing else"
-            )
+        self._check_mesh()
         turn = self.view_from_object[:3, :3]
         if not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0.0:
             raise ValueError("view_from_object is not rigid, expected a rotation and a shift")
         used = self.size_mm[_SIDES.get(self.kind, [0, 1, 2])]
-        if self.kind != "mesh" and not (used > 0.0).all():
+        if not (used > 0.0).all():
             raise ValueError(f"a {self.kind} of {self.size_mm.tolist()} mm, expected positive sides")
+        if self.colour.min() < 0.0 or self.colour.max() > 1.0:
+            raise ValueError(f"colour {self.colour.tolist()}, expected linear RGB from 0 to 1")
+        if self.texture is not None and (self.kind not in _TEXTURED or self.material == "glass"):
+            expected = f"none, or a matte or glossy {', '.join(_TEXTURED)}"
+            raise ValueError(f"a texture on a {self.kind} of {self.material} material, expected {expected}")
+        if self.kind == "box" and not isinstance(self.texture, str | None):
+            raise ValueError("a picture on a box, expected the name of a random texture, or six rectangles instead")
         return self
+
+    def _check_mesh(self) -> None:
+        given = [name for name in ("file", "vertices_mm", "faces") if getattr(self, name) is not None]
+        if given not in ([["file"], ["vertices_mm", "faces"]] if self.kind == "mesh" else [[]]):
+            expected = "a file or vertices_mm and faces for a mesh, and nothing for other kinds"
+            raise ValueError(f"a {self.kind} with {' and '.join(given) or 'no triangles'}, expected {expected}")
+        if self.vertices_mm is not None and self.faces is not None and self.faces.max() >= len(self.vertices_mm):
+            raise ValueError(f"faces have the index {self.faces.max()}, expected less than {len(self.vertices_mm)}")
 
 
 def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
@@ -267,12 +334,10 @@ def shapes_of(item: SceneObject, view_from_rig: FloatArray) -> list[Any]:
     if item.kind == "box":
         return [load("cube", np.diag([width / 2, depth / 2, height / 2, 1.0]))]
     if item.kind == "cylinder":
-        ends = [rig_from_object[:3] @ [0.0, 0.0, z, 1.0] for z in (-height / 2, height / 2)]
-        side = {"type": "cylinder", "p0": ends[0].tolist(), "p1": ends[1].tolist(), "radius": width / 2, "bsdf": bsdf}
-        lid = np.diag([width / 2, width / 2, 1.0, 1.0])
-        lid[2, 3] = height / 2
-        return [_load_quietly(side), load("disk", lid)]
-    surface = leaves(float(width), item.seed) if item.kind == "leaves" else mesh_on_base(item)
+        side, lid = np.diag([width / 2, width / 2, height, 1.0]), np.diag([width / 2, width / 2, 1.0, 1.0])
+        side[2, 3], lid[2, 3] = -height / 2, height / 2
+        return [load("cylinder", side), load("disk", lid)]
+    surface = leaves(float(width), item.seed) if item.kind == "leaves" else mesh_surface(item)
     points = transform(rig_from_object, surface.points)
     shape = mesh(item.kind, points, surface.faces.astype(np.int64), bsdf)
     if surface.colours is not None:
@@ -292,9 +357,11 @@ def _load_quietly(shape: dict[str, Any]) -> Any:
         mi.set_log_level(level)
 
 
-def mesh_on_base(item: SceneObject) -> Triangles:
-    """Read the mesh of an object's file and centre its base at the origin; raise InputError if unreadable."""
-    assert item.file is not None
+def mesh_surface(item: SceneObject) -> Triangles:
+    """Return the triangles of a mesh in its object's frame; raise InputError for an unreadable file."""
+    if item.file is None:
+        assert item.vertices_mm is not None and item.faces is not None
+        return Triangles(item.vertices_mm, item.faces.astype(np.uint32))
     surface = read_mesh(item.file)
     low, high = surface.points.min(axis=0), surface.points.max(axis=0)
     return Triangles(surface.points - [*(low[:2] + high[:2]) / 2.0, low[2]], surface.faces)
@@ -316,26 +383,36 @@ def _reflectance(item: SceneObject) -> dict[str, Any]:
         return {"type": "mesh_attribute", "name": "vertex_color"}
     if item.texture is None:
         return {"type": "rgb", "value": item.colour.tolist()}
-    picture = surface_texture(item.kind, item.texture, texture_size_px(item), item.seed)
+    picture = surface_texture(item).copy()  # Mitsuba takes no read-only array
     return {"type": "bitmap", "bitmap": mi.Bitmap(picture), "raw": True, "wrap_mode": "clamp"}
 
 
 def texture_size_px(item: SceneObject) -> tuple[int, int]:
-    """Return the columns and rows of an object's texture."""
+    """Return the columns and rows of an object's random texture."""
     if item.texture_px is not None:
         return item.texture_px
     width, depth, height = item.size_mm
     curved = {"sphere": (np.pi * width, np.pi * width / 2), "cylinder": (np.pi * width, height)}
     flat = {"rectangle": (width, depth), "box": (max(width, depth), height)}
-    columns, rows = (int(np.clip(item.texels_per_mm * side, 64, MAX_TEXELS)) for side in (curved | flat)[item.kind])
+    columns, rows = (
+        int(np.clip(item.texels_per_mm * side, MIN_TEXELS, MAX_TEXELS)) for side in (curved | flat)[item.kind]
+    )
     return columns, rows
 
 
-def surface_texture(kind: Kind, name: TextureName, size_px: tuple[int, int], seed: int) -> Texture:
-    """Return the texture (rows, columns, 3) of a kind of object; texture coordinates start at the top left corner."""
-    picture = texture(name, size_px, seed)
+def surface_texture(item: SceneObject) -> Texture:
+    """Return the texture (rows, columns, 3) of an object; texture coordinates start at the top left corner.
+
+    Raises InputError for an unreadable file.
+    """
+    if isinstance(item.texture, Path):
+        picture = light_from_levels(read_image(item.texture))
+    elif isinstance(item.texture, np.ndarray):
+        picture = np.asarray(item.texture, dtype=np.float32)
+    else:
+        picture = texture(cast(TextureName, item.texture), texture_size_px(item), item.seed)
     # The v coordinate of a cylinder grows towards its top.
-    return picture[::-1].copy() if kind == "cylinder" else picture
+    return picture[::-1] if item.kind == "cylinder" else picture
 
 
 def lamp_square(target_in_view: FloatArray, scale_mm: float) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -15,7 +15,7 @@ from mirrorcam.optics.light_field.decoder import default_reference_depth_mm
 from mirrorcam.render_scenes.fields_of_view import common_bounds
 from mirrorcam.render_scenes.lens import true_camera, with_pupil_of
 from mirrorcam.render_scenes.sets.sensor_model import photograph
-from mirrorcam.render_scenes.settings import SENSORS, SensorModel
+from mirrorcam.render_scenes.settings import SENSORS, SensorModel, SensorName
 from mirrorcam.render_scenes.tabletop.objects import SceneObject
 from mirrorcam.render_scenes.tabletop.tabletop import Tabletop, check_meshes
 from mirrorcam.render_scenes.tabletop.tabletop_scene import TabletopScene
@@ -28,13 +28,14 @@ def render_frame(
     layout: Layout,
     objects: Iterable[SceneObject],
     *,
-    sensor: SensorModel = SENSORS["c920"],
+    sensor: SensorModel | SensorName = "c920",
     spp: int = 64,
     seed: int = 0,
 ) -> NDArray[np.uint8]:
     """Render the frame that the camera of a layout takes of objects via the mirrors; needs the extra `render`.
 
-    An area light above, left of and in front of the common field of the views, and a uniform sky, light the scene.
+    An area light above, left of and in front of the common field of the views, and a uniform sky, light the scene. The
+    first call after installation compiles for half a minute.
 
     Parameters
     ----------
@@ -43,7 +44,8 @@ def render_frame(
     objects
         The scene; `SceneObject.view_from_object` places each in view axes, mm.
     sensor
-        Lens and sensor. Compression and rolling shutter are ignored.
+        Lens and sensor, or the name of a preset: `ideal`, `c920`, `poor` or `webcam`. Compression and rolling shutter
+        are ignored.
     spp
         Samples per pixel.
     seed
@@ -57,12 +59,21 @@ def render_frame(
     Raises
     ------
     InputError
-        If the extra `render` is missing, `spp` or `seed` is out of range, or a mesh is unreadable or reaches into the
-        camera.
+        If the extra `render` is missing, the layout has no mirrors, there are no objects, the sensor's name is unknown,
+        `spp` or `seed` is out of range, or a mesh or a picture is unreadable, or a mesh reaches into the camera.
     """
     check_type("layout", layout, Layout)
+    if not layout.mirrors:
+        raise InputError("layout: a bare camera, expected a layout with mirrors")
+    check_type("sensor", sensor, SensorModel, str)
+    if isinstance(sensor, str):
+        if sensor not in SENSORS:
+            raise InputError(f"sensor: {sensor!r}, expected one of {', '.join(SENSORS)}, or a SensorModel")
+        sensor = SENSORS[sensor]
     check_count("spp", spp, SAMPLES_PER_PIXEL.narrowed(min=SUBPIXELS**2))
     check_count("seed", seed, SEED)
+    if isinstance(objects, SceneObject) or not isinstance(objects, Iterable):
+        raise TypeError(f"objects: {type(objects).__name__}, expected an iterable of SceneObject")
     things = tuple(objects)
     for item in things:
         check_type("objects", item, SceneObject)

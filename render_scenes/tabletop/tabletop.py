@@ -18,7 +18,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.fields_of_view import common_bounds
 from mirrorcam.render_scenes.sets.poses import CLEARANCE_MM
-from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, TextureName, colours, mesh_on_base
+from mirrorcam.render_scenes.tabletop.objects import Kind, Material, SceneObject, TextureName, colours, mesh_surface
 
 WALL_RELATIVE_DEPTH = 1.2  # depth of the wall, relative to the farthest objects
 WALL_RELATIVE_SIZE = 3.2  # its width and height, relative to the common field at their depth
@@ -209,7 +209,8 @@ def check_meshes(layout: Layout, objects: tuple[SceneObject, ...]) -> None:
     """Raise InputError for a mesh that is unreadable or reaches into the camera."""
     for item in objects:
         if item.kind == "mesh":
-            depths = mesh_on_base(item).points @ item.view_from_object[2, :3] + item.view_from_object[2, 3]
+            depths = mesh_surface(item).points @ item.view_from_object[2, :3] + item.view_from_object[2, 3]
             if depths.min() < clear_depth_mm(layout):
                 reason = f"reaches to a depth of {depths.min():.0f} mm"
-                raise InputError(f"{item.file}: {reason}, expected no less than {clear_depth_mm(layout):.0f}")
+                name = item.file or item.name or "a mesh"
+                raise InputError(f"{name}: {reason}, expected no less than {clear_depth_mm(layout):.0f}")

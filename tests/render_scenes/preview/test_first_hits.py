@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.preview.first_hits import (
     LID,
     first_hit,
@@ -17,13 +15,13 @@ from mirrorcam.render_scenes.preview.first_hits import (
     normal_at,
     texture_uv,
 )
-from mirrorcam.render_scenes.preview.traced_scene import TracedScene
+from mirrorcam.render_scenes.preview.traced_scene import TracedScene, mean_colour
 from mirrorcam.render_scenes.preview.triangle_tree import NOTHING
+from mirrorcam.render_scenes.tabletop.objects import shapes_of
 from mirrorcam.render_scenes.variant import use_variant
 from tests.render_scenes.preview.scenes import TURN, item, scene_of
 
 PLACE = np.array([5.0, -8.0, 300.0])
-UPRIGHT = Rotation.from_euler("x", 1.1).as_matrix()
 KINDS = ("rectangle", "sphere", "cylinder", "box", "leaves")
 
 
@@ -73,12 +71,7 @@ def test_normals_and_texture_coordinates_are_those_of_mitsuba(kind: str) -> None
     use_variant()
     import mitsuba as mi
 
-    from mirrorcam.render_scenes.tabletop.objects import shapes_of
-
     thing = item(kind, texture=None if kind == "leaves" else "globe", texture_px=(64, 64), seed=3)
-    if kind == "cylinder":
-        # The texture origin of Mitsuba's shapes is arbitrary, and at x where the axis has no x.
-        thing = thing.replaced(view_from_object=rigid(UPRIGHT, PLACE))
     scene = scene_of(thing)
     reference = mi.load_dict({"type": "scene"} | {f"s{k}": s for k, s in enumerate(shapes_of(thing, np.eye(3)))})
     random = np.random.default_rng(2)
@@ -100,6 +93,48 @@ def test_normals_and_texture_coordinates_are_those_of_mitsuba(kind: str) -> None
         if kind != "leaves":
             place, _, _ = texture_uv(scene.objects, 0, part, point, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
             np.testing.assert_allclose(place, np.ravel(found.uv), atol=2e-3)
+    assert met > 10
+
+
+WIDTH, DEPTH, HEIGHT = 40.0, 50.0, 60.0
+PICTURE_AT = {
+    "rectangle": lambda x, y, z: (0.5 + x / WIDTH, 0.5 + y / DEPTH),
+    "sphere": lambda x, y, z: (np.arctan2(y, x) / (2.0 * np.pi) % 1.0, np.arccos(2.0 * z / WIDTH) / np.pi),
+    "cylinder": lambda x, y, z: (np.arctan2(y, x) / (2.0 * np.pi) % 1.0, 0.5 - z / HEIGHT),
+}
+"""Fractions of the columns and of the rows of a picture that is at a point of an object."""
+
+
+@pytest.mark.parametrize("kind", PICTURE_AT)
+def test_a_picture_is_where_its_description_says_in_both_renderers(kind: str) -> None:
+    use_variant(colour=True)
+    import mitsuba as mi
+
+    # A picture whose red is the fraction of its columns, and whose green is the fraction of its rows.
+    fractions = (np.arange(256) + 0.5) / 256.0
+    picture = np.zeros((256, 256, 3))
+    picture[..., 0], picture[..., 1] = fractions, fractions[:, None]
+    thing = item(kind, texture=picture)
+    scene = scene_of(thing)
+    reference = mi.load_dict({"type": "scene"} | {f"s{k}": s for k, s in enumerate(shapes_of(thing, np.eye(3)))})
+    random, met = np.random.default_rng(2), 0
+    for _ in range(60):
+        start = PLACE + 200.0 * TURN @ _unit(random.standard_normal(3) + np.array([0.0, 0.0, 0.8]))
+        direction = _unit(PLACE + random.uniform(-22.0, 22.0, 3) - start)
+        number, length, part = hit(scene, start, direction)
+        if number == NOTHING or part == LID:
+            continue
+        point, none = start + length * direction, (0.0, 0.0, 0.0)
+        expected = PICTURE_AT[kind](*(TURN.T @ (point - PLACE)))
+        if not 0.01 < expected[0] < 0.99:
+            continue
+        met += 1
+        place, _, _ = texture_uv(scene.objects, 0, part, tuple(point), none, none)
+        traced = mean_colour(scene.texels, scene.scales, scene.textures, 0, place, (0.0, 0.0), (0.0, 0.0))
+        np.testing.assert_allclose(traced, (*expected, 0.0), atol=3e-3)
+        ray = mi.Ray3f(mi.Point3f(*start.tolist()), mi.Vector3f(*direction.tolist()))
+        found = reference.ray_intersect(ray)
+        np.testing.assert_allclose(np.ravel(found.bsdf(ray).eval_diffuse_reflectance(found)), traced, atol=3e-3)
     assert met > 10
 
 

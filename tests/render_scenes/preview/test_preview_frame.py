@@ -45,7 +45,7 @@ def test_objects_are_those_of_the_scene_with_textures_of_one_size(small_layout: 
     found = arranged_tabletop(small_layout, 3)
     scene = arrange_tabletop(small_layout, default_depths_mm(small_layout), 3)
     assert [item.replaced(texture_px=None) for item in found.objects] == list(scene.objects)
-    assert all(item.texture_px == (TEXTURE_PX[item.texture] if item.texture else None) for item in found.objects)
+    assert all(item.texture_px == (TEXTURE_PX[str(item.texture)] if item.texture else None) for item in found.objects)
 
 
 def test_objects_of_another_layout_move_to_the_middle_of_the_field(small_layout: Layout) -> None:

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from mirrorcam.core.errors import InputError
+from mirrorcam.core.images.pictures import write_image
 from mirrorcam.optics.geometry.transforms import rigid
 from mirrorcam.render_scenes.tabletop.objects import (
     Kind,
@@ -19,8 +21,9 @@ from mirrorcam.render_scenes.tabletop.objects import (
     TextureName,
     grain,
     lights,
-    mesh_on_base,
+    mesh_surface,
     shapes_of,
+    surface_texture,
     texture,
 )
 from mirrorcam.render_scenes.variant import SCALAR, use_variant
@@ -107,9 +110,35 @@ def test_a_mesh_stands_with_the_middle_of_its_base_at_the_origin(tmp_path: Path)
         size_mm=np.zeros(3),
         file=tmp_path / "x.stl",
     )
-    points = mesh_on_base(item).points
+    points = mesh_surface(item).points
     np.testing.assert_allclose(points.min(axis=0), [-2.0, -3.0, 0.0])
     np.testing.assert_allclose(points.max(axis=0), [2.0, 3.0, 5.0])
+
+
+def test_a_mesh_in_memory_stands_where_its_vertices_are() -> None:
+    vertices_mm, faces = [(2, 4, 7), (6, 4, 7), (6, 10, 7), (4, 7, 12)], [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+    place = np.array([5.0, -7.0, 300.0])
+    item = SceneObject(kind="mesh", view_from_object=rigid(np.eye(3), place), vertices_mm=vertices_mm, faces=faces)
+    surface = mesh_surface(item)
+    np.testing.assert_array_equal(surface.points, vertices_mm)
+    np.testing.assert_array_equal(surface.faces, faces)
+    (shape,) = shapes_of(item, np.eye(3))
+    np.testing.assert_allclose(np.array(shape.bbox().min), np.add(place, (2.0, 4.0, 7.0)), atol=1e-4)
+    np.testing.assert_allclose(np.array(shape.bbox().max), np.add(place, (6.0, 10.0, 12.0)), atol=1e-4)
+    assert SceneObject.model_validate_json(item.model_dump_json()) == item
+
+
+def test_a_picture_has_the_same_texels_from_a_file_as_an_array_and_in_linear_light(tmp_path: Path) -> None:
+    levels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), dtype=np.uint8)
+    write_image(tmp_path / "a.png", levels)
+    light = np.where(levels > 10, ((levels / 255.0 + 0.055) / 1.055) ** 2.4, levels / 255.0 / 12.92)  # sRGB
+    sheet = SceneObject(kind="rectangle", view_from_object=np.eye(4), size_mm=(7, 5, 0))
+    for picture in (tmp_path / "a.png", str(tmp_path / "a.png"), levels, light, light.astype(np.float32)):
+        item = sheet.replaced(texture=picture)
+        np.testing.assert_allclose(surface_texture(item), light, rtol=1e-5)
+        assert SceneObject.model_validate_json(item.model_dump_json()) == item
+    with pytest.raises(InputError, match=r"gone\.png: no such file"):
+        surface_texture(sheet.replaced(texture="gone.png"))
 
 
 def test_the_files_keep_the_key_of_an_objects_pose() -> None:
