@@ -183,7 +183,7 @@ def test_a_point_of_the_map_is_a_design_to_open(page: Watched, studio: tuple[str
     typed(page, "Scale", "72")
     page.settled()
     page.page.wait_for_selector("#map circle:not(.here)")
-    other = page.page.get_by_role("button", name="1 x 2, 71 mm, fold 120°, trade-off 0.3:")
+    other = page.page.get_by_role("button", name="1 x 2, 71 mm, fold 120°, trade-off 0.3")
     other.focus()
     other.press("Enter")
     page.page.wait_for_function("Studio.designer.state.drawing.spec.scale_mm === 71")

@@ -36,9 +36,16 @@
       const same = before && JSON.stringify(before.drawing.depths_mm) === JSON.stringify(drawing.depths_mm);
       const change = same ? relative(Studio.mean(drawing, start), Studio.mean(before.drawing, start), lower) : null;
       const where = texts.length > 1 ? `, at ${drawing.depths_mm[0]} \u2026 ${drawing.depths_mm.at(-1)} mm` : "";
-      return element("div", { title: reason }, element("dt", {}, label + where), element("dd", {}, value, ...(error ? [element("span", { class: "error" }, ` \u00b1${error}`)] : []), element("small", { title: before?.name }, ...(change ? [change, ` to ${before.name}`] : ["\u00a0"]))));
+      return element("div", { title: reason, "data-start": start }, element("dt", {}, label + where), element("dd", {}, value, ...(error ? [element("span", { class: "error" }, ` \u00b1${error}`)] : []), element("small", { title: before?.name }, ...(change ? [change, ` to ${before.name}`] : ["\u00a0"]))));
     });
     host.replaceChildren(...tiles);
+  };
+
+  // Marks the tiles of the terms of a target that the design misses.
+  const TILES = { depth_sigma: "depth_sigma", field: "fov_x", price: "device_price", mass: "device_mass", print: "device_print", size: "device_size" };
+  Studio.markTiles = (host, misses) => {
+    const missed = misses.map((kind) => TILES[kind]);
+    for (const tile of host.children) tile.classList.toggle("misses", missed.includes(tile.dataset.start));
   };
 
   // What one step of a control does, as a button that takes it; `points` are solved designs near the drawing's.
