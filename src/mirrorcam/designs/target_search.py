@@ -51,9 +51,9 @@ MIN_GAIN = 0.05
 """Predicted improvement for which another design is made."""
 SKETCH_SIGMA = 0.22
 """Logarithm of the ratio of a design's standard deviation of depth to that of its sketch, before one is made."""
-MARGIN, MARGIN_SHARE = 0.01, 0.2
-"""Logarithm of the margin with which predicted figures but prices meet their limits: before a design is made, and
-afterwards as a share of the predicted change."""
+MARGIN, NEAR_MARGIN, MARGIN_SHARE = 0.01, 0.3, 0.2
+"""Logarithm of the margin with which predicted figures but prices meet their limits before a design is made; afterwards
+this share of it, and a share of the predicted change."""
 SCALE_STEP = 1.15
 """Factor on a scale at which there is no design."""
 MOST = 3
@@ -213,14 +213,15 @@ class _Family:
         logs = np.log(self.scales_mm)
         return np.column_stack([np.interp(np.log(scales_mm), logs, column) for column in self.figures.T])
 
-    def predicted(self, scales_mm: FloatArray, common: FloatArray) -> FloatArray:
+    def predicted(self, scales_mm: FloatArray, common: FloatArray, margins: FloatArray) -> FloatArray:
         """Figures (n, terms + 1) of designs with a margin, corrected as at the nearest, or all by `common`."""
         sketched = self.sketched(scales_mm)
         if not self.corrections:
-            return sketched + common
+            return sketched + common + margins
         nearest = np.abs(np.log(scales_mm[:, None] / self.solved_mm)).argmin(axis=1)
         change = sketched - self.sketched(np.array(self.solved_mm))[nearest]
-        return np.asarray(sketched + np.array(self.corrections)[nearest] + MARGIN_SHARE * np.abs(change))
+        corrected = sketched + np.array(self.corrections)[nearest]
+        return np.asarray(corrected + NEAR_MARGIN * margins + MARGIN_SHARE * np.abs(change))
 
 
 @dataclass(frozen=True, order=True)
@@ -381,14 +382,15 @@ class _Search:
         """The best scale of every family for every term that may give way, by increasing predicted cost."""
         corrections = [correction for family in self._families for correction in family.corrections]
         initial = [SKETCH_SIGMA if term.kind == "depth_sigma" else 0.0 for term in self._target.terms]
-        margins = [0.0 if term.kind in ("price", "parts_price") else MARGIN for term in self._target.terms]
-        common = [*margins, 0.0] + (np.mean(corrections, axis=0) if corrections else np.array([*initial, 0.0]))
+        is_price = np.array([*(term.kind in ("price", "parts_price") for term in self._target.terms), True])
+        margins = np.where(is_price, 0.0, MARGIN)
+        common = np.mean(corrections, axis=0) if corrections else np.array([*initial, 0.0])
         choices = []
         for family in self._families:
             scales = family.candidates_mm
             if len(scales) == 0:
                 continue
-            predicted = family.predicted(scales, common)
+            predicted = family.predicted(scales, common, margins)
             for yields in range(len(self._target.terms)):
                 costs = [_Cost.of(figures, yields) for figures in predicted]
                 best = min(range(len(scales)), key=costs.__getitem__)

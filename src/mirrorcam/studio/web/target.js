@@ -44,12 +44,13 @@
   };
 
   const meets = ({ terms: reached }) => reached.every(({ passed }) => passed);
-  const NONE = "With the mirrors below, no design meets the target";
   const summary = (designs, spec) => {
-    const own = (design) => !Object.keys(Studio.differing(spec, design.spec)).length;
+    const own = ({ spec: other }) => !Object.keys(Studio.differing(spec, other)).length;
+    const nearest = designs.find(own);
     if (!designs.some(meets)) return "No design meets the target. These come nearest, and give way in red.";
     if (designs.filter(meets).some(own)) return "These designs meet the target, the smallest first; click one to open it.";
-    return `${NONE}${designs.some(own) ? ": the last one comes nearest, and gives way in red" : ""}. With other mirrors, these do; click one to open it.`;
+    const without = nearest ? `With ${nearest.mirrors}, no design meets the target; the last one comes nearest, and gives way in red.` : "With the mirrors below, there is no design.";
+    return `${without} With other mirrors, the target is met; click a design to open it.`;
   };
 
   // `found` is called after each search; `Studio.target` is the last target that was searched.
