@@ -62,6 +62,20 @@ class DeviceEstimate(Value):
     price_eur: float = Field(description="price of everything, in the currency of the hardware's prices")
     price_error_eur: float
     camera_eur: float = Field(description="the camera's share of the price; 0 if its price is unknown")
+    mirrors_eur: float = Field(description="the share of the mirrors and their glue")
+
+    @property
+    def text(self) -> str:
+        """Size, mass, price with its shares, and printing time in one line."""
+        size = " x ".join(f"{side:.0f}" for side in self.size_mm)
+        return f"{size} mm, {self.mass_g:.0f} g, {self.price_eur:.0f} EUR ({self.price_text}), {self.print_h:.1f} h"
+
+    @property
+    def price_text(self) -> str:
+        """The shares of the price, such as "camera 70, mirrors 46, other 16"."""
+        other_eur = self.price_eur - self.camera_eur - self.mirrors_eur
+        camera = f"camera {self.camera_eur:.0f}" if self.camera_eur else "camera unknown"
+        return f"{camera}, mirrors {self.mirrors_eur:.0f}, other {other_eur:.0f}"
 
 
 def estimate_device(layout: Layout, hardware: Hardware = HARDWARE) -> DeviceEstimate:
@@ -109,6 +123,7 @@ def estimate_device(layout: Layout, hardware: Hardware = HARDWARE) -> DeviceEsti
         price_eur=price,
         price_error_eur=PRICE_ERROR * price,
         camera_eur=camera_eur,
+        mirrors_eur=device.mirrors_eur,
     )
 
 

@@ -16,6 +16,7 @@ from mirrorcam.optics.design.program.seeds import layout_of, mirrors_of, sensor_
 from mirrorcam.optics.design.search import check_obvious_infeasibility, converging_seed
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.sub_images import fields_of_view, sensor_polygon
 
 CHANGES = {
@@ -128,12 +129,30 @@ def sketch(spec: DesignSpec) -> Layout:
     """The start of a search for a design as a layout without figures, in milliseconds: nothing is optimised or checked.
 
     With the default camera, it has 0.95 to 1.1 times the field of view of the design, and 0.7 to 0.85 times its
-    standard deviation of depth. Raises InfeasibleDesign if there is none.
+    standard deviation of depth. Mirrors in sizes that are sold shrink to the largest that fits. Raises InfeasibleDesign
+    if there is none.
     """
     check_obvious_infeasibility(spec)
     seed = converging_seed(spec)
+    centres_mm, sizes = seed.centres * spec.scale_mm, spec.rectangle_sizes
+    mirrors = mirrors_of(spec, centres_mm, seed.corners)
+    if sizes is not None and sizes.is_stock:
+        shares = np.array([_sold_share(mirror, sizes.options_mm) for mirror in mirrors])
+        middles = seed.corners.mean(axis=1, keepdims=True)
+        mirrors = mirrors_of(spec, centres_mm, middles + shares[:, None] * (seed.corners - middles))
     made_by = {"made_by": "optics.design.preview.sketch", "preview": "neither optimised nor checked"}
-    return layout_of(spec, mirrors_of(spec, seed.centres * spec.scale_mm, seed.corners), made_by)
+    return layout_of(spec, mirrors, made_by)
+
+
+def _sold_share(mirror: Mirror, sizes_mm: FloatArray) -> FloatArray:
+    """The width and height (2,) of the largest size (n, 2) that fits into a mirror, relative to the mirror's."""
+    own_mm = np.ptp(mirror.outline_in_plane_mm, axis=0)
+    fitting = sizes_mm[(sizes_mm <= own_mm).all(axis=1)]
+    if not len(fitting):
+        raise InfeasibleDesign(
+            "area", f"no size that is sold fits into a mirror of {own_mm[0]:.0f} x {own_mm[1]:.0f} mm"
+        )
+    return np.asarray(fitting[fitting.prod(axis=1).argmax()] / own_mm)
 
 
 def _spec_of(layout: Layout) -> DesignSpec:

@@ -11,6 +11,7 @@ import numpy as np
 from mirrorcam.core.bounds import LENGTH_MM
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 
 Material = Literal["acrylic", "glass"]
@@ -18,6 +19,13 @@ INDICES: dict[Material, float] = {"acrylic": 1.49, "glass": 1.52}
 """Refractive index of each material (float glass)."""
 WIDTH_TO_THICKNESS: dict[Material, float] = {"acrylic": 1.0, "glass": 4.0}
 """Smallest ratio of a mirror's width to its thickness: narrower scored glass does not break along the line."""
+STOCKS = (
+    *("first-glass-3", "first-acrylic-1", "first-acrylic-3"),
+    *("second-glass-2", "second-glass-3", "second-acrylic-2", "second-acrylic-3"),
+)
+"""Common stock, to choose from."""
+STOCK_FIELDS = ("surface", "thickness_mm", "refractive_index")
+"""Fields of a design's specification that state its stock."""
 SOLD_MM = (3.0, 2.0, 1.0)
 """Thicknesses of glass mirrors that shops sell, below the thickest, in mm."""
 # How much larger than the smallest layout the suggested one is, since outlines do not grow in proportion.
@@ -42,9 +50,24 @@ def stock_fields(name: str) -> dict[str, str | float]:
     return {"surface": match[1], "thickness_mm": float(match[3]), "refractive_index": index}
 
 
+def stock_name(spec: DesignSpec) -> str:
+    """The name of a specification's stock."""
+    return f"{spec.surface}-{_material(spec.refractive_index)}-{spec.thickness_mm:g}"
+
+
+def mirrors_text(spec: DesignSpec) -> str:
+    """The mirrors of a specification in words, such as "first-glass-3, rectangles"."""
+    shape = spec.shape.replace("stock:", "in stock: ").replace(",", ", ")
+    return f"{stock_name(spec)}, {'free outlines' if spec.rectangle_sizes is None else shape}"
+
+
+def _material(refractive_index: float) -> Material:
+    return "glass" if refractive_index >= GLASS_INDEX else "acrylic"
+
+
 def material_of(layout: Layout) -> Material:
     """The material of a layout's mirrors, by their refractive index."""
-    return "glass" if all(mirror.refractive_index >= GLASS_INDEX for mirror in layout.mirrors) else "acrylic"
+    return _material(min(mirror.refractive_index for mirror in layout.mirrors))
 
 
 def width_mm(outline: FloatArray) -> float:

@@ -12,6 +12,8 @@ from mirrorcam.core.bounds import LENGTH_MM
 from mirrorcam.core.values import FloatArray
 
 FREE, RECTANGLES, STOCK = "free", "rectangles", "stock:"
+SOLD_SIZES = "stock:25x15,30x20,40x30"
+"""Sizes that shops sell, as a shape."""
 MAX_STOCK_SIZES = 20
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)x(\d+(?:\.\d+)?)")
 

@@ -28,6 +28,12 @@ def test_a_term_is_read_as_it_is_written(text: str) -> None:
     assert Term.of(text).text == text
 
 
+@given(st.floats(1e-9, 1e6), st.floats(0.001, 1e6))
+def test_a_term_of_any_size_is_read_as_it_is_written(limit: float, distance: float) -> None:
+    written = Term(kind="depth_sigma", limits=(limit,), distance_mm=distance).text
+    assert Term.of(written).text == written
+
+
 @pytest.mark.parametrize(
     ("text", "same"),
     [
@@ -37,6 +43,7 @@ def test_a_term_is_read_as_it_is_written(text: str) -> None:
         ("90min", "1.5h"),
         ("18cm", "180mm"),
         (".5mm@1m", "0.5mm@1000mm"),
+        ("1e-5mm@1e3mm", "0.00001mm@1000mm"),
     ],
 )
 def test_units_are_converted(text: str, same: str) -> None:

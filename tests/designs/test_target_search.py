@@ -9,11 +9,12 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Call, in_turn
-from mirrorcam.designs.target import Target
-from mirrorcam.designs.target_search import VARIED, designs_for
+from mirrorcam.designs.target import Target, measure
+from mirrorcam.designs.target_search import MIRRORS, VARIED, designs_for
 from mirrorcam.optics.design.preview import sketch
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.mirror_stock import stock_name
 
 EASY = "2mm@400mm 100x60mm@400mm 2000g"
 VARY = ("cols", "scale_mm", "depths_mm")
@@ -31,14 +32,13 @@ def refused(calls: Sequence[Call]) -> Generator[Any, None, None]:
         yield Outcome(spec=spec, status="infeasible", constraint="spacing", finding="mirrors too close"), None
 
 
-def test_designs_that_meet_the_target_have_different_counts_and_the_largest_margin_first() -> None:
+def test_designs_that_meet_the_target_have_different_counts_and_the_smallest_first() -> None:
     found = designs_for(EASY, SPEC, vary=VARY, calls=sketched)
     assert found.met
     assert all(design.meets for design in found.designs)
     assert len({(design.layout.rows, design.layout.cols) for design in found.designs}) == len(found.designs) > 1
-    margins = [max(design.excess.values()) for design in found.designs]
-    assert margins == sorted(margins)
-    assert margins[0] < 0.0
+    sizes = [design.log_size for design in found.designs]
+    assert sizes == sorted(sizes)
     assert all(design.layout.spec is not None and design.layout.spec.depths_mm == (400.0,) for design in found.designs)
 
 
@@ -84,6 +84,36 @@ def test_mirrors_that_cannot_be_cut_are_no_design() -> None:
         designs_for("300g", thick, vary=(), calls=sketched)
 
 
+def test_other_mirrors_are_tried_if_no_design_has_the_price() -> None:
+    """Designs with cheaper mirrors come first, then the nearest with those of the specification."""
+    target, vary = "2mm@400mm 100EUR", ("scale_mm", "depths_mm")
+    kept = designs_for(target, SPEC, vary=vary, calls=sketched)
+    assert not kept.met
+    *found, last = designs_for(target, SPEC, vary=(*vary, *MIRRORS), calls=sketched).designs
+    assert found and all(design.meets for design in found)
+    assert all(design.estimate.mirrors_eur < last.estimate.mirrors_eur for design in found)
+    assert last.layout.spec is not None
+    assert stock_name(last.layout.spec) == stock_name(SPEC)
+
+
+def test_a_design_that_meets_a_target_is_never_followed_by_none() -> None:
+    """Its own figures are the limits, so that hardly any other design meets them; searches change the mirrors."""
+    for known in (SPEC.replaced(scale_mm=61.3, depths_mm=(400.0,)), SPEC.replaced(surface="second", tradeoff=0.7)):
+        layout = sketch(known)
+        figures = measure(layout, Target.of("1mm@400mm 150x120mm@400mm 100EUR 100g"))
+        sigma, width, price, mass = (metric.value for metric in figures.reached.values())
+        side, more = 0.9999 * width, 1.0001
+        fits = f"{more * sigma}mm@400mm {side}x{0.8 * side}mm@400mm {more * price}EUR {more * mass}g"
+        found = designs_for(fits, SPEC, known=[layout], calls=sketched)
+        assert found.met
+        assert all(design.meets for design in found.designs[:-1])
+
+
+def test_a_distance_nearer_than_the_device_is_refused() -> None:
+    with pytest.raises(InputError, match="distance 1 mm is nearer than the device"):
+        designs_for("1mm@1mm", SPEC, vary=VARY, calls=sketched)
+
+
 def test_unknown_fields_are_refused() -> None:
     with pytest.raises(InputError, match="vary: colour, expected some of rows, cols"):
         designs_for(EASY, SPEC, vary=("colour",))
@@ -99,7 +129,7 @@ def test_progress_never_falls_and_ends_with_the_total() -> None:
 
 @pytest.mark.slow
 def test_designs_are_exact_and_their_scale_is_the_smallest_that_suffices() -> None:
-    """Depth asks for a large device and mass for a small one: the designs lie where both margins are equal."""
+    """A larger device has finer depth and more mass: the design lies where the depth just suffices."""
     target = Target.of("0.6mm@400mm 260g")
     spec = SPEC.replaced(rows=1, cols=2)
     found = designs_for(target, spec, vary=("scale_mm", "depths_mm"), calls=in_turn)
@@ -107,4 +137,5 @@ def test_designs_are_exact_and_their_scale_is_the_smallest_that_suffices() -> No
     assert design.meets
     assert all(metric.passed for metric in design.layout.verdict.values())
     depth, mass = design.excess.values()
-    assert depth == pytest.approx(mass, abs=0.05)
+    assert depth == pytest.approx(0.0, abs=0.05)
+    assert mass < depth

@@ -145,10 +145,13 @@ def test_nearby_are_the_solved_designs_for_the_same_camera_and_depths(client: Te
     others = {"rows": 2}, {"depths_mm": (400.0,)}
     for spec in (SMALL, *(SMALL.replaced(**other) for other in others)):
         client.post("/design", content=spec.model_dump_json(), headers=JSON)
-    nearby = client.post("/nearby", content=SMALL.model_dump_json(), headers=JSON).json()
+    nearby = client.post(
+        "/nearby", json={"spec": SMALL.model_dump(mode="json"), "terms": "70EUR 999h"}, headers=JSON
+    ).json()
     points = {json.dumps(point["changes"]): point for point in nearby["points"]}
     assert points['{"rows": 2}']["step"] == "rows" and points["{}"]["step"] == ""
     assert not any("depths_mm" in point["changes"] for point in nearby["points"])
+    assert points["{}"]["misses"] == ["price"]
     values = points["{}"]["values"]
     assert values["depth_sigma"] > points['{"rows": 2}']["values"]["depth_sigma"] > 0
     assert 50 < values["device_price"] < 300

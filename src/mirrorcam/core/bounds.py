@@ -43,6 +43,8 @@ def _plain(number: float) -> str:
 
 
 LENGTH_MM = Bounds(0.001, 1e5)
+SIDE_MM = LENGTH_MM.narrowed(min=20.0)
+"""Largest sides of devices: a shorter length, as a term of a target, lacks its distance."""
 GAP_MM = Bounds(0.0, 1e5)
 """Lengths that may be zero."""
 OFFSET_MM = Bounds(-1e5, 1e5)

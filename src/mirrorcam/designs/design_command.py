@@ -134,8 +134,9 @@ def design(
     with --tolerance, tolerance.json and tolerance.png. Options replace the fields of design.toml.
 
     With --target, the search chooses rows, columns, scale, fold and working depths, unless an option or design.toml
-    states them. It prints the designs that meet all terms, or the nearest and the terms that they miss, and writes
-    the best. Exit code 1: no design meets all terms. Figures of the device are estimates.
+    states them; if no design meets all terms, also the mirrors, unless stated. It prints the smallest designs that meet
+    all terms, or the nearest and the terms that they miss, and writes the best. Exit code 1: no design meets all terms.
+    Figures of the device are estimates.
 
     Examples:
         mirrorcam design --rows 2 --cols 4 --scale-mm 60 --depths-mm 280 400
@@ -149,7 +150,7 @@ def design(
     from mirrorcam.core.processes.worker_pool import in_two_processes
     from mirrorcam.designs.design_files import DesignRequest, read_request, write_design, write_layout
     from mirrorcam.designs.target import Target
-    from mirrorcam.designs.target_search import VARIED, designs_for
+    from mirrorcam.designs.target_search import MIRRORS, VARIED, designs_for
 
     requested = DesignRequest() if request is None else read_request(request)
     spec = changes.of(requested.spec)
@@ -168,6 +169,8 @@ def design(
                 stated = requested.model_fields_set | {
                     name for name, value in vars(changes).items() if value is not None
                 }
+                if changes.mirror is not None:
+                    stated |= set(MIRRORS)
                 with long_work("design", f"for {wanted.text}", "steps") as advance:
                     answer = designs_for(wanted, spec, vary=set(VARIED) - stated, calls=calls, progress=advance)
                 comparison = write_layout(answer.designs[0].layout, folder)
@@ -196,6 +199,7 @@ def design(
 def print_target(answer: TargetDesigns) -> None:
     """Print the figures of the designs for a target next to its terms, and the terms that give way."""
     from mirrorcam.core.console.progress import print_table
+    from mirrorcam.optics.geometry.mirror_stock import mirrors_text
 
     specs = [design.layout.spec for design in answer.designs]
     heads = [f"{s.arrangement.text}, {s.scale_mm:g} mm, {s.fold_deg:g}°" for s in specs if s is not None]
@@ -208,10 +212,12 @@ def print_target(answer: TargetDesigns) -> None:
     ]
     print_table(("target", *heads), rows)
     for head, design in zip(heads, answer.designs, strict=True):
+        assert design.layout.spec is not None
+        say("design", f"{head}: {mirrors_text(design.layout.spec)}; {design.estimate.text}")
         if not design.meets:
             say("design", f"{head}: {', '.join(design.gives_way)} gives way")
     if answer.met:
-        say("design", f"{heads[0]} meets the target best")
+        say("design", f"{heads[0]} is the smallest that meets the target")
     else:
         say("design", "no design was found that meets the target")
 

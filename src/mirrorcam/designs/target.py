@@ -15,17 +15,17 @@ from shapely.geometry.polygon import orient
 
 from mirrorcam.cad.plan.estimates import DeviceEstimate, estimate_device
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.core.bounds import DEPTH_MM
+from mirrorcam.core.bounds import DEPTH_MM, SIDE_MM
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric, Value
 from mirrorcam.optics.design.assess.depth_sigma import DEPTH_UNKNOWN, mean_depth_sigma_mm
-from mirrorcam.optics.geometry.design_spec import MAX_DEPTHS
+from mirrorcam.optics.geometry.design_spec import MAX_DEPTHS, box_corners
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.sub_images import FieldsOfView, fields_of_view, vertices
 
 Kind = Literal["depth_sigma", "field", "price", "parts_price", "mass", "print", "size"]
 
-_NUMBER, _LENGTH = r"(\d+(?:\.\d+)?|\.\d+)", "(um|mm|cm|m)"
+_NUMBER, _LENGTH = r"((?:\d+(?:\.\d+)?|\.\d+)(?:e[+-]?\d+)?)", "(um|mm|cm|m)"
 _FORMS: dict[Kind, tuple[str, str]] = {
     "depth_sigma": (
         f"{_NUMBER}{_LENGTH}@{_NUMBER}{_LENGTH}",
@@ -51,8 +51,6 @@ _UNIT_OF: dict[Kind, str] = {
     "print": "h",
     "size": "mm",
 }
-SMALLEST_MM = 20.0
-"""Smallest size of a device that is a term: a shorter length lacks its distance."""
 MAX_EXCESS = 5.0
 """Excess of a figure that a design does not have."""
 
@@ -97,9 +95,9 @@ class Term(Value):
             raise ValueError(f"{self.kind} has {len(self.limits)} limits")
         if min(self.limits) <= 0.0:
             raise ValueError(f"{self.text} is not positive")
-        if self.kind == "size" and self.limits[0] < SMALLEST_MM:
+        if self.kind == "size" and self.limits[0] < SIDE_MM.min:
             raise ValueError(
-                f"{self.text} is smaller than any device, expected {SMALLEST_MM:g}mm or more; a standard deviation of "
+                f"{self.text} is smaller than any device, expected {SIDE_MM.min:g}mm or more; a standard deviation of "
                 f"depth needs its distance: {self.text}@400mm"
             )
         return self
@@ -108,8 +106,8 @@ class Term(Value):
     def text(self) -> str:
         """The term in the form that `of` reads."""
         at = "+camera" if self.kind == "parts_price" else ""
-        at = at if self.distance_mm is None else f"@{self.distance_mm:g}mm"
-        return f"{'x'.join(f'{limit:g}' for limit in self.limits)}{_UNIT_OF[self.kind]}{at}"
+        at = at if self.distance_mm is None else f"@{_decimal(self.distance_mm)}mm"
+        return f"{'x'.join(map(_decimal, self.limits))}{_UNIT_OF[self.kind]}{at}"
 
     def figure_text(self, value: float, error: float | None = None) -> str:
         """The text of a figure, such as "8.1 ± 0.2 h", or "162 x 130 mm" for a field of the width `value`."""
@@ -119,6 +117,11 @@ class Term(Value):
         texts = [f"{side:.3g}" if side < 100.0 else f"{side:.0f}" for side in sides]
         uncertain = "" if error is None else f" \N{PLUS-MINUS SIGN} {error:.2g}"
         return f"{' x '.join(texts)}{uncertain} {_UNIT_OF[self.kind]}"
+
+
+def _decimal(number: float) -> str:
+    """Six significant digits, without an exponent."""
+    return np.format_float_positional(float(f"{number:.6g}"), trim="-")
 
 
 class Target(Value):
@@ -172,6 +175,11 @@ class TargetDesign(Value):
     reached: dict[str, Metric]
 
     @property
+    def log_size(self) -> float:
+        """Logarithm of the geometric mean of the device's width, height and depth, mm."""
+        return float(np.log(self.estimate.size_mm).mean())
+
+    @property
     def excess(self) -> dict[str, float]:
         """The excess of each term: ln(figure / limit), or ln(limit / figure) for a field; at most 0 if it is met."""
         return {term: excess_of(metric) for term, metric in self.reached.items()}
@@ -209,7 +217,7 @@ def excess_of(metric: Metric) -> float:
 
 
 def measure(layout: Layout, target: Target, hardware: Hardware = HARDWARE) -> TargetDesign:
-    """The figures of a layout for a target; distances that are nearer than the mirrors have none."""
+    """The figures of a layout for a target; distances that are nearer than the device's front have none."""
     hardware = hardware.for_layout(layout)
     estimate = estimate_device(layout, hardware)
     views, unvignetted = fields_of_view(layout), fields_of_view(layout, layout.camera.pupil)
@@ -223,28 +231,36 @@ def measure(layout: Layout, target: Target, hardware: Hardware = HARDWARE) -> Ta
     reached = {}
     for term in target.terms:
         if term.kind == "depth_sigma":
-            metric = _depth_sigma(unvignetted, term)
+            metric = _depth_sigma(unvignetted, term, front_mm(layout))
         elif term.kind == "field":
-            metric = _field(views, term)
+            metric = _field(views, term, front_mm(layout))
         else:
             metric = Metric(value=device[term.kind], unit=_UNIT_OF[term.kind], limit=term.limits[0])
         reached[term.text] = metric
     return TargetDesign(layout=layout, estimate=estimate, reached=reached)
 
 
-def _depth_sigma(views: FieldsOfView, term: Term) -> Metric:
+def front_mm(layout: Layout) -> float:
+    """How far mirrors and camera reach in front of the pupil along the views' axis, mm."""
+    body = [] if layout.camera.body_mm is None else [box_corners(*layout.camera.body_mm)]
+    mirrors = (mirror.solid.corners_in_rig_mm for mirror in layout.mirrors)
+    return float((np.vstack([*body, *mirrors]) @ layout.view_from_rig[2]).max())
+
+
+def _depth_sigma(views: FieldsOfView, term: Term, nearest_mm: float) -> Metric:
     assert term.distance_mm is not None
-    is_nearer = term.distance_mm <= views.mirror_depth_mm
+    is_nearer = term.distance_mm <= nearest_mm
     sigma = None if is_nearer else mean_depth_sigma_mm(views, term.distance_mm)
     if sigma is None or not math.isfinite(sigma):
-        reason = "the views share no region there" if sigma is None else DEPTH_UNKNOWN
+        no_region = "this is nearer than the device" if is_nearer else "the views share no region there"
+        reason = no_region if sigma is None else DEPTH_UNKNOWN
         return Metric(value=math.nan, unit="mm", limit=term.limits[0], reason=reason)
     return Metric(value=sigma, unit="mm", limit=term.limits[0])
 
 
-def _field(views: FieldsOfView, term: Term) -> Metric:
+def _field(views: FieldsOfView, term: Term, nearest_mm: float) -> Metric:
     assert term.distance_mm is not None
-    is_nearer = term.distance_mm <= views.mirror_depth_mm
+    is_nearer = term.distance_mm <= nearest_mm
     region = Polygon() if is_nearer else views.common_region(term.distance_mm)[0]
     width, height = term.limits
     factor = largest_factor(region, width, height)

@@ -13,7 +13,8 @@ from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import library
 from mirrorcam.optics.geometry.design_spec import DesignSpec
-from mirrorcam.optics.geometry.mirror_stock import stock_fields
+from mirrorcam.optics.geometry.mirror_stock import STOCKS, stock_fields
+from mirrorcam.optics.geometry.rectangle_sizes import SOLD_SIZES
 
 DEGREE = "\N{DEGREE SIGN}"
 UNBOUNDED = (None, None)
@@ -279,7 +280,7 @@ _MIRRORS = (
         label="Shape of a mirror",
         kind="shape",
         choices=(("rectangles", "rectangles"), ("stock:", "sizes in stock"), ("free", "free")),
-        preset="stock:25x15,30x20,40x30",
+        preset=SOLD_SIZES,
         help="Free outlines use the most pixels; rectangles are cut with a glass cutter or a guillotine; sizes in "
         "stock are bought cut: width x height in mm, such as 25x15, 30x20.",
     ),
@@ -308,10 +309,7 @@ _MIRRORS = (
         "be changed below.",
         named=tuple(
             Named(text=name.replace("-", ", ", 1).replace("-", " ") + " mm", fields=dict(stock_fields(name)))
-            for name in (
-                *("first-glass-3", "first-acrylic-1", "first-acrylic-3"),
-                *("second-glass-2", "second-glass-3", "second-acrylic-2", "second-acrylic-3"),
-            )
+            for name in STOCKS
         ),
     ),
     Control(

@@ -137,13 +137,15 @@ COMPARED = (
 class DesignPoint(Value):
     """A solved design near a request: the fields that differ, and the means of the figures in `COMPARED`.
 
-    `step` is the control that is one step away from the request; empty for designs farther away.
+    `step` is the control that is one step away from the request; empty for designs farther away. `misses` are the kinds
+    of the terms of a target that it misses, None without a target.
     """
 
     title: str
     changes: dict[str, Any]
     step: str
     values: dict[str, float | None]
+    misses: list[str] | None = None
 
 
 class Neighbourhood(Value):
@@ -164,10 +166,12 @@ class RefusedDesign:
 
 @dataclass(frozen=True)
 class FoundDesign:
-    """A design found for a target, and its figure for each term."""
+    """A design found for a target, its figure for each term, and its mirrors and device in words."""
 
     solved: SolvedDesign
     terms: list[FigureText]
+    mirrors: str
+    device: str
 
 
 @dataclass(frozen=True)

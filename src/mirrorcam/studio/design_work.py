@@ -31,7 +31,7 @@ from mirrorcam.studio.design_values import (
 )
 
 if TYPE_CHECKING:
-    from mirrorcam.designs.target import TargetDesign
+    from mirrorcam.designs.target import Target, TargetDesign
 
 PRELOAD = (
     "mirrorcam.studio.drawing",
@@ -152,18 +152,21 @@ def begin_design(spec: DesignSpec) -> None:
     _search[:] = [_in_thread(lambda progress: solve(spec, calls, progress))]
 
 
-def begin_target(terms: str, spec: DesignSpec) -> None:
-    """Begin a search for designs that meet a target: shares of the search done, then the `TargetResult`."""
+def begin_target(terms: str, spec: DesignSpec, known: Sequence[Layout] = ()) -> None:
+    """Begin a search for designs that meet a target: shares of the search done, then the `TargetResult`.
+
+    Designs that are `known` are candidates, too.
+    """
     from mirrorcam.designs.target_search import designs_for
 
     calls = in_parallel(_partner())
 
     def search(progress: Progress) -> TargetResult:
         try:
-            found = designs_for(terms, spec, calls=calls, progress=progress)
+            found = designs_for(terms, spec, known=known, calls=calls, progress=progress)
         except InputError as error:
             return TargetResult(refusal=str(error))
-        return TargetResult(tuple(map(_found_design, found.designs)))
+        return TargetResult(tuple(_found_design(design, found.target) for design in found.designs))
 
     _search[:] = [_in_thread(search)]
 
@@ -186,25 +189,34 @@ def _in_thread(search: Callable[[Progress], Any]) -> Iterator[Any]:
     yield share
 
 
-def _found_design(found: TargetDesign) -> FoundDesign:
-    from mirrorcam.designs.target import Term
+def misses(terms: str, layouts: Sequence[Layout]) -> list[list[str]]:
+    """Return the kinds of the terms of a target that each design misses. Raises InputError for an invalid target."""
+    from mirrorcam.designs.target import Target, measure
+
+    target = Target.of(terms)
+    reached = [measure(layout, target).reached for layout in layouts]
+    return [[term.kind for term in target.terms if not figures[term.text].passed] for figures in reached]
+
+
+def _found_design(found: TargetDesign, target: Target) -> FoundDesign:
+    from mirrorcam.optics.geometry.mirror_stock import mirrors_text
 
     layout = found.layout
     assert layout.spec is not None
     terms = [
         FigureText(
-            name=text,
-            label=text,
-            text=Term.of(text).figure_text(metric.value),
+            name=term.kind,
+            label=term.text,
+            text=term.figure_text(metric.value),
             value=metric.value if metric.known else None,
             reason=metric.reason,
-            limit=text,
+            limit=term.text,
             passed=metric.passed,
             lower_is_better=metric.lower_is_better,
         )
-        for text, metric in found.reached.items()
+        for term, metric in zip(target.terms, found.reached.values(), strict=True)
     ]
-    return FoundDesign(solved_design(layout.spec, layout), terms)
+    return FoundDesign(solved_design(layout.spec, layout), terms, mirrors_text(layout.spec), found.estimate.text)
 
 
 def tolerance(layout: Layout) -> ToleranceBars:

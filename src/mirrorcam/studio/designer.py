@@ -6,6 +6,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,9 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.optics.geometry.mirror_stock import STOCK_FIELDS, mirrors_text
 from mirrorcam.studio import design_work, sight_work
+from mirrorcam.studio.controls import change_text, control_groups
 from mirrorcam.studio.design_values import (
     DesignPoint,
     DesignResult,
@@ -67,9 +70,20 @@ class Search:
 MAX_RESULTS = 300
 
 
-def _title(spec: DesignSpec) -> str:
-    fold = spec.fold_deg if spec.fold_deg == "auto" else f"{spec.fold_deg:g}\N{DEGREE SIGN}"
-    return f"{spec.arrangement.text}, {spec.scale_mm:g} mm, fold {fold}, trade-off {spec.tradeoff:g}"
+TITLED = ("rows", "cols", "pattern", "scale_mm", "fold_deg", "tradeoff", *STOCK_FIELDS, "shape")
+"""Fields that the title of a design states; it states others only if they differ from the request's."""
+
+
+def _title(spec: DesignSpec, other: DesignSpec) -> str:
+    fold = other.fold_deg if other.fold_deg == "auto" else f"{other.fold_deg:g}\N{DEGREE SIGN}"
+    first = f"{other.arrangement.text}, {other.scale_mm:g} mm, fold {fold}, trade-off {other.tradeoff:g}"
+    differing = (control for group in control_groups(other) for control in group.controls if control.name not in TITLED)
+    changes = [
+        change_text(spec, other, control.name)
+        for control in differing
+        if getattr(other, control.name) != getattr(spec, control.name)
+    ]
+    return ", ".join((first, mirrors_text(other), *changes))
 
 
 def _changes(spec: DesignSpec, other: DesignSpec) -> dict[str, Any]:
@@ -91,6 +105,8 @@ class Designer:
         self._stored_values: dict[DesignSpec, dict[str, float | None]] = {}
         self._reading = threading.Lock()
         self._results: OrderedDict[DesignSpec, DesignResult] = OrderedDict()
+        self._misses: dict[tuple[str, str], list[str]] = {}
+        """The kinds of missed terms, by the identity of a layout and the newest target."""
         self._previewer, self._analyst = (WorkerProcess(preload=design_work.PRELOAD) for _ in range(2))
         self._painter = WorkerProcess()
         self._solver, self._advisor, self._finder = Search(), Search(), Search()
@@ -210,24 +226,48 @@ class Designer:
         with self._studies.turn(page_request, ("report", spec)):
             return str(self._analysed(page_request, design_work.report, layout))
 
-    def nearby(self, spec: DesignSpec) -> Neighbourhood:
-        """All solved designs for the camera and the depths of a request, such as those one step of a control away."""
+    def nearby(self, spec: DesignSpec, terms: str = "") -> Neighbourhood:
+        """All solved designs for the camera and the depths of a request, such as those one step of a control away.
+
+        With the `terms` of a target, designs state which of them they miss. Raises InputError for an invalid target.
+        """
         steps = nearby_requests(spec)
         with self._reading:
             if self._stored and not self._stored_values:
                 found = self._analyst.call(design_work.stored_values, list(self._stored.values()))
                 self._stored_values = dict(zip(self._stored, found, strict=True))
         with self._lock:
-            solved = {
-                other: result.values for other, result in self._results.items() if isinstance(result, SolvedDesign)
-            }
+            results = {other: result for other, result in self._results.items() if isinstance(result, SolvedDesign)}
             pending = sum(other not in self._results for other in steps)
-        points = [
-            DesignPoint(title=_title(other), changes=_changes(spec, other), step=steps.get(other, ""), values=values)
+        solved = {other: result.values for other, result in results.items()}
+        shown = {
+            other: values
             for other, values in (self._stored_values | solved).items()
             if (other.camera, other.depths_mm) == (spec.camera, spec.depths_mm)
+        }
+        misses = self._missed(terms, {other: results[other].layout for other in shown if other in results})
+        points = [
+            DesignPoint(
+                title=_title(spec, other),
+                changes=_changes(spec, other),
+                step=steps.get(other, ""),
+                values=values,
+                misses=misses.get(other),
+            )
+            for other, values in shown.items()
         ]
         return Neighbourhood(points=points, pending=pending)
+
+    def _missed(self, terms: str, layouts: Mapping[DesignSpec, Layout]) -> dict[DesignSpec, list[str]]:
+        """The kinds of the terms of a target that designs miss, measured once for each design."""
+        if not terms:
+            return {}
+        with self._reading:
+            self._misses = {key: found for key, found in self._misses.items() if key[1] == terms}
+            new = [layout for layout in layouts.values() if (layout.identity, terms) not in self._misses]
+            found = self._previewer.call(design_work.misses, terms, new)
+            self._misses |= {(layout.identity, terms): kinds for layout, kinds in zip(new, found, strict=True)}
+            return {spec: self._misses[layout.identity, terms] for spec, layout in layouts.items()}
 
     def _analysed(self, page_request: PageRequest, work: Callable[..., Any], *arguments: Any) -> Any:
         try:
@@ -251,8 +291,14 @@ class Designer:
     def target(
         self, terms: str, spec: DesignSpec, page_request: PageRequest | None = None
     ) -> Iterator[float | TargetResult]:
-        """Search designs that meet a target, such as "0.3mm@400mm 90EUR": yield the share done, then the result."""
-        begin = design_work.begin_target
+        """Search designs that meet a target, such as "0.3mm@400mm 90EUR": yield the share done, then the result.
+
+        Designs solved before for the same camera are candidates, too.
+        """
+        with self._lock:
+            solved = [result for result in self._results.values() if isinstance(result, SolvedDesign)]
+        known = [result.layout for result in solved if result.layout.camera == spec.camera]
+        begin = partial(design_work.begin_target, known=known)
         with (
             self._look_ahead.paused(),
             closing(self._finder.results(page_request or PageRequest(), begin, terms, spec)) as results,

@@ -36,9 +36,10 @@ from mirrorcam.studio.design_values import (
     ViolationDrawing,
 )
 
+FIELD = "Field and depth range"
 GROUPS: Mapping[str, Sequence[str]] = {
     "Overlap of the views": ("usable_efficiency", "pixel_efficiency", "overlap_iou", "whole_pupil", "grid_error"),
-    "Field and depth range": ("fov", "depth_nearest", "depth_farthest", "baseline"),
+    FIELD: ("fov", "depth_nearest", "depth_farthest", "baseline"),
     "Depth": ("depth_sigma", "depth_resolution", "disparity"),
     "Focus of the camera": ("circle", "best_focus"),
     "Mirrors": ("shortest", "longest", "smallest", "largest", "slab"),
@@ -85,7 +86,7 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
         central=layout.central_index,
         curves=_curves(layout, views, spacings, depths_mm, coarse=kind != "exact"),
         range_mm=(nearest.value, farthest.value) if nearest and farthest else None,
-        figures=grouped_figures(metrics) | {DEVICE: device_figures(layout)},
+        figures=_with_fields(grouped_figures(metrics), views, depths_mm) | {DEVICE: device_figures(layout)},
         verdict=[_figure(name, metric) for name, metric in verdict.items()],
     )
 
@@ -221,6 +222,29 @@ def grouped_figures(metrics: Mapping[str, Metric]) -> dict[str, list[FigureText]
     return {title: members for title, prefixes in GROUPS.items() if (members := figures_of(prefixes))}
 
 
+def _with_fields(
+    groups: dict[str, list[FigureText]], views: FieldsOfView, depths_mm: Sequence[float]
+) -> dict[str, list[FigureText]]:
+    """Return groups of figures with the extent of the field that all views share at each depth."""
+    fields = []
+    for depth_mm in depths_mm:
+        region, _ = views.common_region(depth_mm)
+        left, top, right, bottom = region.bounds if not region.is_empty else (0.0, 0.0, 0.0, 0.0)
+        fields.append(
+            FigureText(
+                name=f"common_field_{depth_mm:g}mm",
+                label=f"Field of all views at {depth_mm:g} mm",
+                text=f"{right - left:.0f} x {bottom - top:.0f} mm",
+                value=right - left,
+                reason="",
+                limit="",
+                passed=True,
+                lower_is_better=False,
+            )
+        )
+    return {title: ([*fields, *figures] if title == FIELD else figures) for title, figures in groups.items()}
+
+
 def device_figures(layout: Layout) -> list[FigureText]:
     """Return price, size, mass and printing time of a device, with the standard deviations of their errors."""
     try:
@@ -230,7 +254,9 @@ def device_figures(layout: Layout) -> list[FigureText]:
     sides = " x ".join(f"{side:.0f}" for side in estimate.size_mm)
     return [
         _device_figure(
-            "device_price", f"{estimate.price_eur:.0f} EUR ± {estimate.price_error_eur:.1f}", estimate.price_eur
+            "device_price",
+            f"{estimate.price_eur:.0f} EUR ± {estimate.price_error_eur:.1f} ({estimate.price_text})",
+            estimate.price_eur,
         ),
         _device_figure("device_size", f"{sides} mm ± {estimate.size_error_mm:.0f}", max(estimate.size_mm)),
         _device_figure("device_mass", f"{estimate.mass_g:.0f} g ± {estimate.mass_error_g:.0f}", estimate.mass_g),

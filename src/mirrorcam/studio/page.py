@@ -10,6 +10,7 @@ from typing import Any
 from markupsafe import Markup
 
 from mirrorcam.cad.plan.back_table import BACKS
+from mirrorcam.core.bounds import DEPTH_MM, SIDE_MM
 from mirrorcam.core.html.templates import render
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.studio.controls import ControlGroup, control_groups, snapping_groups
@@ -52,7 +53,7 @@ def _page(spec: DesignSpec, groups: Sequence[ControlGroup], scripts: Sequence[st
         "controls": [group.model_dump(mode="json") for group in groups],
     }
     adapters = {kind: table.title for kind, table in BACKS.items()}
-    common = {"nonce": "", "makes_into": "", "atlas": "", "adapters": adapters}
+    common = {"nonce": "", "makes_into": "", "atlas": "", "adapters": adapters, "side": SIDE_MM, "depth": DEPTH_MM}
     return render(WEB, "studio.html", start=script_json(start), scripts=scripts, **(common | blocks))
 
 

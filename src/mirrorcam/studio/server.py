@@ -70,6 +70,13 @@ class TargetRequest(Value):
     spec: DesignSpec
 
 
+class NearbyRequest(Value):
+    """The shown design, and the terms of the current target, empty without one."""
+
+    terms: str = Field(default="", max_length=300)
+    spec: DesignSpec
+
+
 class DesignAnswers:
     """Responses about designs, and their files."""
 
@@ -120,7 +127,8 @@ class DesignAnswers:
         return as_json(bars.model_dump(mode="json"))
 
     async def nearby(self, request: Request) -> Response:
-        nearby = await run_in_threadpool(self._designer.nearby, await posted(DesignSpec, request))
+        message = await posted(NearbyRequest, request)
+        nearby = await run_in_threadpool(self._designer.nearby, message.spec, message.terms)
         return as_json(nearby.model_dump(mode="json"))
 
     async def frame(self, request: Request) -> Response:
@@ -294,6 +302,8 @@ def _target_answer(result: TargetResult) -> dict[str, Any]:
         {
             "title": found.solved.drawing.title,
             "spec": found.solved.drawing.spec,
+            "mirrors": found.mirrors,
+            "device": found.device,
             "terms": [term.model_dump(mode="json") for term in found.terms],
         }
         for found in result.designs

@@ -40,9 +40,16 @@
       const same = before && (!ofDepths || Studio.same(before.drawing.depths_mm, drawing.depths_mm));
       const change = same ? relative(Studio.mean(drawing, start), Studio.mean(before.drawing, start), lower) : null;
       const where = ofDepths ? `, at ${[...new Set([drawing.depths_mm[0], drawing.depths_mm.at(-1)])].join(" \u2026 ")} mm` : "";
-      return element("div", { title: reason }, element("dt", {}, label + where), element("dd", {}, value, ...(error ? [element("span", { class: "error" }, ` \u00b1${error}`)] : []), element("small", { title: before?.name }, ...(change ? [change, ` to ${before.name}`] : ["\u00a0"]))));
+      return element("div", { title: reason, "data-start": start }, element("dt", {}, label + where), element("dd", {}, value, ...(error ? [element("span", { class: "error" }, ` \u00b1${error}`)] : []), element("small", { title: before?.name }, ...(change ? [change, ` to ${before.name}`] : ["\u00a0"]))));
     });
     host.replaceChildren(...tiles);
+  };
+
+  // Marks the tiles of the terms of a target that the design misses.
+  const TILES = { depth_sigma: "depth_sigma", field: "fov_x", price: "device_price", mass: "device_mass", print: "device_print", size: "device_size" };
+  Studio.markTiles = (host, misses) => {
+    const missed = misses.map((kind) => TILES[kind]);
+    for (const tile of host.children) tile.classList.toggle("misses", missed.includes(tile.dataset.start));
   };
 
   // What one step of a control does, as buttons that take it: smaller at the left, larger at the right. `points` are

@@ -233,6 +233,7 @@
       return;
     }
     if (serial !== requests.exact) return;
+    requests.next = null; // a preview would replace the answer
     performance.measure("solve", { start: requests.startedAt, end: performance.now() });
     solving(false);
     if (!answer) {
@@ -266,8 +267,9 @@
   const followNearby = async (spec, serial) => {
     const isShown = () => serial === requests.exact && state.drawing.kind === "exact";
     for (let wait = 1500; isShown(); wait = Math.min(1.3 * wait, LONGEST_WAIT_MS)) {
-      const nearby = await source.nearby(spec).catch(() => null);
+      const nearby = await source.nearby(spec, Studio.target?.terms).catch(() => null);
       if (!nearby || !isShown()) return;
+      Studio.markTiles(byId("tiles"), nearby.points.find(({ changes }) => !Object.keys(changes).length)?.misses ?? []);
       map.show(nearby, spec);
       Studio.drawSteps(state.drawing, nearby.points, (next) => history.settle(next));
       if (!nearby.pending) return;
@@ -348,6 +350,7 @@
   };
   const history = new Studio.History(start.spec, designOf(location.hash), (settled) => {
     refresh(history.spec);
+    Studio.target?.outdate(history.spec);
     byId("undo").disabled = !history.past.length;
     byId("redo").disabled = !history.future.length;
     if (settled) {
@@ -363,7 +366,7 @@
   Studio.designer = { history, state };
   Studio.view = view;
   const sight = byId("subject") ? new Studio.Sight(byId, () => history.spec) : null;
-  if (byId("target")) Studio.findTargets(byId("target-form"), byId("target-note"), byId("targets"), () => history.spec, (spec) => history.settle(spec));
+  if (byId("target")) Studio.findTargets(byId("target-form"), byId("target-note"), byId("targets"), () => history.spec, (spec) => history.settle(spec), () => exact() && followNearby(history.spec, requests.exact));
   const map = new Studio.DesignMap(byId("map"), (spec) => history.settle(spec));
   refresh = Studio.makeControls(byId("controls"), start.controls, history);
   addEventListener("hashchange", () => {
@@ -371,6 +374,7 @@
     history.settle(designOf(location.hash));
   });
 
+  byId("infeasible-close").addEventListener("click", () => (byId("infeasible").hidden = true));
   byId("undo").addEventListener("click", () => history.undo());
   byId("redo").addEventListener("click", () => history.redo());
   byId("reset").addEventListener("click", () => history.reset());

@@ -51,7 +51,7 @@
       const [x, y] = this.axes.map(({ value }) => value);
       const known = this.points.filter(({ values }) => values[x] !== null && values[y] !== null);
       const solving = this.pending ? ` ${this.pending} more are being solved in the background.` : "";
-      this.note.textContent = `Solved designs for this camera and these depths, ${known.length} so far; darker ones have more views. None surpasses those on the line in both figures. Click one to open it; arrow keys lead from one to the next.${solving}`;
+      this.note.textContent = `Solved designs for this camera and these depths, ${known.length} so far; darker ones have more views. None surpasses those on the line in both figures.${this.marks()} Click one to open it; arrow keys lead from one to the next.${solving}`;
       const focused = this.plot.contains(document.activeElement) ? document.activeElement.getAttribute("aria-label") : null;
       if (known.length && this.plot.clientWidth) this.plot.replaceChildren(this.picture(known, x, y));
       this.makeOneStop(focused);
@@ -70,6 +70,13 @@
         stop(next);
         next.focus();
       }));
+    }
+
+    marks() {
+      const judged = this.points.filter(({ misses }) => misses);
+      const met = judged.filter(({ misses }) => !misses.length).length;
+      const recut = this.points.some(({ changes }) => Studio.otherMirrors(changes)) ? " Dashed ones have other mirrors." : "";
+      return `${judged.length ? ` ${met} of them meet the target, the others are hollow.` : ""}${recut}`;
     }
 
     picture(points, x, y) {
@@ -93,13 +100,13 @@
       text(yLabel, { x: LEFT, y: 14 });
       const best = front(points, x, y);
       root.append(svg("path", { d: path(best.map(({ values }) => [across(values[x]), up(values[y])]), false), class: "front" }));
-      for (const point of points) root.append(this.mark(point, { cx: across(point.values[x]), cy: up(point.values[y]), r: 7 }, `${point.title}: ${number(point.values[y])} and ${number(point.values[x])}${best.includes(point) ? ", on the line" : ""}`));
+      for (const point of points) root.append(this.mark(point, { cx: across(point.values[x]), cy: up(point.values[y]), r: 7 }, `${point.title}: ${number(point.values[y])} and ${number(point.values[x])}${point.misses ? `, ${point.misses.length ? "misses" : "meets"} the target` : ""}${best.includes(point) ? ", on the line" : ""}`));
       return root;
     }
 
-    mark({ spec, changes }, place, label) {
+    mark({ spec, changes, misses }, place, label) {
       const views = spec.pattern?.positions.length ?? spec.rows * spec.cols;
-      const here = Object.keys(changes).length ? "" : " here";
+      const here = `${Object.keys(changes).length ? "" : " here"}${misses?.length ? " misses" : ""}${Studio.otherMirrors(changes) ? " recut" : ""}`;
       const mark = svg("circle", { ...place, class: `point shade${Math.min(SHADES, Math.ceil(Math.sqrt(views)))}${here}`, role: "button", "aria-label": label }, svg("title"));
       mark.firstChild.textContent = label;
       const go = () => this.go(spec);

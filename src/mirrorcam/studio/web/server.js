@@ -71,7 +71,7 @@
     preview: (spec) => post("/preview", spec),
     design: (spec, advance) => postLong("/design", spec, advance),
     suggestions: (spec, take) => postStreamed("/suggestions", spec, take),
-    nearby: (spec) => post("/nearby", spec),
+    nearby: (spec, terms) => post("/nearby", { spec, terms }),
     cancel: () => cancel("/design"),
     tolerance: (spec) => postNewest("/tolerance", spec),
   };

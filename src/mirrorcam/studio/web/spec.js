@@ -54,6 +54,13 @@
     return whole;
   };
 
+  const MIRRORS = ["surface", "thickness_mm", "refractive_index", "shape"];
+  // Whether changes of a request concern its mirrors.
+  Studio.otherMirrors = (changes) => MIRRORS.some((name) => name in changes);
+  // The fields of a request that differ in another, apart from those that a search for a target chooses first.
+  const CHOSEN = ["rows", "cols", "scale_mm", "fold_deg", "depths_mm"];
+  Studio.differing = (spec, other) => Object.fromEntries(Object.entries(Studio.whole(other)).filter(([name, value]) => !CHOSEN.includes(name) && !same(value, Studio.whole(spec)[name])));
+
   // Encode differences from the defaults, so that the address is short and gives the same design in any studio:
   // #pattern=hex7&scale_mm=60&depths_mm=200,400&camera=d435
   Studio.toAddress = (spec, defaults) => {
