@@ -85,7 +85,8 @@ def check_obvious_infeasibility(spec: DesignSpec) -> None:
         depths = ", ".join(f"{depth:g}" for depth in spec.depths_mm)
         raise InfeasibleDesign(
             "depth",
-            f"{depths} mm is less than {MIN_DEPTH_TO_SCALE:.0%} of the scale, {spec.scale_mm:g} mm, expected depths in mm",
+            f"{depths} mm is less than {MIN_DEPTH_TO_SCALE:.0%} of the scale, {spec.scale_mm:g} mm, expected depths in "
+            "mm",
         )
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
     start = (seed.centres, seed.corners)
