@@ -325,7 +325,7 @@ def test_a_mirror_is_an_index_or_a_name(arguments: dict[str, Any]) -> None:
     layout: Layout = arguments["layout"]
     assert np.array_equal(layout.project([0, 400, 0], np.int64(1)), layout.project([0, 400, 0], layout.mirror_names[1]))  # type: ignore[arg-type]
     for wrong in (None, (0, 1), [0], True, 1.0):
-        with pytest.raises(TypeError, match=r"^mirror: \w+, expected int or str"):
+        with pytest.raises(TypeError, match=r"^mirror: \w+, expected int or str$"):
             layout.project([0, 400, 0], wrong)  # type: ignore[arg-type]
     for unknown in (-1, 99, "9-9"):
         with pytest.raises(mirrorcam.InputError, match=r"^mirror .*, expected one of "):

@@ -196,7 +196,8 @@ class Layout(Value):
         return np.asarray(in_frame & shapely.contains_xy(polygon, x, y))
 
     def _index_of(self, mirror: int | str) -> int:
-        check_type("mirror", mirror, int, str, np.integer)
+        mirror = int(mirror) if isinstance(mirror, np.integer) else mirror
+        check_type("mirror", mirror, int, str)
         known = self.mirror_names if isinstance(mirror, str) else range(len(self.mirrors))
         for index, each in enumerate(known):
             if mirror == each:
