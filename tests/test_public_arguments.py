@@ -292,6 +292,75 @@ def test_light_fields_and_formats_that_cannot_be_are_refused(arguments: dict[str
         mirrorcam.Decoder(arguments["layout"]).decode([[1]])  # type: ignore[arg-type]
 
 
+def test_points_and_pixels_have_their_shape(arguments: dict[str, Any]) -> None:
+    layout: Layout = arguments["layout"]
+    light_field: mirrorcam.LightField = arguments["light_field"]
+    calls: list[tuple[str, int, Callable[[Any], Any]]] = [
+        ("points_in_rig", 3, lambda points: layout.project(points, 0)),
+        ("points_in_rig", 3, light_field.project),
+        ("points_in_view", 3, light_field.project_in_view),
+        ("pixels", 2, lambda pixels: layout.shows(pixels, 0)),
+        ("pixels", 2, lambda pixels: light_field.plane_points_in_rig(400.0, pixels)),
+    ]
+    for name, length, call in calls:
+        axes = call(np.full((2, 5, length), 300)).shape
+        assert 2 <= len(axes) <= 6
+        assert call([300.0] * length) is not None
+        for wrong in (
+            [],
+            [300.0],
+            np.zeros((length, 5)),
+            np.zeros((2, 4)),
+            [[1.0] * length, [1.0]],
+            1j * np.ones(length),
+        ):
+            with pytest.raises(mirrorcam.InputError, match=rf"^{name}: .*, expected .*\(\.\.\., {length}\)$"):
+                call(wrong)
+        for other in (None, "text"):
+            with pytest.raises(TypeError, match=rf"^{name}: \w+, expected an array"):
+                call(other)
+
+
+def test_a_mirror_is_an_index_or_a_name(arguments: dict[str, Any]) -> None:
+    layout: Layout = arguments["layout"]
+    assert np.array_equal(layout.project([0, 400, 0], np.int64(1)), layout.project([0, 400, 0], layout.mirror_names[1]))  # type: ignore[arg-type]
+    for wrong in (None, (0, 1), [0], True, 1.0):
+        with pytest.raises(TypeError, match=r"^mirror: \w+, expected int or str$"):
+            layout.project([0, 400, 0], wrong)  # type: ignore[arg-type]
+    for unknown in (-1, 99, "9-9"):
+        with pytest.raises(mirrorcam.InputError, match=r"^mirror .*, expected one of "):
+            layout.project([0, 400, 0], unknown)
+
+
+def test_choices_and_counts_of_light_fields_are_refused_by_name(arguments: dict[str, Any]) -> None:
+    layout, light_field = arguments["layout"], arguments["light_field"]
+    estimator = mirrorcam.DepthEstimator(light_field)
+    bare = Layout.bare(layout.camera)
+    unacceptable: list[tuple[str, Callable[[], Any]]] = [
+        ("field: 'x', expected common or union", lambda: mirrorcam.Decoder(layout, field="x")),  # type: ignore[arg-type]
+        ("margin_px: nan", lambda: mirrorcam.Decoder(layout, margin_px=float("nan"))),
+        ("layout: a bare camera", lambda: mirrorcam.Decoder(bare)),
+        ("quality: 'x', expected best or fast", lambda: mirrorcam.DepthEstimator(light_field, quality="x")),  # type: ignore[arg-type]
+        ("workers: 0, expected 1", lambda: mirrorcam.DepthEstimator(light_field, workers=0)),
+        ("axis: 'x', expected s or t", lambda: light_field.step_mm("x")),
+        ("width_px: -1, expected 1", lambda: mirrorcam.open_camera("0", -1, 1080)),
+    ]
+    for message, call in unacceptable:
+        with pytest.raises(mirrorcam.InputError, match=f"^{message}"):
+            call()
+    mistyped: list[tuple[str, Callable[[], Any]]] = [
+        ("width_px: float, expected int", lambda: mirrorcam.Decoder(layout, width_px=100.5)),  # type: ignore[arg-type]
+        ("reference_depth_mm: str", lambda: mirrorcam.Decoder(layout, reference_depth_mm="400")),  # type: ignore[arg-type]
+        ("light_field: ndarray, expected LightField", lambda: estimator.estimate(arguments["frame"])),
+        ("estimator: LightField, expected Depth", lambda: mirrorcam.VideoDepth(light_field)),
+        ("light_field: ndarray", lambda: mirrorcam.VideoDepth(estimator).estimate(arguments["frame"])),
+        ("source: str, expected LiveCamera", lambda: mirrorcam.NewestFrame("0")),  # type: ignore[arg-type]
+    ]
+    for message, call in mistyped:
+        with pytest.raises(TypeError, match=f"^{message}"):
+            call()
+
+
 def test_hints_name_both_kinds() -> None:
     assert AnyPath == str | os.PathLike[str]
 

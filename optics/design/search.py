@@ -26,6 +26,9 @@ MAX_VIOLATION, CLEAR_VIOLATION = 1e-5, 1e-3
 CONVERGENCE_DEPTHS = (1.0, 3.0)
 """Depths at which the chief rays of the seeds converge, in units of the working depth; the best optimum is kept."""
 
+MIN_DEPTH_TO_SCALE = 0.05
+"""Ratio of the farthest depth to the scale below which the depths must be in metres: the scene would be at the lens."""
+
 OVERSIZE = 4.0
 """Ratio of the area of a size that is sold to a seed's largest mirror beyond which no layout has space for it."""
 
@@ -75,9 +78,16 @@ def _working_depth_mm(spec: DesignSpec) -> float:
 def check_obvious_infeasibility(spec: DesignSpec) -> None:
     """Raise InfeasibleDesign for specs that are clearly infeasible, without a search.
 
-    These have a depth nearer than the seed's mirrors, sub-image gaps wider than the sensor, mirrors so thick that they
-    reach the pupil, or only sizes far larger than the seed's mirrors.
+    These have depths in metres or one nearer than the seed's mirrors, sub-image gaps wider than the sensor, mirrors so
+    thick that they reach the pupil, or only sizes far larger than the seed's mirrors.
     """
+    if max(spec.depths_mm) < MIN_DEPTH_TO_SCALE * spec.scale_mm:
+        depths = ", ".join(f"{depth:g}" for depth in spec.depths_mm)
+        raise InfeasibleDesign(
+            "depth",
+            f"{depths} mm is less than {MIN_DEPTH_TO_SCALE:.0%} of the scale, {spec.scale_mm:g} mm, expected depths in "
+            "mm",
+        )
     seed = seed_of(spec, max(_working_depth_mm(spec), 2.0 * spec.scale_mm))
     start = (seed.centres, seed.corners)
     points_mm = seed.chief_points(spec.view_from_rig) * spec.scale_mm

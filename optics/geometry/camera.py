@@ -18,7 +18,7 @@ from mirrorcam.core.bounds import (
     OFFSET_MM,
     PRINCIPAL_POINT_PX,
     PUPIL_WALK_MM,
-    Bounds,
+    SENSOR_PX,
 )
 from mirrorcam.core.names import Name
 from mirrorcam.core.values import FloatArray, Shaped, Value
@@ -33,8 +33,6 @@ PINHOLE_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px")
 DEPTH_NAMES = ("pupil_walk_mm", "defocus_growth_mm2")
 """Optional intrinsics whose effect depends on the depth of a point, and vanishes in focus."""
 PLAIN_LENS: LensName = "brown_conrady"
-
-SENSOR_PX = Bounds(1, 65_535)
 
 _Coordinate = Annotated[float, OFFSET_MM.limits]
 Corner = tuple[_Coordinate, _Coordinate, _Coordinate]

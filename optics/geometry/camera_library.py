@@ -13,13 +13,13 @@ from typing import Annotated, Any, Self
 
 from pydantic import Field, model_validator
 
-from mirrorcam.core.bounds import DEPTH_OR_INF_MM, Bounds
+from mirrorcam.core.bounds import DEPTH_OR_INF_MM, SENSOR_PX, Bounds
 from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, keys_of, model_from, model_of, read_bytes, tables_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import shortened
 from mirrorcam.core.names import Line, Name
 from mirrorcam.core.values import Value, with_tuples
-from mirrorcam.optics.geometry.camera import SENSOR_PX, Camera
+from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import CameraBody, ViewAngle
 
 CAMERAS = Path(__file__).parent / "cameras"

@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 from shapely import Polygon, STRtree
 
-from mirrorcam.core.arguments import AnyPath, path_of
+from mirrorcam.core.arguments import AnyPath, check_type, path_of
 from mirrorcam.core.bounds import GRID
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
 from mirrorcam.core.disk.fingerprint import value_digest
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.values import FloatArray, Matrix3, Metric, SquareMatrix, Value
+from mirrorcam.core.values import FloatArray, Matrix3, Metric, SquareMatrix, Value, array_of
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -179,19 +179,25 @@ class Layout(Value):
         Raises
         ------
         InputError
-            For a name or index of no mirror.
+            For a name or index of no mirror, and points of another shape.
         """
-        return self.camera.project(self.mirrors[self._index_of(mirror)].image_of(np.asarray(points_in_rig, np.float64)))
+        points = array_of("points_in_rig", points_in_rig, ..., 3)
+        return self.camera.project(self.mirrors[self._index_of(mirror)].image_of(points))
 
     def shows(self, pixels: ArrayLike, mirror: int | str) -> NDArray[np.bool_]:
-        """Mask (...) of the pixels (..., 2) that are in the frame and show the scene via a mirror; NaN is in none."""
+        """Mask (...) of the pixels (..., 2) that are in the frame and show the scene via a mirror; NaN is in none.
+
+        Raises InputError like `project`.
+        """
         polygon = Polygon(self.outline_px(self._index_of(mirror), usable=True))
-        x, y = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
+        x, y = np.moveaxis(array_of("pixels", pixels, ..., 2), -1, 0)
         right, bottom = self.camera.width_px - 0.5, self.camera.height_px - 0.5
         in_frame = (x >= -0.5) & (x < right) & (y >= -0.5) & (y < bottom)
         return np.asarray(in_frame & shapely.contains_xy(polygon, x, y))
 
     def _index_of(self, mirror: int | str) -> int:
+        mirror = int(mirror) if isinstance(mirror, np.integer) else mirror
+        check_type("mirror", mirror, int, str)
         known = self.mirror_names if isinstance(mirror, str) else range(len(self.mirrors))
         for index, each in enumerate(known):
             if mirror == each:

@@ -13,7 +13,7 @@ from shapely import LinearRing, Polygon
 
 from mirrorcam.core.bounds import LENGTH_MM, OFFSET_MM, REFRACTIVE_INDEX
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.values import FloatArray, Shaped, Value, Vector3
+from mirrorcam.core.values import FloatArray, Shaped, Value, Vector3, array_of
 from mirrorcam.optics.geometry.mirror_arrays import MirrorArrays, plane_axes
 from mirrorcam.optics.geometry.mirror_imaging import images
 from mirrorcam.optics.geometry.plate import rise_mm, solve_tangent_in_air, tangent_in_glass
@@ -118,28 +118,25 @@ class Mirror(Value):
             Normal (3,) of the plane in the rig frame, of any length and sign.
         outline_in_plane_mm
             Corners (n, 2) about the point, mm, as seen from the reflecting side: x along the projection of the rig's x
-            on the plane, as in `rig_from_plane`. Instead, `outline_in_rig_mm` (n, 3) gives them in the rig frame.
+            on the plane, as in `rig_from_plane`. The alternative is `outline_in_rig_mm` (n, 3), in the rig frame.
         fields
             Other fields of the mirror, such as `surface` and `thickness_mm`.
 
         Raises
         ------
         InputError
-            If the normal is zero, the plane contains the pupil, or the outline is not a convex polygon in front of the
-            camera.
+            If the normal is zero, the plane contains the pupil, both outlines are given, or the outline is not a convex
+            polygon in front of the camera.
         """
-        point, normal = np.asarray(point_in_rig_mm, dtype=np.float64), np.asarray(normal_in_rig, dtype=np.float64)
-        if point.shape != (3,) or normal.shape != (3,) or not normal.any():
-            raise InputError(
-                f"a plane with the point {point.tolist()} and the normal {normal.tolist()}, expected three numbers "
-                "each, and a normal that is not zero"
-            )
+        point, normal = array_of("point_in_rig_mm", point_in_rig_mm, 3), array_of("normal_in_rig", normal_in_rig, 3)
+        if not normal.any():
+            raise InputError("normal_in_rig: zero, expected a direction")
         normal = normal / np.linalg.norm(normal)
         if outline_in_plane_mm is not None:
+            if "outline_in_rig_mm" in fields:
+                raise InputError("outline_in_plane_mm and outline_in_rig_mm given, expected one of them")
             outward = normal if normal @ point < 0.0 else -normal
-            corners = np.asarray(outline_in_plane_mm, dtype=np.float64)
-            if corners.ndim != 2 or corners.shape[1] != 2:
-                raise InputError(f"outline_in_plane_mm has shape {corners.shape}, expected (n, 2)")
+            corners = array_of("outline_in_plane_mm", outline_in_plane_mm, None, 2)
             fields["outline_in_rig_mm"] = point + corners @ np.stack(plane_axes(outward[:, None])).reshape(2, 3)
         return cls(virtual_centre_in_rig_mm=2.0 * (normal @ point) * normal, **fields)
 

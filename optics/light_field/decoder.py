@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from copy import copy
 from statistics import harmonic_mean
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 import cv2
 import numpy as np
@@ -18,7 +18,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from mirrorcam.core.arguments import check_type
+from mirrorcam.core.arguments import check_choice, check_count, check_number, check_type
+from mirrorcam.core.bounds import Bounds
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray
 from mirrorcam.optics.geometry.camera import Camera
@@ -41,6 +42,7 @@ DEFAULT_DEPTH_FACTOR = 1.02
 """Minimum default reference depth, relative to the depth of the farthest point of any mirror."""
 # cv2.remap accepts no table or image side of 2**15 - 1 px or more.
 MAX_TABLE_SIDE = 2**15 - 2
+WIDTH_PX = Bounds(2, MAX_TABLE_SIDE)
 OUTSIDE_PX = -2.0
 MIN_PUPIL_FRACTION = 1.0 / 3.0
 """Fraction of the pupil below which a pixel is left out: brightening it would amplify noise too much."""
@@ -85,7 +87,8 @@ class Decoder:
     Raises
     ------
     InputError
-        If a mirror shows nothing, the views have no common field, or the reference plane is nearer than a mirror.
+        If the layout has no mirrors, a mirror shows nothing, the views have no common field, the reference plane is
+        nearer than a mirror, or an argument is out of range.
     """
 
     def __init__(
@@ -99,6 +102,17 @@ class Decoder:
         regular_grid_at_mm: float | None = None,
     ) -> None:
         check_type("layout", layout, Layout)
+        if not layout.mirrors:
+            raise InputError("layout: a bare camera, expected one or more mirrors")
+        check_choice("field", field, *get_args(Field))
+        if width_px is not None:
+            check_count("width_px", width_px, WIDTH_PX)
+        depths_mm = {"reference_depth_mm": reference_depth_mm, "regular_grid_at_mm": regular_grid_at_mm}
+        for name, number in {"margin_px": margin_px, **depths_mm}.items():
+            if number is not None:
+                check_number(name, number)
+                if not np.isfinite(number):
+                    raise InputError(f"{name}: {number}, expected a finite number")
         depth = default_reference_depth_mm(layout) if reference_depth_mm is None else reference_depth_mm
         self.camera = layout.camera
         self.views = choose_views(layout, depth, field, width_px)
@@ -149,7 +163,7 @@ class Decoder:
         Parameters
         ----------
         frame
-            (h, w, 3) in RGB or (h, w) in grey, uint8 or float32, of the size of the layout's camera.
+            (h, w, 3) in RGB or (h, w) in grey, of the size of the layout's camera: uint8, or float32 from 0 to 1.
 
         Returns
         -------
@@ -159,7 +173,7 @@ class Decoder:
         Raises
         ------
         InputError
-            If the frame does not match the layout's camera.
+            If the frame does not match the layout's camera, or has other values.
         """
         check_type("frame", frame, np.ndarray)
         width, height = self.camera.width_px, self.camera.height_px
@@ -171,7 +185,12 @@ class Decoder:
                 f"({self.camera.name})"
             )
         if frame.dtype not in (np.uint8, np.float32):
-            raise InputError(f"frame is {frame.dtype}, expected uint8 or float32")
+            raise InputError(f"frame is {frame.dtype}, expected uint8, or float32 from 0 to 1")
+        if frame.dtype == np.float32:
+            # The comparisons are false for NaN.
+            low, high = frame.min(), frame.max()
+            if not (low >= 0.0 and high <= 1.0):
+                raise InputError(f"frame has values from {low:g} to {high:g}, expected float32 from 0 to 1, or uint8")
         if self.colour_tables is None or frame.shape[2:] != (3,):
             samples = _looked_up(frame, self.tables)
         else:  # a table for each colour
@@ -277,21 +296,17 @@ def _visible_window(layout: Layout, mirror_index: int) -> tuple[FloatArray, Floa
 
 def choose_views(layout: Layout, reference_depth_mm: float, field: Field, width_px: int | None = None) -> Views:
     """Choose the views' pixel grid over the field, `width_px` wide or at the sub-images' median resolution."""
-    if not np.isfinite(reference_depth_mm):
-        raise InputError(f"reference depth is {reference_depth_mm} mm, expected a finite number")
     indices = range(len(layout.mirrors))
     footprints, areas_px2 = zip(*(footprint(layout, index, reference_depth_mm) for index in indices), strict=True)
     field_region = shapely.intersection_all(footprints) if field == "common" else shapely.union_all(footprints)
     if field_region.area == 0:
         raise InputError(
-            f"the views have no common field at depth {reference_depth_mm:g} mm: give a different --reference-depth-mm"
+            f"the views have no common field at depth {reference_depth_mm:g} mm, expected another reference depth"
         )
     left, top, right, bottom = field_region.bounds
     scales = [np.sqrt(area_px2 / region.area) for area_px2, region in zip(areas_px2, footprints, strict=True)]
     px_per_mm = float(np.median(scales))
     if width_px is not None:
-        if width_px < 2:
-            raise InputError(f"views are {width_px} px wide, expected at least 2 px")
         px_per_mm = (width_px - 0.5) / (right - left)
     width, height = (1 + int((end - start) * px_per_mm) for start, end in ((left, right), (top, bottom)))
     if width * height > layout.camera.width_px * layout.camera.height_px or max(width, height) > MAX_TABLE_SIDE:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.values import FloatArray
+from mirrorcam.core.values import FloatArray, array_of
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.light_field.camera_array import PosedCamera, Rectified, arrangement, rectified
 
@@ -148,13 +148,8 @@ def _each(name: str, values: ArrayLike, count: int, axes: int) -> FloatArray:
 
 
 def numbers_in(name: str, values: ArrayLike, shape: tuple[int, ...] | None = None) -> FloatArray:
-    """Return an argument as an array of finite numbers, of a shape if given; raises InputError for anything else."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: expected an array of numbers") from None
-    if shape is not None and array.shape != shape:
-        raise InputError(f"{name} has shape {array.shape}, expected {shape or 'one number'}")
+    """Return an argument as an array of finite numbers, of a shape if given; raises like `array_of`."""
+    array = array_of(name, values, *((...,) if shape is None else shape))
     if not np.isfinite(array).all():
         raise InputError(f"{name}: holds a value that is NaN or infinite, expected finite numbers")
     return array

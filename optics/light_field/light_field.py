@@ -6,14 +6,14 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from mirrorcam.core.arguments import check_type
+from mirrorcam.core.arguments import check_choice, check_number, check_type
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.values import FloatArray, InvalidValue, Shaped
+from mirrorcam.core.values import FloatArray, InvalidValue, Shaped, array_of
 from mirrorcam.optics.light_field.camera_array import MAX_UNEVENNESS, central_view, even_grid
 from mirrorcam.optics.light_field.image_arrays import (
     numbers_in,
@@ -89,11 +89,11 @@ class Views:
             except ValueError as error:
                 raise InvalidValue(f"{name}: {error}") from None
         for name in ("focal_px", "reference_depth_mm"):
-            check_type(name, getattr(self, name), int, float, np.integer, np.floating)
+            check_number(name, getattr(self, name))
         if not (np.isfinite(self.focal_px) and self.focal_px > 0):
-            raise InvalidValue(f"{self.focal_px=}, expected a positive number")
+            raise InvalidValue(f"focal_px: {self.focal_px:g}, expected a positive number")
         if np.isnan(self.reference_depth_mm):
-            raise InvalidValue(f"{self.reference_depth_mm=}, expected a number or infinity")
+            raise InvalidValue("reference_depth_mm: nan, expected a number or infinity")
         if self.reference_distance_mm <= self.positions_mm[..., 2].max():
             raise InvalidValue(f"reference plane at depth {self.reference_depth_mm} mm lies behind a view")
 
@@ -157,33 +157,42 @@ class Views:
         matrices[..., 2, 2] = 1.0
         return matrices
 
-    def project_in_view(self, points_in_view: FloatArray) -> FloatArray:
-        """Return the pixels (t, s, ..., 2) in all views of points (..., 3) in the view frame, mm; NaN behind a view."""
-        points = np.asarray(points_in_view, dtype=np.float64)
+    def project_in_view(self, points_in_view: ArrayLike) -> FloatArray:
+        """Return the pixels (t, s, ..., 2) in all views of points (..., 3) in the view frame, mm; NaN behind a view.
+
+        The origin of the view frame is the reference view, that of view axes the pupil: points in view axes are those
+        in the rig frame, rotated, for `project`. Raises InputError for points of another shape.
+        """
+        points = array_of("points_in_view", points_in_view, ..., 3)
         grid = (self.rows, self.cols) + (1,) * (points.ndim - 1)
         offset = points - self.positions_mm.reshape(*grid, 3)
         ahead = np.where(offset[..., 2:] > 0, offset[..., 2:], np.nan)
         focal = self.matrices[..., 0, 0].reshape(*grid, 1)
         return focal * offset[..., :2] / ahead + self.matrices[..., :2, 2].reshape(*grid, 2)
 
-    def project(self, points_in_rig: FloatArray) -> FloatArray:
-        """Return the pixels (t, s, ..., 2) in every view of points (..., 3) in the rig frame, mm; NaN behind a view."""
-        return self.project_in_view((points_in_rig - self.reference_view_in_rig_mm) @ self.view_from_rig.T)
+    def project(self, points_in_rig: ArrayLike) -> FloatArray:
+        """Return the pixels (t, s, ..., 2) in every view of points (..., 3) in the rig frame, mm; NaN behind a view.
+
+        Raises InputError for points of another shape.
+        """
+        points = array_of("points_in_rig", points_in_rig, ..., 3)
+        return self.project_in_view((points - self.reference_view_in_rig_mm) @ self.view_from_rig.T)
 
     def plane_points_in_rig(
-        self, depth_mm: float, pixels: FloatArray, view: tuple[int, int] | None = None
+        self, depth_mm: float, pixels: ArrayLike, view: tuple[int, int] | None = None
     ) -> FloatArray:
         """Return the points (..., 3) of the plane at `depth_mm` that a view (t, s) sees at pixels (..., 2).
 
         Points are in the rig frame, mm; the default view is the reference view. At the reference depth, a pixel shows
-        the same point in all views.
+        the same point in all views. Raises InputError for pixels of another shape.
         """
+        places = array_of("pixels", pixels, ..., 2)
         distance = depth_mm - self.reference_view_depth_mm
         position, matrix = np.zeros(3), np.diag([self.focal_px, self.focal_px, 1.0])
         matrix[:2, 2] = self.centre_px
         if view is not None:
             position, matrix = self.positions_mm[view], self.matrices[view]
-        offset = (np.asarray(pixels, dtype=np.float64) - matrix[:2, 2]) * ((distance - position[2]) / matrix[0, 0])
+        offset = (places - matrix[:2, 2]) * ((distance - position[2]) / matrix[0, 0])
         in_view = np.concatenate([offset + position[:2], np.full((*offset.shape[:-1], 1), distance)], axis=-1)
         return in_view @ self.view_from_rig + self.reference_view_in_rig_mm
 
@@ -209,8 +218,10 @@ class Views:
     def step_mm(self, axis: Axis = "s") -> float:
         """Mean distance of adjacent views along s (view x) or t (view y), mm; positive in the order of the grid.
 
-        If the views do not form a grid: the mean distance of a view to its nearest neighbour, for either axis.
+        If the views do not form a grid: the mean distance of a view to its nearest neighbour, for either axis. Raises
+        InputError for a grid with one view along the axis.
         """
+        check_choice("axis", axis, *get_args(Axis))
         if not self.is_grid:
             positions = self.positions_mm[..., :2].reshape(-1, 2)
             distances = np.linalg.norm(positions[:, None] - positions, axis=-1)
@@ -219,7 +230,7 @@ class Views:
         ends = self.positions_mm[:, [0, -1], 0] if axis == "s" else self.positions_mm[[0, -1], :, 1].T
         count = self.cols if axis == "s" else self.rows
         if count < 2:
-            raise ValueError(f"only one view along {axis}, expected at least two")
+            raise InputError(f"only one view along {axis}, expected at least two")
         return float((ends[:, 1] - ends[:, 0]).mean() / (count - 1))
 
     def slope_from_depth(self, depth_mm: FloatArray | float) -> FloatArray:

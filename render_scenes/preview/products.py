@@ -124,9 +124,10 @@ def _true_depth(decoder: Decoder, frame: PreviewFrame) -> FloatArray:
     reference = reference_index(decoder.views)
     is_background = np.isinf(frame.light.depth_mm)
     depth = np.where(is_background, 0.0, frame.light.depth_mm)
-    channels = np.stack([depth, is_background, is_background], axis=-1).astype(np.float32)
+    farthest_mm = max(float(depth.max()), 1.0)
+    channels = np.stack([depth / farthest_mm, is_background, is_background], axis=-1).astype(np.float32)
     decoded = decoder.decode(channels).samples[reference]
     # Pixels that mix a surface with the background have no depth.
-    true_depth = np.where(decoded[..., 1] == 0.0, decoded[..., 0].astype(np.float64), np.nan)
+    true_depth = np.where(decoded[..., 1] == 0.0, farthest_mm * decoded[..., 0].astype(np.float64), np.nan)
     true_depth[decoded[..., 1] == 1.0] = np.inf
     return np.where(decoder.weights[reference] >= UNVIGNETTED, true_depth, np.nan)

@@ -7,13 +7,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from mirrorcam.core.bounds import DEPTH_MM, PICTURES
+from mirrorcam.core.bounds import DEPTH_MM, PICTURES, SENSOR_PX
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model
 from mirrorcam.core.disk.resumable import FolderManifest
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Value
 from mirrorcam.optics.geometry.boards import CalibrationBoard
-from mirrorcam.optics.geometry.camera import SENSOR_PX
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.tolerances import Tolerances
 from mirrorcam.render_scenes.lens import TrueLens

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from mirrorcam.core.bounds import DEPTH_MM, GRID, SAMPLES_PER_PIXEL, SEED
+from mirrorcam.core.bounds import DEPTH_MM, GRID, SAMPLES_PER_PIXEL, SEED, SENSOR_PX
 from mirrorcam.core.disk.files import read_bytes, write_files, write_json
 from mirrorcam.core.disk.fingerprint import digest, value_digest
 from mirrorcam.core.disk.resumable import FolderManifest
@@ -25,7 +25,6 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray, Value
-from mirrorcam.optics.geometry.camera import SENSOR_PX
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.perturbations import draw_as_built
 from mirrorcam.optics.geometry.tolerances import Tolerances

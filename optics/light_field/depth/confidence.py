@@ -2,7 +2,8 @@
 
 The log odds are a quadratic form of the statistics, because one bounds what another says: few rivals mean nothing where
 the views do not correlate. `python -m benchmarks.light_field_depth confidence --train` fits the coefficients of
-`confidence.json`.
+`confidence.json`. No training scene is without texture, where the form would extrapolate: there, the information bounds
+the probability.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from mirrorcam.core.compiled import compiled
-from mirrorcam.optics.light_field.depth.refine import Match, depth_edges
+from mirrorcam.optics.light_field.depth.refine import Match, depth_edges, information_fraction
 
 Float32 = NDArray[np.float32]
 
@@ -99,6 +101,18 @@ def statistics(
             np.full_like(disparity_px, np.log(noise_ratio + MIN_NOISE_RATIO)),
         ]
     ).astype(np.float32)
+
+
+def attainable_probability(match: Match, interior: NDArray[np.uint8], views: int) -> Float32:
+    """Return the largest probability (v, u) that a depth is right to within RIGHT_PX; 0 without texture nearby.
+
+    The error is at best normal, with the Cramer-Rao bound as its variance: the inverse of the information of all pixels
+    within FAR_CORRELATION_PX, about as far as smooth surfaces carry depth from texture. Only the `interior` (v, u) of
+    the reference view counts, as the border of its samples is no texture. `views` is the number of other views.
+    """
+    own = match.information * interior * np.float32(information_fraction(views))
+    information = np.maximum(cv2.boxFilter(own, -1, (FAR_CORRELATION_PX,) * 2, normalize=False), np.float32(0.0))
+    return np.asarray(erf(RIGHT_PX * np.sqrt(information / np.float32(2.0))), np.float32)
 
 
 def _mean(values: Float32) -> Any:

@@ -17,13 +17,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.arguments import check_type
+from mirrorcam.core.arguments import check_choice, check_count, check_number, check_type
+from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.threads import thread_map
-from mirrorcam.optics.light_field.depth.confidence import log_odds, statistics
+from mirrorcam.optics.light_field.depth.confidence import attainable_probability, log_odds, statistics
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.enlargement import doubled, enlarged_by_picture
-from mirrorcam.optics.light_field.depth.parallax import other_views, parallax, reference_index
+from mirrorcam.optics.light_field.depth.parallax import Parallax, other_views, parallax, reference_index
 from mirrorcam.optics.light_field.depth.photometry import (
     ViewPicture,
     colours,
@@ -51,6 +52,8 @@ MAX_NEAR_COSTS = 2**28
 MIN_SEARCHED_PX = 48
 """Minimum side of a picture that is searched after halving."""
 MIN_SIDE_PX = 16
+MIN_OTHERS = 2
+"""Other views that must see a point, or all of them if they are fewer."""
 MAX_CHANGED = 0.5
 """Fraction of changed pixels above which a frame of a video is measured on its own."""
 ROUGH_HALVINGS, ROUGH_DIRECTIONS = 2, 4
@@ -136,7 +139,8 @@ class DepthEstimator:
     ------
     InputError
         If there are fewer than two views, all views coincide, views are too small, or the depths do not increase, lie
-        between the views or span too many planes.
+        between the views, span too many planes, or are so far from the reference depth that the views share no point;
+        for an unknown quality or number of workers.
     """
 
     def __init__(
@@ -150,7 +154,11 @@ class DepthEstimator:
     ) -> None:
         check_type("light_field", light_field, LightField)
         for name, depth_mm in {"near_mm": near_mm, "far_mm": far_mm}.items():
-            check_type(name, depth_mm, int, float, np.integer, np.floating, type(None))
+            if depth_mm is not None:
+                check_number(name, depth_mm)
+        check_choice("quality", quality, *EFFORTS)
+        if workers is not None:
+            check_count("workers", workers, WORKERS)
         geometry: dict[str, Any] = {field.name: getattr(light_field, field.name) for field in fields(Views)}
         self.views = Views(**geometry)
         self.weights = light_field.weights
@@ -161,16 +169,36 @@ class DepthEstimator:
         self.reference, self.others = reference_index(self.views), other_views(self.views)
         self.workers = workers or cv2.getNumThreads()
         self._run = thread_map(self.workers)
+        parallaxes = [parallax(self.views, index) for index in self.others]
+        self._check_shared(parallaxes)
         self._effort = EFFORTS[quality]
         if len(self.others) <= MAX_FEW_VIEWS:
             self._effort = replace(self._effort, first_halvings=2, last_halvings=0, directions=4)
         self._levels = self._levels_to_search()
         self._rough = self._coarse_level(ROUGH_HALVINGS)
         self._full = PyramidLevel.of(self.views, self.near_mm, self.far_mm, 0)
-        parallaxes = [parallax(self.views, index) for index in self.others]
         self._comparison = ViewComparison(self._full.sweep, parallaxes, self._run)
         last = self._levels[-1]
         self._refiner = Refiner(last.sweep, parallaxes, self._run, 2**last.halvings)
+
+    def _check_shared(self, parallaxes: Sequence[Parallax]) -> None:
+        """Raise InputError if no pixel can have a depth: within the range, too few views show the same point.
+
+        Views share most at the depth of the range that is nearest to the reference depth.
+        """
+        depth_mm = float(np.clip(self.views.reference_depth_mm, self.near_mm, self.far_mm))
+        inverse_distance = 1.0 / (depth_mm - self.views.reference_view_depth_mm)
+        size = self.views.width_px, self.views.height_px
+        count = np.zeros(size[::-1], np.uint16)
+        for index, view in zip(self.others, parallaxes, strict=True):
+            valid = (self.weights[index] > 0).astype(np.uint8)
+            flags = cv2.INTER_NEAREST | cv2.WARP_INVERSE_MAP
+            count += cv2.warpAffine(valid, view.affine(inverse_distance), size, flags=flags)
+        if not (count[self.weights[self.reference] > 0] >= min(MIN_OTHERS, len(self.others))).any():
+            raise InputError(
+                f"near_mm {self.near_mm:g}, far_mm {self.far_mm:g}: the views share no point at these depths, expected "
+                f"depths in mm, such as the reference depth, {self.views.reference_depth_mm:g} mm"
+            )
 
     def _coarse_level(self, halvings: int) -> PyramidLevel:
         """Return the level to search over all planes after at least `halvings`, fewer for small pictures."""
@@ -206,6 +234,7 @@ class DepthEstimator:
 
         Raises InputError if views or weights of the light field differ.
         """
+        check_type("light_field", light_field, LightField)
         return self.following(light_field, None, None)[0]
 
     def following(
@@ -255,7 +284,7 @@ class DepthEstimator:
         if spacing > 1:
             planes = self._enlarged(planes, pyramid, self._levels[-1], self._full)
             match, smoothness = match.enlarged(self._full.shape), doubled(smoothness, self._full.shape)
-        return self._depth_map(planes, match, smoothness, result, reference.valid, noise), next_track
+        return self._depth_map(planes, match, smoothness, result, reference, noise), next_track
 
     def _pyramid(self, colour: Float32) -> list[Float32]:
         """Return the reference view's colours (v, u, 3), halved ever more up to the coarsest level."""
@@ -364,17 +393,17 @@ class DepthEstimator:
         match: Match,
         smoothness: Float32,
         result: _SearchResult,
-        valid: NDArray[np.bool_],
+        reference: ViewPicture,
         noise: float,
     ) -> DepthMap:
         """Build the depth map from refined planes (v, u) and the statistics of their match."""
         full = self._full.sweep
         inverse_distance = full.inverse_distance(np.clip(planes, np.float32(-1.0), np.float32(full.plane_count)))
         inverse_distance = np.maximum(inverse_distance, np.float32(0.0))
-        valid = valid & (match.view_count >= min(2, len(self.others)))
+        valid = reference.valid & (match.view_count >= min(MIN_OTHERS, len(self.others)))
         step_px = np.float32(full.step_px)
         range_px, views = full.plane_count * full.step_px, len(self.others)
-        confidence = self._confidence(
+        estimated = self._confidence(
             statistics(
                 planes * step_px,
                 match,
@@ -386,6 +415,7 @@ class DepthEstimator:
                 noise_ratio=noise,
             )
         )
+        confidence = np.minimum(estimated, attainable_probability(match, reference.interior, views))
         sigma_px = standard_deviation_px(
             match,
             smoothness,
@@ -430,7 +460,7 @@ def _check(views: Views, near_mm: float, far_mm: float) -> None:
     pupil_depth = views.reference_view_depth_mm
     min_depth = pupil_depth + max(float(views.positions_mm[..., 2].max()), 0.0)
     if np.isinf(near_mm):
-        raise InputError("the reference plane is at infinity: give near_mm (--near-mm), the nearest depth to search")
+        raise InputError("the reference plane is at infinity, expected near_mm, the nearest depth to search")
     if not min_depth < near_mm < far_mm:
         limits = f"near_mm {near_mm:g}, far_mm {far_mm:g}"
         raise InputError(

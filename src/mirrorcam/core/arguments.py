@@ -1,8 +1,9 @@
-"""Arguments of the public functions: paths of any kind, and one-line TypeErrors for other types."""
+"""Arguments of the public functions: paths of any kind, and one line with the name for what is wrong with others."""
 
 from __future__ import annotations
 
 import os
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, cast
 
@@ -34,14 +35,29 @@ PathField = Annotated[Path, BeforeValidator(_to_path)]
 
 
 def check_count(name: str, value: object, bounds: Bounds) -> None:
-    """Raise TypeError for an argument that is not an integer, InputError for one out of bounds."""
-    check_type(name, value, int)
+    """Raise TypeError for an argument that is not an integer, of Python or NumPy, InputError for one out of bounds."""
+    _check(name, value, (Integral,), "int")
     if not bounds.min <= cast(int, value) <= bounds.max:
         raise InputError(f"{name}: {value}, expected {bounds}")
 
 
+def check_number(name: str, value: object) -> None:
+    """Raise TypeError for an argument that is not a real number, of Python or NumPy."""
+    _check(name, value, (Real,), "int or float")
+
+
+def check_choice(name: str, value: object, *expected: str) -> None:
+    """Raise TypeError for an argument that is not a str, InputError for one that is not expected."""
+    check_type(name, value, str)
+    if value not in expected:
+        raise InputError(f"{name}: {value!r}, expected {' or '.join(expected)}")
+
+
 def check_type(name: str, value: object, *expected: type) -> None:
-    """Raise TypeError unless an argument has one of the types."""
-    if not isinstance(value, expected):
-        names = " or ".join(kind.__name__ for kind in expected)
-        raise TypeError(f"{name}: {type(value).__name__}, expected {names}")
+    """Raise TypeError unless an argument has one of the types; a bool is no int."""
+    _check(name, value, expected, " or ".join(kind.__name__ for kind in expected))
+
+
+def _check(name: str, value: object, kinds: tuple[type, ...], expected: str) -> None:
+    if not isinstance(value, kinds) or (isinstance(value, bool) and bool not in kinds):
+        raise TypeError(f"{name}: {type(value).__name__}, expected {expected}")

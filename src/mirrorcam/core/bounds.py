@@ -71,6 +71,8 @@ GRID = Bounds(1, 1000)
 FOCAL_PX = Bounds(0.001, 1e7)
 MIRRORS = Bounds(1, 12)
 """Rows or columns of mirrors."""
+SENSOR_PX = Bounds(1, 65_535)
+"""Width or height of a camera's pictures."""
 FOLD_DEG = Bounds(60.0, 150.0)
 PRINCIPAL_POINT_PX = Bounds(-1e7, 1e7)
 REFRACTIVE_INDEX = Bounds(1.0, 4.0)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from types import EllipsisType
 from typing import Annotated, Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -111,6 +112,31 @@ def _is_numbers(value: Any) -> bool:
         return all(map(_is_numbers, value))
     kind = value.dtype.kind if isinstance(value, np.ndarray | np.generic) else ""
     return kind in ("i", "u", "f") if kind else isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def array_of(name: str, value: ArrayLike, *shape: int | EllipsisType | None) -> FloatArray:
+    """Convert an argument to an array of real numbers, which may hold NaN.
+
+    `shape` has None for any length, and may begin with `...` for any leading axes. Raises InputError for arrays of
+    another shape or type, TypeError for anything that is no array.
+    """
+    any_leading = shape[:1] == (...,)
+    lengths = shape[1:] if any_leading else shape
+    words = ["..." if length is ... else "n" if length is None else str(length) for length in shape]
+    expected = f"({', '.join(words)}{',' if len(words) == 1 else ''})" if words else "one number"
+    try:
+        array = np.asarray(value)
+    except ValueError:
+        raise InputError(f"{name}: rows of different lengths, expected {expected}") from None
+    if array.dtype.kind not in "iuf":
+        if not isinstance(value, np.ndarray | list | tuple):
+            raise TypeError(f"{name}: {type(value).__name__}, expected an array {expected}")
+        raise InputError(f"{name}: {array.dtype}, expected real numbers {expected}")
+    has_axes = array.ndim >= len(lengths) if any_leading else array.ndim == len(lengths)
+    pairs = zip(reversed(lengths), reversed(array.shape), strict=False)
+    if not has_axes or any(length not in (None, found) for length, found in pairs):
+        raise InputError(f"{name}: shape {array.shape}, expected {expected}")
+    return array.astype(np.float64, copy=False)
 
 
 def with_tuples(value: Any) -> Any:

@@ -6,6 +6,7 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.design.optimise import design
+from mirrorcam.optics.design.search import check_obvious_infeasibility
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
 from tests.nightly import a_few
@@ -84,3 +85,10 @@ def test_tolerances_that_no_design_survives_are_refused() -> None:
     with pytest.raises(InfeasibleDesign, match="and 3 sigma of tilts of 0° and offsets of 100 mm apart") as refused:
         design(DesignSpec(rows=1, cols=2, robust_offset_mm=100.0))
     assert refused.value.constraint == "seen gap"
+
+
+def test_depths_in_metres_are_refused() -> None:
+    metres = DesignSpec(depths_mm=(0.25, 0.4))
+    with pytest.raises(InfeasibleDesign, match=r"depth constraint: 0\.25, 0\.4 mm is less than 5% of the scale, 80 mm"):
+        design(metres)
+    check_obvious_infeasibility(metres.replaced(depths_mm=(250.0, 400.0)))

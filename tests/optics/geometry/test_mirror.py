@@ -302,9 +302,9 @@ def test_an_outline_in_the_plane_has_the_axes_of_the_mirror() -> None:
 @pytest.mark.parametrize(
     ("point", "normal", "outline", "reason"),
     [
-        ((0, 0, 90), (0, 0, 0), [(0, 0), (1, 0), (0, 1)], "a normal that is not zero"),
-        ((0, 90), (0, 0, 1), [(0, 0), (1, 0), (0, 1)], "expected three numbers each"),
-        ((0, 0, 90), (0, 0, 1), [(0, 0, 90), (1, 0, 90), (0, 1, 90)], r"outline_in_plane_mm has shape \(3, 3\)"),
+        ((0, 0, 90), (0, 0, 0), [(0, 0), (1, 0), (0, 1)], "^normal_in_rig: zero, expected a direction"),
+        ((0, 90), (0, 0, 1), [(0, 0), (1, 0), (0, 1)], r"^point_in_rig_mm: shape \(2,\), expected \(3,\)"),
+        ((0, 0, 90), (0, 0, 1), np.eye(3), r"^outline_in_plane_mm: shape \(3, 3\), expected \(n, 2\)"),
         ((0, 5, 90), (1, 0, 0), [(0, 0), (1, 0), (0, 1)], "coincides with the pupil"),
         ((0, 0, -90), (0, 0, 1), [(0, 0), (1, 0), (0, 1)], "behind the camera"),
     ],
@@ -313,3 +313,9 @@ def test_planes_that_are_no_mirror_are_refused(point: Any, normal: Any, outline:
     with pytest.raises(InputError, match=reason) as caught:
         Mirror.from_plane(point, normal, outline_in_plane_mm=outline)
     assert "\n" not in str(caught.value)
+
+
+def test_a_mirror_has_one_outline() -> None:
+    outline = [(-5.0, -5.0, 90.0), (5.0, -5.0, 90.0), (0.0, 5.0, 90.0)]
+    with pytest.raises(InputError, match="expected one of them"):
+        Mirror.from_plane((0, 0, 90), (0, 0, 1), outline_in_plane_mm=np.eye(3, 2), outline_in_rig_mm=outline)

@@ -168,10 +168,10 @@ def write_light_field(
     light_field
         Light field to write; most formats store 8 bits per sample.
     to
-        Name of the format, one of `NAMES`.
+        Format: colmap, eslf, hci, lftoolbox, mcap, nerfstudio, npz, plenopticam, plenpy, ply, stanford, tiles or zarr.
     depth_mm
-        Depth (v, u) of the central view from the pupil, or a depth map: optional for HCI and, as points, COLMAP and
-        nerfstudio; required for PLY; ignored by others.
+        Depth of the central view: the `DepthMap` of `estimate_depth`, or an array (v, u) of mm from the pupil. Optional
+        for HCI and, as points, COLMAP and nerfstudio; required for PLY; ignored by others.
     min_confidence
         Points of a depth map must have a higher confidence; -1 keeps all.
 

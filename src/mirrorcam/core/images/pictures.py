@@ -122,7 +122,8 @@ def _key(path: Path) -> tuple[Path, int, int]:
 def read_image(path: AnyPath, *, grey: bool = False) -> NDArray[np.uint8]:
     """Read a picture with 8 bits a channel, PNG, JPEG, TIFF or BMP by its content.
 
-    Of 16-bit samples, the highest 8 of the used bits are returned: see `set_common_bit_depth`.
+    Of 16-bit samples, the highest 8 of the used bits are returned, those that the picture's own samples use: to scale
+    all pictures of a set equally, call `mirrorcam.core.images.pictures.set_common_bit_depth` first.
 
     Parameters
     ----------

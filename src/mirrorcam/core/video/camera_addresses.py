@@ -18,7 +18,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.arguments import check_type
+from mirrorcam.core.arguments import check_count, check_type
+from mirrorcam.core.bounds import SENSOR_PX
 from mirrorcam.core.disk.files import stored_bytes
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.sample_bits import SampleBits
@@ -81,9 +82,11 @@ def open_camera(
     Raises
     ------
     InputError
-        If it cannot be opened.
+        If it cannot be opened, or the size is no picture's.
     """
     check_type("address", address, str)
+    for name, side_px in {"width_px": width_px, "height_px": height_px}.items():
+        check_count(name, side_px, SENSOR_PX)
     is_number = address.isascii() and address.isdigit()
     if not is_number and _local_file(address) is None and re.search(r"\s!\s", address):
         raise InputError(

@@ -52,6 +52,8 @@ class NewestFrame:
         on_arrival: Callable[[Frame | Lost], None] = lambda item: None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        if not all(hasattr(source, name) for name in ("frames", "stop")):
+            raise TypeError(f"source: {type(source).__name__}, expected LiveCamera, Video or CameraBag")
         self.dropped = self.lost = 0
         self._source, self._paced, self._keep_all, self._clock = source, paced, keep_all, clock
         self._on_arrival = on_arrival

@@ -9,6 +9,7 @@ import pytest
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth, estimate_depth
+from mirrorcam.optics.light_field.depth.confidence import FAR_CORRELATION_PX
 from mirrorcam.optics.light_field.light_field import LightField, Views
 from tests.optics.light_field.depth.conftest import CARD, WALL, inner
 from tests.optics.light_field.depth.surfaces import Surface, grid_views, photograph
@@ -68,6 +69,39 @@ def test_a_blank_wall_is_not_trusted_and_its_sigma_is_as_wide_as_the_search() ->
     uniform = (1.0 / nearest - 1.0 / farthest) / np.sqrt(12.0)
     assert np.nanmedian(blank.sigma_mm / np.square(distance)) > 0.7 * uniform
     assert np.isfinite(blank.sigma_mm[blank.valid]).all()
+
+
+@pytest.mark.parametrize("level", [0, 128, 255])
+@pytest.mark.parametrize("quality", ["best", "fast"])
+def test_views_without_any_texture_have_no_confidence(level: int, quality: Any) -> None:
+    views = grid_views()
+    weights = np.ones((views.rows, views.cols, views.height_px, views.width_px), np.float32)
+    weights[:, :, :, -9:] = weights[:, :, 40:60, 40:60] = 0.0  # the border of the samples is no texture
+    samples = np.where(weights[..., None] > 0, np.uint8(level), np.uint8(0))
+    light_field = LightField.of(views, samples, weights)
+    found = DepthEstimator(light_field, quality=quality).estimate(light_field)
+    assert found.valid.any()
+    assert found.confidence.max() < 1e-4
+
+
+def test_saturated_pixels_have_no_confidence_beyond_the_reach_of_texture() -> None:
+    light_field, _, _ = photograph(grid_views(), [Surface(500.0)])
+    samples: Any = light_field.samples.copy()
+    samples[:, :, :, 80:] = 255
+    found = estimate_depth(LightField.of(light_field, samples, light_field.weights))
+    beyond = 80 + FAR_CORRELATION_PX // 2 + 2
+    assert found.confidence[:, beyond:].max() == 0.0
+    assert np.median(found.confidence[:, :70]) > 0.8
+
+
+def test_depths_are_refused_exactly_where_two_views_share_no_point() -> None:
+    """Views 20 mm apart, 120 px wide, with a focal length of 400 px and the reference plane at infinity."""
+    light_field = LightField.from_views(np.zeros((1, 2, 90, 120), np.uint8), step_mm=20.0, focal_px=400.0)
+    nearest_mm = 400.0 * 20.0 / 119.5  # pixels of the outermost column coincide
+    DepthEstimator(light_field, near_mm=0.9 * nearest_mm, far_mm=1.01 * nearest_mm)
+    for far_mm in (0.8, 0.99 * nearest_mm):
+        with pytest.raises(InputError, match=r"^near_mm .*: the views share no point at these depths, .* in mm"):
+            DepthEstimator(light_field, near_mm=0.9 * far_mm, far_mm=far_mm)
 
 
 def test_mirrors_of_different_brightness_do_not_matter(scene: Any) -> None:
