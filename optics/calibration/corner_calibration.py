@@ -147,6 +147,12 @@ def calibrate_corners(
         raise unknown.error_for(str(error)) from None
 
 
+def check_names(names: Sequence[str], pictures: int) -> None:
+    """Raise InputError unless there is one name for each picture."""
+    if len(names) != pictures:
+        raise InputError(f"names: {len(names)} for {pictures} pictures, expected one for each")
+
+
 @dataclass(frozen=True)
 class FittedCorners:
     """The selected model, and the corners that it was fitted to.

@@ -40,6 +40,12 @@ def check_count(name: str, value: object, bounds: Bounds) -> None:
         raise InputError(f"{name}: {value}, expected {bounds}")
 
 
+def check_callable(name: str, value: object) -> None:
+    """Raise TypeError for an argument that cannot be called."""
+    if not callable(value):
+        raise TypeError(f"{name}: {type(value).__name__}, expected a function")
+
+
 def check_type(name: str, value: object, *expected: type) -> None:
     """Raise TypeError unless an argument has one of the types."""
     if not isinstance(value, expected):
