@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -63,6 +64,23 @@ def test_each_task_takes_ten_lines() -> None:
         lines = [line for line in program.splitlines() if line and not line.lstrip().startswith(("import ", "#"))]
         assert len(lines) <= LONGEST_TASK, title
         assert max(map(len, lines)) <= WIDEST, title
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["library.md", "calibration.md"])
+def test_programs_pass_a_type_checker_without_plugins(page: str, tmp_path: Path) -> None:
+    programs = blocks((ROOT / "docs" / page).read_text(encoding="utf-8"), "python")
+    for number, program in enumerate(programs):
+        (tmp_path / f"program_{number}.py").write_text(program.text, encoding="utf-8")
+    checked = subprocess.run(
+        [sys.executable, "-m", "mypy", "--config-file=", "--follow-imports=silent", *sorted(tmp_path.glob("*.py"))],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "MYPYPATH": str(ROOT / "src")},
+        check=False,
+    )
+    assert checked.returncode == 0, checked.stdout
 
 
 @pytest.fixture(scope="module")

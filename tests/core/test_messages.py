@@ -51,18 +51,6 @@ def test_another_schema_comes_first_and_alone() -> None:
     assert one_line(caught.value, File) == "schema: 'poses/1', expected 'sides/1'"
 
 
-def test_one_finding_is_counted_once() -> None:
-    class Plan(BaseModel):
-        rows: int
-        angle: float | Literal["auto"] = Field(1.0)
-        cols: int = Field(default_factory=lambda fields: fields["rows"])
-
-    for wrong in ({"rows": "x"}, {"rows": 1, "angle": "x"}):
-        with pytest.raises(ValidationError) as caught:
-            Plan.model_validate(wrong)
-        assert "more)" not in one_line(caught.value)
-
-
 def test_a_long_text_loses_its_middle() -> None:
     assert shortened("short") == "short"
     long = shortened("a" * 1000 + "b" * 1000)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from docs.page_code import blocks
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.calibration.given_corners import GivenCorners, calibrate_from_corners
+from mirrorcam.optics.geometry.boards import save_board
+from mirrorcam.optics.geometry.layout import Layout
 from tests.optics.calibration.sound_calibration import (
     BOARD,
     NOISE_PX,
@@ -19,6 +23,7 @@ from tests.optics.calibration.sound_calibration import (
 )
 from tests.optics.calibration.synthetic_corners import views_of
 
+PAGE = Path(__file__).parents[3] / "docs" / "calibration.md"
 CORNERS = len(BOARD.corners_in_board_mm)
 
 
@@ -87,3 +92,22 @@ def test_names_and_pictures_are_as_many() -> None:
         calibrate_from_corners([{}, {}], [], nominal_layout(), BOARD, names=(["a"], []))
     with pytest.raises(InputError, match=r"^frames: no pictures given"):
         calibrate_from_corners([], [], nominal_layout(), BOARD)
+
+
+def test_the_program_of_the_page_calibrates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    program = next(
+        block.text for block in blocks(PAGE.read_text(encoding="utf-8"), "python") if "corners" in block.text
+    )
+    frames, _ = given()
+    nominal_layout().save(tmp_path / "layout.json")
+    save_board(tmp_path / "board.toml", BOARD)
+    for number, views in enumerate(frames):
+        arrays = {}
+        for view, (numbers, pixels, *_) in views.items():
+            name = view if isinstance(view, str) else nominal_layout().mirror_names[view]
+            arrays |= {f"{name}/numbers": np.asarray(numbers), f"{name}/pixels": np.asarray(pixels)}
+        np.savez(tmp_path / f"corners_{number}.npz", **arrays)
+    monkeypatch.chdir(tmp_path)
+    exec(program, {})
+    found = calibrate_from_corners(frames, [], nominal_layout(), BOARD)
+    assert Layout.load("calibrated.json").identity == found.layout.identity
