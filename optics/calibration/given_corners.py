@@ -22,12 +22,9 @@ from mirrorcam.optics.geometry.layout import Layout
 GivenCorners: TypeAlias = tuple[ArrayLike, ArrayLike] | tuple[ArrayLike, ArrayLike, ArrayLike]
 """Numbers (n,) and pixels (n, 2) of the corners in one view, and if known their standard deviations (n,) in px."""
 
-Views: TypeAlias = Mapping[str, GivenCorners] | Mapping[int, GivenCorners] | Mapping[int | str, GivenCorners]
-"""Corners by view. The keys of mappings are invariant, hence three types."""
-
 
 def calibrate_from_corners(
-    frames: Iterable[Views],
+    frames: Iterable[Mapping[Any, GivenCorners]],
     base_frames: Iterable[GivenCorners],
     layout: Layout,
     board: CalibrationBoard,
@@ -99,7 +96,7 @@ class _Reader:
         self._size = layout.camera.width_px, layout.camera.height_px
         self._corners = len(board.corners_in_board_mm)
 
-    def picture(self, place: str, views: Views) -> Observations:
+    def picture(self, place: str, views: Mapping[Any, GivenCorners]) -> Observations:
         """The corners of a picture via the mirrors, as frame 0."""
         check_type(place, views, Mapping)
         found = dict[int, Observations]()

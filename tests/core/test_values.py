@@ -115,7 +115,7 @@ def test_one_finding_is_counted_once() -> None:
 
     for wrong in ({"rows": "x"}, {"angle": "x"}):
         with pytest.raises(InvalidValue) as caught:
-            Plan(**wrong)  # type: ignore[arg-type]
+            Plan(**wrong)
         assert str(caught.value).startswith(f"{next(iter(wrong))}: ")
         assert "more)" not in str(caught.value)
 

@@ -102,7 +102,7 @@ def test_the_program_of_the_page_calibrates(tmp_path: Path, monkeypatch: pytest.
     nominal_layout().save(tmp_path / "layout.json")
     save_board(tmp_path / "board.toml", BOARD)
     for number, views in enumerate(frames):
-        arrays = {}
+        arrays = dict[str, Any]()
         for view, (numbers, pixels, *_) in views.items():
             name = view if isinstance(view, str) else nominal_layout().mirror_names[view]
             arrays |= {f"{name}/numbers": np.asarray(numbers), f"{name}/pixels": np.asarray(pixels)}
