@@ -44,7 +44,7 @@ UPSIDE_DOWN = (
     "the pictures fit the layout only when rotated by 180 deg: the camera is upside down in the device, or its "
     "pictures were rotated; rotate all of them"
 )
-SOLUTION_STEPS = 4
+SOLUTION_STEPS = 5
 """Steps of the solution of a model without additions, with that before the first."""
 MAX_CHANNELS = 4  # of a single picture (h, w, channels), to tell it from a stack (n, h, w)
 MAX_KEPT = 24  # arrays kept from an iterator, so that memory use stays bounded

@@ -231,6 +231,7 @@ def fit_corners(
     if layout.mirrors and (pictures is not None or estimate.camera.aperture_mm > 0.0):
         first, fitted_layout = _first_fit(estimate, observations, start, corners_in_board_mm, extremes)
         if pictures is not None:
+            on_step("estimating the pupil of the lens")
             mirrored_numbers = [number for number in frames if number < len(mirrored)]
             posed = pictures.with_poses(mirrored_numbers, first.rig_from_board)
             pupil = estimated_pupil(fitted_layout, posed, pictures.board)
