@@ -57,7 +57,7 @@ def speed() -> Table:
             seconds = (statistics.median(times), min(times), max(times), cold_s(*count))
             figures = (f"{value:.{2 if value < 4.0 else 1}f} s" for value in seconds)
             rows.add(f"{count[0]} {TIMES} {count[1]}, {len(times)} runs", *figures, f"{limit_s:g} s")
-            design(spec, calls)
+            design(spec, calls=calls)
             times = [seconds_of(partial(design, spec, calls)) for _ in range(RUNS[count])]
             print(f"in two processes: {statistics.median(times):.2f} s, {min(times):.2f} to {max(times):.2f} s")
     return rows.table

@@ -49,7 +49,7 @@ def main() -> None:
     for stock in arguments.stocks:
         spec = recipe.spec.replaced(shape=arguments.shape, **stock_fields(stock))
         with in_two_processes(["mirrorcam.optics.design.optimise"]) as calls:
-            layout = design(spec, calls)
+            layout = design(spec, calls=calls)
         with tempfile.TemporaryDirectory() as folder:
             render_set(recipe.set_request(layout), Path(folder) / "set")
             found = validate(Path(folder) / "set")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
-from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
+from mirrorcam.core.arguments import AnyPath, check_callable, check_count, check_type, path_of
 from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.disk.results import Results
 from mirrorcam.core.errors import InputError
@@ -65,6 +65,7 @@ def build_parts(
     check_type("hardware", hardware, Hardware)
     out = path_of("out", out)
     check_count("workers", workers, WORKERS)
+    check_callable("progress", progress)
     store = None if results is None else Results(path_of("results", results))
     if workers > 1:
         begin_loading(KERNEL)

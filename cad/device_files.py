@@ -53,6 +53,8 @@ def write_files(
     # drawing, side view.
     done, total = 0, len(part_calls) + 9 + len(PICTURES) + len(action_names(device)) + elastic
 
+    progress(done, total)
+
     def step() -> None:
         nonlocal done
         done += 1

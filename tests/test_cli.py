@@ -238,7 +238,7 @@ def unknown_schema(data: dict[str, Any]) -> None:
         (crossing_outline, "mirrors.1: outline crosses itself, expected a convex polygon"),
         (overlapping_outlines, "outlines of mirrors 0-0 and 0-1 overlap"),
         (unknown_key, "mirrors.1.curvature: not known, did you mean curvature_per_m?"),
-        (unknown_schema, "schema: Input should be 'mirrorcam.layout/1'"),
+        (unknown_schema, "expected 'mirrorcam.layout/1'"),
     ],
 )
 @pytest.mark.parametrize(

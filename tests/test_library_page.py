@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
@@ -63,6 +64,23 @@ def test_each_task_takes_ten_lines() -> None:
         lines = [line for line in program.splitlines() if line and not line.lstrip().startswith(("import ", "#"))]
         assert len(lines) <= LONGEST_TASK, title
         assert max(map(len, lines)) <= WIDEST, title
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["library.md", "calibration.md"])
+def test_programs_pass_a_type_checker_without_plugins(page: str, tmp_path: Path) -> None:
+    programs = blocks((ROOT / "docs" / page).read_text(encoding="utf-8"), "python")
+    for number, program in enumerate(programs):
+        (tmp_path / f"program_{number}.py").write_text(program.text, encoding="utf-8")
+    checked = subprocess.run(
+        [sys.executable, "-m", "mypy", "--config-file=", "--follow-imports=silent", *sorted(tmp_path.glob("*.py"))],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "MYPYPATH": str(ROOT / "src")},
+        check=False,
+    )
+    assert checked.returncode == 0, checked.stdout
 
 
 @pytest.fixture(scope="module")
@@ -163,7 +181,11 @@ for index, name in enumerate(layout.mirror_names):
 @pytest.mark.slow
 def test_arrays_are_calibrated(recorded: Path) -> None:
     lines = printed_by("Calibrate from arrays", recorded)
-    assert lines[:11] == [f"picture {done} of 11" for done in range(1, 12)]
+    reported = [tuple(map(int, re.findall(r"\d+", line))) for line in lines if line.startswith("step ")]
+    assert [done for done, _ in reported] == list(range(len(reported)))
+    assert len(reported) > 11  # the pictures, and the solution
+    assert reported[-1][0] == reported[-1][1]
+    assert reported == sorted(reported)  # the total never decreases
     calibrated, truth = (mirrorcam.Layout.load(recorded / name) for name in ("calibrated.json", "layout.json"))
     assert mirror_errors(calibrated, truth)["normal_error_max_deg"].value < 0.02
 

@@ -98,6 +98,9 @@ def arguments(default_layout: Layout) -> dict[str, Any]:
         "to": "npz",
         "out": "never_written",
         "frame": frame,
+        "folder": "no_set",
+        "target": "300g",
+        "spec": mirrorcam.DesignSpec(),
         "frames": [],
         "base_frames": [],
         "pictures": [],
@@ -237,10 +240,40 @@ def test_arguments_of_another_type_are_type_errors_by_name(
 
 
 def test_pictures_of_a_calibration_are_an_iterable(arguments: dict[str, Any]) -> None:
-    one = np.zeros((4, 4), dtype=np.uint8), np.zeros((4, 4, 3), dtype=np.uint8)
-    for wrong in ("folder", Path("folder"), 3, None, *one, [3]):
+    for wrong in ("folder", Path("folder"), 3, None, [3]):
         with pytest.raises(TypeError, match=r"^frames: "):
             mirrorcam.calibrate(wrong, [], arguments["layout"], arguments["board"])  # type: ignore[arg-type]
+    for shape in ((4, 4), (4, 4, 3), (2, 40, 40, 3)):
+        with pytest.raises(mirrorcam.InputError, match=r"^frames: an array .*, expected a stack \(n, h, w\)"):
+            mirrorcam.calibrate(np.zeros(shape, np.uint8), [], arguments["layout"], arguments["board"])
+    with pytest.raises(mirrorcam.InputError, match=r"^frames: no pictures given"):
+        mirrorcam.calibrate(iter([]), [], arguments["layout"], arguments["board"])
+
+
+REPORTING = [name for name, function in CALLABLES.items() if "progress" in inspect.signature(function).parameters]
+
+
+def test_progress_is_a_keyword_everywhere() -> None:
+    assert len(REPORTING) == 7
+    for name in REPORTING:
+        parameters = inspect.signature(CALLABLES[name]).parameters
+        assert {parameters[each].kind for each in ("progress", "calls") if each in parameters} == {
+            inspect.Parameter.KEYWORD_ONLY
+        }
+
+
+@pytest.mark.parametrize("name", REPORTING)
+def test_progress_that_cannot_be_called_is_a_type_error(name: str, arguments: dict[str, Any]) -> None:
+    with pytest.raises(TypeError, match=r"^progress: NoneType, expected a function$"):
+        called(name, arguments, progress=None)
+
+
+def test_models_of_a_calibration_may_be_words(arguments: dict[str, Any]) -> None:
+    needed = {name: arguments[name] for name in ("frames", "base_frames", "layout", "board")}
+    with pytest.raises(mirrorcam.InputError, match=r"^unknown word 'wide' of a model"):
+        mirrorcam.calibrate(**needed, model="wide")
+    with pytest.raises(TypeError, match=r"^model: int, expected str or RequestedModel"):
+        mirrorcam.calibrate(**needed, model=3)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("shape_dtype", [((270, 480), float), ((270, 480, 3), np.uint8), ((270, 480), np.uint16)])

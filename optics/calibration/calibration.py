@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
+from mirrorcam.core.arguments import AnyPath, check_callable, check_count, check_type, path_of
 from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import check_size, read_image, set_common_bit_depth
-from mirrorcam.core.progress import Progress, Step, no_progress, no_step
+from mirrorcam.core.progress import Progress, Step, Steps, no_progress, no_step
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
+from mirrorcam.optics.calibration.corner_calibration import calibrate_corners, check_names
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
@@ -44,6 +44,8 @@ UPSIDE_DOWN = (
     "the pictures fit the layout only when rotated by 180 deg: the camera is upside down in the device, or its "
     "pictures were rotated; rotate all of them"
 )
+SOLUTION_STEPS = 5
+"""Steps of the solution of a model without additions, with that before the first."""
 MAX_CHANNELS = 4  # of a single picture (h, w, channels), to tell it from a stack (n, h, w)
 MAX_KEPT = 24  # arrays kept from an iterator, so that memory use stays bounded
 
@@ -54,7 +56,7 @@ def calibrate(
     layout: Layout,
     board: CalibrationBoard,
     *,
-    model: RequestedModel = AUTO,
+    model: RequestedModel | str = AUTO,
     detections: AnyPath | None = None,
     workers: int = 1,
     max_pictures: tuple[int | None, int | None] = (None, None),
@@ -80,7 +82,8 @@ def calibrate(
     board
         The board.
     model
-        Model to fit, for example `RequestedModel.parse("fisheye+bend")`. Default: the largest that pictures support.
+        Model to fit: a `RequestedModel`, or its words, such as "fisheye+bend". Default: the largest that the pictures
+        support.
     detections
         Folder that caches detected corners, so that each picture is searched only once.
     workers
@@ -90,7 +93,8 @@ def calibrate(
     names
         Names of the pictures via the mirrors, and without them. Default: their numbers.
     progress
-        Called with the number of pictures searched and their total; pictures of an iterator count once they are read.
+        Called with the number of steps done and the number expected: a step per picture searched, where pictures of an
+        iterator count once they are read, and a few for the solution.
     on_observations
         Called after each picture via the mirrors with all observations so far.
     on_step
@@ -110,25 +114,32 @@ def calibrate(
     check_type("layout", layout, Layout)
     check_type("board", board, Checkerboard, Charuco, AprilGrid)
     check_count("workers", workers, WORKERS)
+    check_callable("progress", progress)
     cache = None if detections is None else path_of("detections", detections)
+    model = RequestedModel.parse(model)
     model.check_mirrored()
     frames, base_frames = (checked_pictures(*pair) for pair in (("frames", frames), ("base_frames", base_frames)))
     detect = partial(detect_frames, layout=layout, board=board, folder=cache, workers=workers)
     reader = PictureReader(layout.camera)
 
-    total = sum(len(pictures) for pictures in (frames, base_frames) if isinstance(pictures, Sequence))
-
-    def advance(done: int) -> None:
-        progress(done, max(done, total))
+    counted = [len(pictures) for pictures in (frames, base_frames) if isinstance(pictures, Sequence)]
+    steps = Steps(progress, sum(counted) + SOLUTION_STEPS)
 
     def report(detected: Sequence[DetectedFrame]) -> None:
-        advance(len(detected))
+        steps.advance()
         on_observations([frame.corners for frame in detected])
 
+    def begin(step: str) -> None:
+        steps.advance()
+        on_step(step)
+
     mirrored_detected = detect(reader.read(frames, mirrored=True), mirrored=True, on_frame=report)
-    pictures = reader.read(base_frames, mirrored=False)
-    searched = len(mirrored_detected)
-    base_detected = detect(pictures, mirrored=False, on_frame=lambda found: advance(searched + len(found)))
+    if not mirrored_detected:
+        raise InputError("frames: no pictures given")
+    base_detected = detect(reader.read(base_frames, mirrored=False), mirrored=False, on_frame=steps.advance)
+    if names is not None:
+        for group, found in zip(names, (mirrored_detected, base_detected), strict=True):
+            check_names(group, len(found))
     if isinstance(board, Checkerboard):
         mirrored_detected = number_jointly(mirrored_detected, base_detected, layout, board)
     size = board.corners_in_board_mm, layout.camera.width_px
@@ -162,7 +173,7 @@ def calibrate(
             names=None
             if names is None
             else [group[n] for group, used in zip(names, chosen, strict=True) for n in used],
-            on_step=on_step,
+            on_step=begin,
         )
     except InputError:
         # The stated board was found but does not fit: parts of a larger checkerboard can look like it.
@@ -177,6 +188,7 @@ def calibrate(
     if files:
         colour = estimated_lateral_colour(colour_pictures(files), calibration.layout.camera, board)
         calibration = calibration.with_lateral_colour(colour)
+    steps.finish()
     return calibration.with_damaged_pictures(reader.damaged)
 
 
@@ -198,9 +210,11 @@ def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[
 
     Raises TypeError unless `pictures` is an iterable of arrays or paths, and InputError for an array that is not grey.
     """
-    if isinstance(pictures, np.ndarray) and pictures.ndim == 3 and pictures.shape[2] > MAX_CHANNELS:
+    if isinstance(pictures, np.ndarray):
+        if pictures.ndim != 3 or pictures.shape[2] <= MAX_CHANNELS:
+            raise InputError(f"{name}: an array {pictures.shape}, expected a stack (n, h, w) of grey values")
         pictures = list(pictures)
-    if isinstance(pictures, str | os.PathLike | np.ndarray) or not isinstance(pictures, Iterable):
+    if isinstance(pictures, str | os.PathLike) or not isinstance(pictures, Iterable):
         raise TypeError(f"{name}: {type(pictures).__name__}, expected an iterable of arrays or paths")
 
     def checked(picture: Grey | AnyPath) -> Grey | Path:

@@ -147,6 +147,12 @@ def calibrate_corners(
         raise unknown.error_for(str(error)) from None
 
 
+def check_names(names: Sequence[str], pictures: int) -> None:
+    """Raise InputError unless there is one name for each picture."""
+    if len(names) != pictures:
+        raise InputError(f"names: {len(names)} for {pictures} pictures, expected one for each")
+
+
 @dataclass(frozen=True)
 class FittedCorners:
     """The selected model, and the corners that it was fitted to.
@@ -225,6 +231,7 @@ def fit_corners(
     if layout.mirrors and (pictures is not None or estimate.camera.aperture_mm > 0.0):
         first, fitted_layout = _first_fit(estimate, observations, start, corners_in_board_mm, extremes)
         if pictures is not None:
+            on_step("estimating the pupil of the lens")
             mirrored_numbers = [number for number in frames if number < len(mirrored)]
             posed = pictures.with_poses(mirrored_numbers, first.rig_from_board)
             pupil = estimated_pupil(fitted_layout, posed, pictures.board)

@@ -12,15 +12,15 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from mirrorcam.core.arguments import AnyPath, check_count, check_type, path_of
+from mirrorcam.core.arguments import AnyPath, check_callable, check_count, check_type, path_of
 from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import read_image
-from mirrorcam.core.progress import Progress, Step, no_progress, no_step
+from mirrorcam.core.progress import Progress, Step, Steps, no_progress, no_step
 from mirrorcam.core.values import FloatArray, InvalidValue
-from mirrorcam.optics.calibration.calibration import PictureReader, checked_pictures, chosen_frames
-from mirrorcam.optics.calibration.corner_calibration import calibrate_corners
+from mirrorcam.optics.calibration.calibration import SOLUTION_STEPS, PictureReader, checked_pictures, chosen_frames
+from mirrorcam.optics.calibration.corner_calibration import calibrate_corners, check_names
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
@@ -47,7 +47,7 @@ def calibrate_camera(
     board: CalibrationBoard,
     *,
     nominal: Camera | None = None,
-    model: RequestedModel = AUTO,
+    model: RequestedModel | str = AUTO,
     detections: AnyPath | None = None,
     workers: int = 1,
     max_pictures: int | None = None,
@@ -67,7 +67,8 @@ def calibrate_camera(
     nominal
         The camera as published: its name, body and pupil are kept. Default: nothing is known.
     model
-        Model to fit, for example `RequestedModel.parse("fisheye")`. Default: the largest that the pictures support.
+        Model to fit: a `RequestedModel`, or its words, such as "fisheye". Default: the largest that the pictures
+        support.
     detections
         Folder that caches detected corners, so that each picture is searched only once.
     workers
@@ -77,7 +78,8 @@ def calibrate_camera(
     names
         Names of the pictures. Default: their paths or numbers.
     progress
-        Called with the number of pictures searched and their total.
+        Called with the number of steps done and the number expected: a step per picture searched, and a few for the
+        solution.
     on_step
         Called with each step of the solution in words.
 
@@ -94,14 +96,24 @@ def calibrate_camera(
     """
     check_type("board", board, Checkerboard, Charuco, AprilGrid)
     check_count("workers", workers, WORKERS)
+    check_callable("progress", progress)
     cache = None if detections is None else path_of("detections", detections)
+    model = RequestedModel.parse(model)
     model.check_plain()
     given = list(checked_pictures("pictures", pictures))
     if not given:
-        raise InputError("no pictures given")
-    if names is None:
+        raise InputError("pictures: no pictures given")
+    if names is not None:
+        check_names(names, len(given))
+    else:
         names = [item.name if isinstance(item, Path) else f"picture {number}" for number, item in enumerate(given)]
     provisional = _unknown_camera(given) if nominal is None else nominal
+    steps = Steps(progress, len(given) + SOLUTION_STEPS)
+
+    def begin(step: str) -> None:
+        steps.advance()
+        on_step(step)
+
     reader = PictureReader(provisional, "the first picture" if nominal is None else f"the {nominal.name}")
     detected = detect_frames(
         reader.read(given, mirrored=False),
@@ -110,7 +122,7 @@ def calibrate_camera(
         mirrored=False,
         folder=cache,
         workers=workers,
-        on_frame=lambda found: progress(len(found), len(given)),
+        on_frame=steps.advance,
     )
     corners_mm = board.corners_in_board_mm
     used = chosen_frames(detected, max_pictures, corners_mm, provisional.width_px)
@@ -128,12 +140,13 @@ def calibrate_camera(
         layout = Layout.bare(camera if nominal is None else _with_body(camera, nominal))
         shown = BoardPictures([reader.base[number] for number in used], board, workers)
         calibration = calibrate_corners(
-            [], frames, layout, corners_mm, model=model, pictures=shown, names=names, on_step=on_step
+            [], frames, layout, corners_mm, model=model, pictures=shown, names=names, on_step=begin
         )
     except InputError:
         # The stated board was found but does not fit: parts of a larger checkerboard can look like it.
         reader.check_board(board, mirrored=False, base=True, fits=False)
         raise
+    steps.finish()
     return calibration.with_damaged_pictures(reader.damaged)
 
 

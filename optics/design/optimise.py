@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from shapely import Polygon
 
-from mirrorcam.core.arguments import check_type
+from mirrorcam.core.arguments import check_callable, check_type
 from mirrorcam.core.processes.calls import Calls, counted, in_turn
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray
@@ -35,7 +35,7 @@ NEAR_ITERATIONS = 120
 """Iteration limit of a search for an optimum near given values."""
 
 
-def design(spec: DesignSpec, calls: Calls = in_turn, *, progress: Progress = no_progress) -> Layout:
+def design(spec: DesignSpec, *, calls: Calls = in_turn, progress: Progress = no_progress) -> Layout:
     """Optimise a nominal layout, and verify it with code that shares nothing with the optimiser.
 
     Minimises tradeoff * (grid error / 0.25)^2 + (1 - tradeoff) * (1 - pixel efficiency) under the constraints of the
@@ -70,6 +70,7 @@ def design(spec: DesignSpec, calls: Calls = in_turn, *, progress: Progress = no_
         unknown reason.
     """
     check_type("spec", spec, DesignSpec)
+    check_callable("progress", progress)
     check_obvious_infeasibility(spec)
     expected, is_sized = len(CONVERGENCE_DEPTHS) + expected_searches(spec), spec.rectangle_sizes is not None
     if spec.objective == "depth":  # both stages again, each also from the design for overlap

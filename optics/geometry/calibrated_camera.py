@@ -8,6 +8,7 @@ from pydantic import Field
 
 from mirrorcam.core.arguments import AnyPath, path_of
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_bytes, read_model, tables_of, write_text
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric, Value
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import CALIBRATED_SCHEMA
@@ -37,9 +38,9 @@ class CalibratedCamera(Value):
 
     @classmethod
     def of(cls, layout: Layout) -> Self:
-        """The camera of a calibrated layout; raises ValueError if this has no covariance or has mirrors."""
+        """The camera of a calibrated layout; raises InputError if this has no covariance or has mirrors."""
         if layout.mirrors or layout.uncertainty is None:
-            raise ValueError(f"a {layout.kind} layout of {len(layout.mirrors)} mirrors, expected a calibrated camera")
+            raise InputError(f"a {layout.kind} layout of {len(layout.mirrors)} mirrors, expected a calibrated camera")
         return cls(
             camera=layout.camera, metrics=layout.metrics, provenance=layout.provenance, uncertainty=layout.uncertainty
         )

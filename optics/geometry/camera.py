@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import Annotated, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from mirrorcam.core.bounds import (
@@ -21,7 +22,7 @@ from mirrorcam.core.bounds import (
     SENSOR_PX,
 )
 from mirrorcam.core.names import Name
-from mirrorcam.core.values import FloatArray, Shaped, Value
+from mirrorcam.core.values import Converted, FloatArray, Shaped, Value
 from mirrorcam.optics.geometry.lateral_colour import LateralColour
 from mirrorcam.optics.geometry.lenses.families import LensName, lens_of
 from mirrorcam.optics.geometry.lenses.lens import Lens
@@ -85,7 +86,7 @@ class Camera(Value):
     cy_px: float = PRINCIPAL_POINT_PX.field()
     lens_model: LensName = Field(default=PLAIN_LENS, exclude_if=lambda name: name == PLAIN_LENS)
     lens_grid: LensGrid | None = Field(default=None, exclude_if=lambda grid: grid is None)
-    distortion: Annotated[FloatArray, Shaped((None,), largest=LARGEST_DISTORTION)] = Field(
+    distortion: Converted[Annotated[FloatArray, Shaped((None,), largest=LARGEST_DISTORTION)], ArrayLike] = Field(
         default_factory=lambda: np.zeros(5), validate_default=True
     )
     aperture_mm: float = Field(default=0.0, ge=APERTURE_MM.min, le=APERTURE_MM.max, exclude_if=lambda mm: mm == 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
@@ -29,7 +30,7 @@ from mirrorcam.core.bounds import (
     Bounds,
 )
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.values import FloatArray, Value, with_tuples
+from mirrorcam.core.values import Converted, FloatArray, Value, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import named_camera
@@ -56,6 +57,14 @@ def _camera_or_name(camera: object) -> object:
     return named_camera(camera) if isinstance(camera, str) else with_tuples(camera)
 
 
+def _pattern_or_name(pattern: object) -> object:
+    if not isinstance(pattern, str):
+        return with_tuples(pattern)
+    if (named := Pattern.named(pattern)) is None:
+        raise ValueError(f"{pattern[:40]!r}, expected hexN, ringN or a table of positions")
+    return named
+
+
 def _shape_of(fields: dict[str, Any]) -> str:
     """The default shape: rectangles of four sides, else free outlines."""
     return RECTANGLES if fields.get("sides") == 4 else FREE
@@ -67,14 +76,21 @@ class DesignSpec(Value):
     Lengths are in mm, angles in degrees.
     """
 
-    camera: Annotated[Camera, BeforeValidator(_camera_or_name, json_schema_input_type=Camera | str)] = Field(
+    camera: Annotated[
+        Converted[Camera, Camera | str], BeforeValidator(_camera_or_name, json_schema_input_type=Camera | str)
+    ] = Field(
         default_factory=Camera.c920,
+        validate_default=True,
         description="base camera: a name that `mirrorcam camera list` shows, or a JSON or TOML file",
     )
     rows: int = MIRRORS.field(3, "rows of mirrors, one row of views each")
     cols: int = MIRRORS.field(3, "columns of mirrors")
-    pattern: Pattern | None = Field(
+    pattern: Annotated[
+        Converted[Pattern | None, Pattern | str | None],
+        BeforeValidator(_pattern_or_name, json_schema_input_type=Pattern | str | None),
+    ] = Field(
         default=None,
+        validate_default=True,
         exclude_if=lambda pattern: pattern is None,
         description="positions of the views instead of rows and columns: hex7, hex19, ring8 or a JSON or TOML file",
     )
@@ -87,8 +103,9 @@ class DesignSpec(Value):
     body_clearance_mm: float = GAP_MM.field(
         8.0, "clearance around the camera's body, for its clip, from mirrors and their light"
     )
-    depths_mm: tuple[Annotated[float, DEPTH_MM.limits], ...] = Field(
+    depths_mm: Converted[tuple[Annotated[float, DEPTH_MM.limits], ...], Sequence[float]] = Field(
         default=(300.0, 500.0),
+        validate_default=True,
         min_length=1,
         max_length=MAX_DEPTHS,
         description=f"scene depths at which the views overlap, from the pupil: 1 to {MAX_DEPTHS} of {DEPTH_MM}",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Annotated, Literal, Self
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
-from pydantic import AfterValidator, Field, ValidationInfo, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationInfo, model_validator
 from shapely import Polygon, STRtree
 
 from mirrorcam.core.arguments import AnyPath, check_type, path_of
@@ -16,9 +17,10 @@ from mirrorcam.core.bounds import GRID
 from mirrorcam.core.disk.files import LARGEST_LAYOUT_BYTES, read_model, write_text
 from mirrorcam.core.disk.fingerprint import value_digest
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.values import FloatArray, Matrix3, Metric, SquareMatrix, Value, array_of
+from mirrorcam.core.values import Converted, FloatArray, Matrix3, Metric, SquareMatrix, Value, array_of, with_tuples
 from mirrorcam.optics.geometry.arrangement import Arrangement, Pattern
 from mirrorcam.optics.geometry.camera import Camera
+from mirrorcam.optics.geometry.camera_library import named_camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.mirror import Mirror
 from mirrorcam.optics.geometry.rectangle_sizes import FREE
@@ -50,6 +52,11 @@ def _free_if_unstated(spec: DesignSpec | None, info: ValidationInfo) -> DesignSp
     """The specification of a file; layouts of version 0.2.0 state no shape, as all outlines were free."""
     is_unstated = spec is not None and info.mode == "json" and "shape" not in spec.model_fields_set
     return spec.replaced(shape=FREE) if spec is not None and is_unstated else spec
+
+
+def _camera_of(camera: object, info: ValidationInfo) -> object:
+    """A camera, or in Python its name in the library; the camera of a file is a table."""
+    return named_camera(camera) if isinstance(camera, str) and info.mode == "python" else with_tuples(camera)
 
 
 class Layout(Value):
@@ -89,8 +96,8 @@ class Layout(Value):
     rows: int = GRID.narrowed(min=0).field()
     cols: int = GRID.narrowed(min=0).field()
     pattern: Pattern | None = Field(default=None, exclude_if=lambda pattern: pattern is None)
-    camera: Camera
-    mirrors: tuple[Mirror, ...]
+    camera: Annotated[Converted[Camera, Camera | str], BeforeValidator(_camera_of)]
+    mirrors: Converted[tuple[Mirror, ...], Sequence[Mirror]]
     view_from_rig: Matrix3 = Field(default=FOLD_90_VIEW_FROM_RIG, validate_default=True)
     spec: Annotated[DesignSpec | None, AfterValidator(_free_if_unstated)] = None
     metrics: dict[str, Metric] = Field(default_factory=dict)

@@ -71,7 +71,9 @@ class Dataset(FolderManifest):
     )
     base_coverage: float = Field(description="fraction of the full sensor in which the base frames show corners")
     request: str
-    files: dict[str, str] = Field(default_factory=dict, description="SHA-256 of each file, by its name in the set")
+    files: dict[str, str] = Field(
+        default_factory=dict, repr=False, description="SHA-256 of each file, by its name in the set"
+    )
 
     @property
     def frame_names(self) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ from functools import partial
 from importlib import metadata
 from pathlib import Path
 
-from mirrorcam.core.arguments import AnyPath, check_type, path_of
+from mirrorcam.core.arguments import AnyPath, check_callable, check_type, path_of
 from mirrorcam.core.disk.files import write_bytes, write_files, write_json, write_npz
 from mirrorcam.core.disk.fingerprint import value_digest
 from mirrorcam.core.errors import InputError
@@ -114,6 +114,7 @@ def render_set(
         the pictures do not fit the video's format, or `out` contains a different set.
     """
     check_type("request", request, SetRequest)
+    check_callable("progress", progress)
     out = path_of("out", out)
     check_video(request.settings, request.layout.camera, request.rate_hz)
     if request.parts is not None and request.settings.renderer == "fast":

@@ -9,7 +9,6 @@ from pydantic import BeforeValidator, Field, model_validator
 from mirrorcam.core.bounds import DEPTH_MM, PICTURES, SAMPLES_PER_PIXEL, SEED, Bounds
 from mirrorcam.core.names import Line
 from mirrorcam.core.values import FloatArray, InvalidValue, Shaped, Value, with_tuples
-from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.geometry.boards import CalibrationBoard, default_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import MAX_DEPTHS, DesignSpec
@@ -31,16 +30,6 @@ Slug = Annotated[str, Field(max_length=48, pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$")]
 """A name of lower-case letters, digits and hyphens, also usable as a folder name."""
 COPIES = PICTURES.narrowed(min=1)
 BINNED = Bounds(0.05, 1.0)
-
-
-def _design(data: object) -> object:
-    """Read a suite's design table, whose pattern may be a name such as hex7."""
-    if isinstance(data, dict) and isinstance(name := data.get("pattern"), str):
-        pattern = Pattern.named(name)
-        if pattern is None:
-            raise ValueError(f"pattern {name[:40]!r}: expected hexN, ringN or a table of positions")
-        data = data | {"pattern": pattern.model_dump()}
-    return with_tuples(data)
 
 
 def _sensor(data: object) -> object:
@@ -93,7 +82,7 @@ class SetRecipe(Value):
     name: Slug
     why: Line = ""
     copies: int = COPIES.field(1)
-    design: Annotated[DesignSpec, BeforeValidator(_design)] = Field(default_factory=DesignSpec)
+    design: Annotated[DesignSpec, BeforeValidator(with_tuples)] = Field(default_factory=DesignSpec)
     layout: Layout | None = None
     binned: float = BINNED.field(1.0)
     lens_model: LensName | None = None

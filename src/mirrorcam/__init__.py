@@ -53,6 +53,7 @@ __all__ = [
     "build_parts",
     "calibrate",
     "calibrate_camera",
+    "calibrate_from_corners",
     "design",
     "designs_for",
     "estimate_depth",
@@ -85,6 +86,7 @@ if TYPE_CHECKING:
     from mirrorcam.optics.calibration.calibration import calibrate
     from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
     from mirrorcam.optics.calibration.diagnostics.requested_model import RequestedModel
+    from mirrorcam.optics.calibration.given_corners import calibrate_from_corners
     from mirrorcam.optics.calibration.plain_camera import calibrate_camera
     from mirrorcam.optics.design.optimise import design
     from mirrorcam.optics.geometry.boards import AprilGrid, Charuco, Checkerboard, load_board
@@ -151,6 +153,7 @@ else:
         "build_parts": "cad.build",
         "calibrate": "optics.calibration.calibration",
         "calibrate_camera": "optics.calibration.plain_camera",
+        "calibrate_from_corners": "optics.calibration.given_corners",
         "design": "optics.design.optimise",
         "designs_for": "designs.target_search",
         "estimate_depth": "optics.light_field.depth.estimate",
@@ -172,4 +175,4 @@ else:
         return value
 
     def __dir__():
-        return sorted({*globals(), *_MODULES})
+        return [*__all__, *(name for name in globals() if name.startswith("__"))]

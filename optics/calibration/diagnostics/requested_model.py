@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
 from mirrorcam.optics.geometry.lenses.families import LensName
 
@@ -49,8 +50,11 @@ class RequestedModel:
     surface: Literal["first", "second"] | None = None
 
     @classmethod
-    def parse(cls, text: str) -> RequestedModel:
-        """Parse words joined by "+"; raises InputError for unknown or contradictory words."""
+    def parse(cls, text: str | RequestedModel) -> RequestedModel:
+        """Parse words joined by "+", or return a model; raises InputError for unknown or contradictory words."""
+        check_type("model", text, str, RequestedModel)
+        if isinstance(text, RequestedModel):
+            return text
         words = text.split("+")
         lenses = [word for word in get_args(LensName) if word in words]
         surfaces = [surface for word, surface in SURFACES.items() if word in words]

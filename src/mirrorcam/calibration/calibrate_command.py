@@ -70,7 +70,7 @@ def calibrate(
     with output_folder(out, "calibrate", force=force) as output:
         result = result_name(plain=request.is_plain)
         output.refuse_others(result, *FILES)
-        with long_work("calibrate", "finding corners" if pictures else "solving", "pictures") as advance:
+        with long_work("calibrate", "finding corners" if pictures else "solving", "steps") as advance:
             calibration = calibrate_files(
                 pictures,
                 request,

@@ -35,8 +35,8 @@ def validate(
     with output_folder(out, "validate", force=force) as output:
         result = result_name(plain=False)
         output.refuse_others(result, *FILES)
-        with long_work("validate", "blind calibration, comparison with the truth", "pictures") as advance:
-            validation = validate(rendered, advance)
+        with long_work("validate", "blind calibration, comparison with the truth", "steps") as advance:
+            validation = validate(rendered, progress=advance)
         with output.staged(result=result) as folder:
             write_validation(validation, folder, command="mirrorcam validate")
     print_metrics({"measured": validation.metrics})

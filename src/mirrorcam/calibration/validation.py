@@ -14,7 +14,7 @@ import numpy as np
 from mirrorcam.calibration.calibration_files import write_calibration
 from mirrorcam.calibration.decoded_corners import DecodedCorners, decoded_corners
 from mirrorcam.calibration.error_bounds import LIMITED, bounded, corner_bounds, mirror_bounds
-from mirrorcam.core.arguments import AnyPath, path_of
+from mirrorcam.core.arguments import AnyPath, check_callable, path_of
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, inside, read_model, write_metrics
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
@@ -51,8 +51,8 @@ class Validation:
         return all(metric.passed for metric in self.metrics.values())
 
 
-def calibrate_set(folder: Path, progress: Progress = no_progress) -> Calibration:
-    """Calibrate a rendered set from its frames, base frames, nominal layout and board alone; `progress` per picture."""
+def calibrate_set(folder: Path, *, progress: Progress = no_progress) -> Calibration:
+    """Calibrate a rendered set from its frames, base frames, nominal layout and board; `progress` as in `calibrate`."""
     dataset = Dataset.load(folder)
     layout, board = Layout.load(folder / "layout.json"), load_board(folder / "board.toml")
 
@@ -62,7 +62,7 @@ def calibrate_set(folder: Path, progress: Progress = no_progress) -> Calibration
     return calibrate(frames, base_frames, layout, board, workers=cores(), names=names, progress=progress)
 
 
-def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
+def validate(folder: AnyPath, *, progress: Progress = no_progress) -> Validation:
     """Calibrate and decode a rendered set from its pictures alone, then compare the result with the set's truth.
 
     With two mirrors, their common rotation about the line where their planes meet, which no picture shows, is removed.
@@ -72,8 +72,8 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     folder
         Folder of a set made by `render_set`.
     progress
-        Called with the number of steps done and their total; a picture via the mirrors counts twice, as it is
-        also decoded.
+        Called with the number of steps done and the number expected: those of `calibrate`, and one per picture via the
+        mirrors that is decoded.
 
     Returns
     -------
@@ -86,10 +86,16 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
         If the set lacks a file, or its pictures do not suffice.
     """
     folder = path_of("folder", folder)
+    check_callable("progress", progress)
     dataset, board = Dataset.load(folder), load_board(folder / "board.toml")
-    pictures = dataset.frames + dataset.base_frames
-    total = pictures + dataset.frames
-    calibration = calibrate_set(folder, lambda done, _: progress(done, total))
+    total = 0
+
+    def advance(done: int, expected: int) -> None:
+        nonlocal total
+        total = expected + dataset.frames
+        progress(done, total)
+
+    calibration = calibrate_set(folder, progress=advance)
     truth = true_layout(folder)
     poses = read_model(_Poses, folder / "truth" / "poses.json", LARGEST_FILE_BYTES).frames
     layout, pair_metrics = calibration.layout, {}
@@ -105,7 +111,7 @@ def validate(folder: AnyPath, progress: Progress = no_progress) -> Validation:
     for done, (name, rig_from_board) in enumerate(zip(dataset.frame_names, poses, strict=True), start=1):
         light_field = decoder.decode(read_image(inside(folder, name)))
         parts.append(decoded_corners(light_field, layout, truth, board, rig_from_board))
-        progress(pictures + done, total)
+        progress(total - dataset.frames + done, total)
     decoded = DecodedCorners.join(parts)
     metrics |= decoded_metrics(decoded.distances_px())
     for name in set(LIMITED) - metrics.keys():

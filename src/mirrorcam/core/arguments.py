@@ -53,6 +53,12 @@ def check_choice(name: str, value: object, *expected: str) -> None:
         raise InputError(f"{name}: {value!r}, expected {' or '.join(expected)}")
 
 
+def check_callable(name: str, value: object) -> None:
+    """Raise TypeError for an argument that cannot be called."""
+    if not callable(value):
+        raise TypeError(f"{name}: {type(value).__name__}, expected a function")
+
+
 def check_type(name: str, value: object, *expected: type) -> None:
     """Raise TypeError unless an argument has one of the types; a bool is no int."""
     _check(name, value, expected, " or ".join(kind.__name__ for kind in expected))

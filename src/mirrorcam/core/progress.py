@@ -7,7 +7,8 @@ from collections.abc import Callable
 Progress = Callable[[int, int], None]
 """Called as `progress(done, total)` with the number of steps, frames or pictures done, and their total.
 
-It is called in the thread of the caller; an exception that it raises ends the work.
+It is called in the thread of the caller, first with no step done and last with all; the total may grow, but never
+decreases. An exception that it raises ends the work.
 """
 
 
@@ -21,3 +22,21 @@ Step = Callable[[str], None]
 
 def no_step(step: str) -> None:
     """Ignore steps."""
+
+
+class Steps:
+    """Counts steps whose number is only expected, and reports each: the total grows if more are needed."""
+
+    def __init__(self, progress: Progress, expected: int) -> None:
+        self._progress, self._done, self.total = progress, 0, expected
+        progress(0, expected)
+
+    def advance(self, *_: object) -> None:
+        """Report one more step as done, and another one to come."""
+        self._done += 1
+        self.total = max(self.total, self._done + 1)
+        self._progress(self._done, self.total)
+
+    def finish(self) -> None:
+        """Report all steps as done."""
+        self._progress(self.total, self.total)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from types import EllipsisType
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +32,24 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import one_line
 
 FloatArray = NDArray[np.float64]
+Stored = TypeVar("Stored", covariant=True)
+Given = TypeVar("Given", contravariant=True)
+
+if TYPE_CHECKING:
+
+    class Converted(Generic[Stored, Given]):
+        """Type of a field that is stored as one type, and accepts another, from which its validator converts."""
+
+        def __get__(self, instance: object, owner: Any) -> Stored: ...
+        def __set__(self, instance: object, value: Given) -> None: ...
+
+else:
+
+    class Converted:
+        """For the interpreter, the type that is stored."""
+
+        def __class_getitem__(cls, stored_given):
+            return stored_given[0]
 
 
 class InvalidValue(InputError):
@@ -169,12 +189,19 @@ def _hashable(data: Any) -> Any:
     return tuple(_hashable(value) for value in data) if isinstance(data, list | tuple) else data
 
 
+_NUMBERS = ("int", "float")
 _CONTAINERS = ("list", "tuple", "set", "frozenset", "dict")
 """Types of pydantic schemas whose validation can stop at the first invalid item."""
 
 
-def _stop_at_first(schema: Any) -> None:
-    """Make the validation of all lists and tables in a pydantic schema stop at the first invalid item.
+def _refuse_bool(number: Any) -> Any:
+    if isinstance(number, bool | np.bool):
+        raise ValueError(f"{number}, expected a number")
+    return number
+
+
+def _adapt(schema: Any) -> None:
+    """Adapt a pydantic schema: no truth value is a number, and lists are read up to the first invalid item.
 
     Findings about all items of a long list would take gigabytes.
     """
@@ -184,6 +211,11 @@ def _stop_at_first(schema: Any) -> None:
         if isinstance(part, dict):
             if part.get("type") in _CONTAINERS:
                 part["fail_fast"] = True
+            if part.get("type") in _NUMBERS:
+                number = dict(part)
+                part.clear()
+                part |= core_schema.no_info_before_validator_function(_refuse_bool, number)
+                continue
             pending += (inner for name, inner in part.items() if name not in ("default", "metadata"))
         elif isinstance(part, list | tuple):
             pending += part
@@ -202,10 +234,19 @@ class Value(BaseModel):
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         schema = handler(source)
-        _stop_at_first(schema)
+        _adapt(schema)
         return schema
 
+    @classmethod
+    def __pydantic_init_subclass__(cls, **options: Any) -> None:
+        """List the fields in the docstring, so that `help` shows their descriptions."""
+        described = {name: field for name, field in cls.model_fields.items() if field.description}
+        if described and "Attributes\n" not in (cls.__doc__ or ""):
+            lines = (f"{name}\n    {field.description}" for name, field in described.items())
+            cls.__doc__ = "\n".join((inspect.cleandoc(cls.__doc__ or ""), "", "Attributes", "-" * 10, *lines))
+
     def __init__(self, **fields: Any) -> None:
+        """Make a value of its fields; raises InputError for an invalid or missing one."""
         try:
             super().__init__(**fields)
         except ValidationError as error:
@@ -229,6 +270,18 @@ class Value(BaseModel):
             return super().model_validate_json(json_data, **options)
         except ValidationError as error:
             raise InvalidValue(one_line(error, cls)) from error
+
+    if not TYPE_CHECKING:  # type checkers know the fields
+
+        def __setattr__(self, name, value):
+            copy = f"value.replaced({name}=...)"
+            raise AttributeError(f"{name}: a {type(self).__name__} is frozen, expected {copy}, which makes a copy")
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """The fields of the representation: those that were given, as the others have their defaults."""
+        return ((name, value) for name, value in super().__repr_args__() if name in self.model_fields_set)
+
+    __str__ = BaseModel.__repr__
 
     def __eq__(self, other: object) -> bool:
         return type(other) is type(self) and isinstance(other, Value) and self.model_dump() == other.model_dump()

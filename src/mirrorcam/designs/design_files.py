@@ -111,7 +111,7 @@ def write_design(
 
     Raises InfeasibleDesign, before anything is written, if no layout meets the spec.
     """
-    return write_layout(optimise.design(spec, calls, progress=progress), folder)
+    return write_layout(optimise.design(spec, calls=calls, progress=progress), folder)
 
 
 def write_layout(optimised: Layout, folder: Path) -> DesignComparison:

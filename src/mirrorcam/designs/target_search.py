@@ -16,6 +16,7 @@ from typing import Self
 import numpy as np
 
 from mirrorcam.cad.plan.hardware import HARDWARE, Hardware
+from mirrorcam.core.arguments import check_callable
 from mirrorcam.core.bounds import FOLD_DEG
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.calls import Calls, in_turn
@@ -120,6 +121,7 @@ def designs_for(
     InputError
         For an invalid target, a distance nearer than any device, an unknown field in `vary`, or if no design was found.
     """
+    check_callable("progress", progress)
     target = target if isinstance(target, Target) else Target.of(target)
     if unknown := set(vary) - set(VARIED):
         raise InputError(f"vary: {min(unknown)}, expected some of {', '.join(VARIED)}")

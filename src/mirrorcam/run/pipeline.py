@@ -108,7 +108,7 @@ def stages(recipe: Recipe, root: Path) -> tuple[Stage, ...]:
         render_set(recipe.set_request(Layout.load(nominal)), folder, progress=progress)
 
     def check(folder: Path, progress: Progress) -> None:
-        write_validation(validate(synthetic, progress), folder, command="mirrorcam run")
+        write_validation(validate(synthetic, progress=progress), folder, command="mirrorcam run")
 
     def decode(folder: Path, progress: Progress) -> None:
         decode_picture(frame, Decoder(Layout.load(calibrated)), folder)

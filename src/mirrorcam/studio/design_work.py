@@ -54,7 +54,7 @@ def solve(spec: DesignSpec, calls: Calls = in_turn, progress: Progress = no_prog
     from mirrorcam.optics.design.optimise import design
 
     try:
-        layout = design(spec, calls, progress=progress)
+        layout = design(spec, calls=calls, progress=progress)
     except InfeasibleDesign as error:
         from mirrorcam.studio.drawing import violation_drawing
 

@@ -368,7 +368,7 @@ def test_searches_in_two_processes_find_the_same_bytes(objective: str) -> None:
     spec = DesignSpec.model_validate({"rows": 1, "cols": 2, "objective": objective})
     worker = WorkerProcess(preload=["mirrorcam.optics.design.optimise"])
     try:
-        elsewhere = design(spec, in_parallel(worker))
+        elsewhere = design(spec, calls=in_parallel(worker))
     finally:
         worker.kill()
     assert elsewhere.model_dump_json() == designed(spec).model_dump_json()

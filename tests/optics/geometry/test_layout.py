@@ -162,7 +162,7 @@ def _with(data: dict[str, Any], path: list[Any], value: Any) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
-        (["schema"], "mirrorcam.layout/2", "schema: Input should be 'mirrorcam.layout/1'"),
+        (["schema"], "mirrorcam.layout/2", "schema: 'mirrorcam.layout/2', expected 'mirrorcam.layout/1'"),
         (["cols_"], 3, "cols_: not known, did you mean cols?"),
         (["camera", "skew"], 0.0, "camera.skew: not known"),
         (["camera", "fx_px"], NAN, "camera.fx_px: Input should be a finite number"),

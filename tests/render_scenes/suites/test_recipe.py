@@ -70,7 +70,7 @@ def test_boards_stand_at_the_depths_that_are_stated(default_layout: Layout) -> N
         ({"name": "../out"}, "name"),
         ({"sensor": "phone"}, "sensor 'phone': expected one of ideal"),
         ({"sensor": {"like": "phone"}}, "expected one of ideal"),
-        ({"design": {"pattern": "cross"}}, "pattern 'cross': expected hexN, ringN"),
+        ({"design": {"pattern": "cross"}}, "design.pattern: 'cross', expected hexN, ringN"),
         ({"lens_model": "fisheye"}, "lens_model and distortion: expected both or none"),
         ({"lens_model": "fisheye", "distortion": [1.0]}, "distortion"),
         ({"finish": {"sag_mm": 0.1}}, "renderer fast: mirrors are smooth and flat"),
