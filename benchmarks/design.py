@@ -19,7 +19,6 @@ import numpy as np
 
 from benchmarks.design_peers import ScipyProblem, first_problem, peers, seconds_of
 from benchmarks.records import TIMES, Rows, Table, add_json_option, write_record
-from mirrorcam.core.processes.calls import in_turn
 from mirrorcam.core.processes.worker_pool import in_two_processes
 from mirrorcam.optics.design.optimise import design
 from mirrorcam.optics.geometry.design_spec import DesignSpec, InfeasibleDesign
@@ -53,12 +52,12 @@ def speed() -> Table:
     with in_two_processes(["mirrorcam.optics.design.optimise"]) as calls:
         for count, limit_s in LIMITS_S.items():
             spec = DesignSpec(rows=count[0], cols=count[1])
-            times = [seconds_of(partial(design, spec, in_turn)) for _ in range(RUNS[count])]
+            times = [seconds_of(partial(design, spec)) for _ in range(RUNS[count])]
             seconds = (statistics.median(times), min(times), max(times), cold_s(*count))
             figures = (f"{value:.{2 if value < 4.0 else 1}f} s" for value in seconds)
             rows.add(f"{count[0]} {TIMES} {count[1]}, {len(times)} runs", *figures, f"{limit_s:g} s")
             design(spec, calls=calls)
-            times = [seconds_of(partial(design, spec, calls)) for _ in range(RUNS[count])]
+            times = [seconds_of(partial(design, spec, calls=calls)) for _ in range(RUNS[count])]
             print(f"in two processes: {statistics.median(times):.2f} s, {min(times):.2f} to {max(times):.2f} s")
     return rows.table
 

@@ -59,11 +59,11 @@ def main() -> None:
         for count in arguments.counts:
             for fold_deg in (120.0, "auto"):
                 spec = DesignSpec(rows=count, cols=count, fold_deg=fold_deg, shape="free")
-                free = design(spec, calls)
+                free = design(spec, calls=calls)
                 cells, of_free = [f"{usable_efficiency(free):.3f} ({fold_text(free)})"], usable_efficiency(free)
                 for name, fields in SHAPES.items():
                     try:
-                        layout = design(spec.replaced(**fields), calls)
+                        layout = design(spec.replaced(**fields), calls=calls)
                     except InfeasibleDesign as error:
                         print(f"{count}x{count} {fold_deg} {name}: {error}", flush=True)
                         cells.append("-")

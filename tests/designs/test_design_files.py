@@ -94,7 +94,7 @@ def test_a_request_names_a_camera_of_the_library_or_a_file(tmp_path: Path) -> No
     assert request_toml(read_request(path).spec) == request_toml(DesignSpec())
     (tmp_path / "own.json").write_text(Camera.c920().replaced(name="own").model_dump_json(), encoding="utf-8")
     path.write_text(f"camera = '{tmp_path / 'own.json'}'\n", encoding="utf-8")
-    assert read_request(path).camera.name == "own"
+    assert read_request(path).spec.camera.name == "own"
     path.write_text('camera = "nikon"\n', encoding="utf-8")
     with pytest.raises(InputError, match=r"design\.toml: camera: .*camera 'nikon': expected one of .*c920") as caught:
         read_request(path)
