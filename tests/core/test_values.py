@@ -120,12 +120,6 @@ def test_one_finding_is_counted_once() -> None:
         assert "more)" not in str(caught.value)
 
 
-def test_truth_values_are_no_numbers() -> None:
-    for fields in ({"size_mm": True}, {"notes": {"a": False}}, {"size_mm": np.True_}):
-        with pytest.raises(InvalidValue, match="expected a number"):
-            Thing(point=[0, 0, 0], **fields)
-
-
 def test_fields_are_described_in_the_docstring_and_given_ones_shown() -> None:
     class Described(Thing):
         """A thing."""

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
 LONGEST_MESSAGE = 300
-_BRANCH = re.compile(r"\[.*\]|^constrained-")
+_BRANCH = re.compile(r"\[.*\]|^constrained-|^(int|float|str|bool)$")
 
 
 def shortened(text: str, max_length: int = LONGEST_MESSAGE) -> str:

@@ -189,19 +189,12 @@ def _hashable(data: Any) -> Any:
     return tuple(_hashable(value) for value in data) if isinstance(data, list | tuple) else data
 
 
-_NUMBERS = ("int", "float")
 _CONTAINERS = ("list", "tuple", "set", "frozenset", "dict")
 """Types of pydantic schemas whose validation can stop at the first invalid item."""
 
 
-def _refuse_bool(number: Any) -> Any:
-    if isinstance(number, bool | np.bool):
-        raise ValueError(f"{number}, expected a number")
-    return number
-
-
-def _adapt(schema: Any) -> None:
-    """Adapt a pydantic schema: no truth value is a number, and lists are read up to the first invalid item.
+def _stop_at_first(schema: Any) -> None:
+    """Make the validation of all lists and tables in a pydantic schema stop at the first invalid item.
 
     Findings about all items of a long list would take gigabytes.
     """
@@ -211,11 +204,6 @@ def _adapt(schema: Any) -> None:
         if isinstance(part, dict):
             if part.get("type") in _CONTAINERS:
                 part["fail_fast"] = True
-            if part.get("type") in _NUMBERS:
-                number = dict(part)
-                part.clear()
-                part |= core_schema.no_info_before_validator_function(_refuse_bool, number)
-                continue
             pending += (inner for name, inner in part.items() if name not in ("default", "metadata"))
         elif isinstance(part, list | tuple):
             pending += part
@@ -234,7 +222,7 @@ class Value(BaseModel):
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         schema = handler(source)
-        _adapt(schema)
+        _stop_at_first(schema)
         return schema
 
     @classmethod
