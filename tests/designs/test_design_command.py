@@ -15,7 +15,7 @@ from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.designs.design_command import DesignChanges
 from mirrorcam.designs.design_files import request_toml
 from mirrorcam.designs.target import Target, measure
-from mirrorcam.designs.target_search import TargetDesigns
+from mirrorcam.designs.target_search import VARIED, TargetDesigns
 from mirrorcam.optics.design.assess.layout_metrics import evaluate
 from mirrorcam.optics.design.assess.verify import verify
 from mirrorcam.optics.geometry.arrangement import Pattern
@@ -185,7 +185,7 @@ def test_a_target_writes_the_best_design_and_prints_what_gives_way(
     assert main(command) == status
     assert asked == {
         "spec": DesignSpec(rows=2, camera=read_camera("brio")),
-        "vary": {"cols", "scale_mm", "fold_deg", "depths_mm"},
+        "vary": set(VARIED) - {"rows"},
     }
     assert Layout.load(tmp_path / "layout.json") == solved
     printed = capsys.readouterr().out

@@ -59,7 +59,8 @@
       for (const field of form.elements) field.removeAttribute("aria-invalid");
       for (const [field] of wrong) field.setAttribute("aria-invalid", "true");
       note.textContent = wrong.map(([field, text]) => `${field.getAttribute("aria-label")}: ${text}.`).join(" ");
-      wrong[0]?.[0].focus();
+      wrong[0]?.[0].focus({ preventScroll: true });
+      if (wrong.length) note.scrollIntoView({ block: "nearest" });
     };
     form.addEventListener("submit", async (event) => {
       event.preventDefault();
