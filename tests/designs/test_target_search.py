@@ -110,8 +110,8 @@ def test_a_design_that_meets_a_target_is_never_followed_by_none() -> None:
 
 
 def test_a_distance_nearer_than_the_device_is_refused() -> None:
-    with pytest.raises(InputError, match="distance 1 mm is nearer than the device"):
-        designs_for("1mm@1mm", SPEC, vary=VARY, calls=sketched)
+    with pytest.raises(InputError, match="distance 15 mm is nearer than the device"):
+        designs_for("1mm@15mm", SPEC, vary=VARY, calls=sketched)
 
 
 def test_unknown_fields_are_refused() -> None:

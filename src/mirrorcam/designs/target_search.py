@@ -149,11 +149,11 @@ def designs_for(
         may_meet = search.met or any(choice.cost.missed == 0.0 for choice in chosen)
         if may_add_others and not may_meet and (done > len(counts) or not chosen):
             may_add_others = False
+            for layout in same_camera:
+                search.take_in(layout, others=True)
             for common in search.most_promising(RECUT):
                 for other in _with_other_mirrors(common):
                     search.add(other)
-            for layout in same_camera:
-                search.take_in(layout, others=True)
             continue
         if not chosen:
             break
@@ -162,6 +162,8 @@ def designs_for(
                 search.learn(choice, outcome, layout)
                 done += 1
                 progress(done, total)
+    for layout in same_camera if may_add_others and not search.met else ():
+        search.take_in(layout, others=True)
     progress(total, total)
     return search.result()
 
