@@ -20,7 +20,16 @@ GROUPS = {
     ),
     "Backs of your own": ("MountFace", "Adapter", "Fastener"),
     "Calibration": (
-        *("AprilGrid", "Charuco", "Checkerboard", "load_board", "RequestedModel", "calibrate", "calibrate_camera"),
+        *(
+            "AprilGrid",
+            "Charuco",
+            "Checkerboard",
+            "load_board",
+            "RequestedModel",
+            "calibrate",
+            "calibrate_from_corners",
+            "calibrate_camera",
+        ),
         *("Calibration", "CalibratedCamera"),
     ),
     "Pictures, videos and cameras": (

@@ -104,7 +104,7 @@ def test_views_whose_disparity_is_zero_at_infinity_have_depth(
     (tmp_path / "set" / "views.toml").write_text(geometry, encoding="utf-8")
     arguments = ["depth", str(tmp_path / "set"), "--far-mm", "900", "--out", str(tmp_path)]
     assert main(arguments) == 2
-    assert "the reference plane is at infinity: give near_mm (--near-mm)" in capsys.readouterr().err
+    assert "the reference plane is at infinity, expected near_mm" in capsys.readouterr().err
     assert main([*arguments, "--near-mm", "350"]) == 0
     with np.load(tmp_path / "set_depth.npz") as arrays:
         found, sure = arrays["depth_mm"], arrays["confidence"] > 0.5

@@ -95,7 +95,7 @@ def test_the_record_of_a_page_is_replaced_and_nothing_else() -> None:
 
 def test_a_record_says_where_it_was_made() -> None:
     text = record_of(gallery())
-    assert "on a machine with a machine, of commit 0, with none, in 1 minutes" in text
+    assert "on a machine with a machine, of commit 0, with none, in 1 min of processor time" in text
     assert table_of(gallery()) in text
     assert "![The three devices" in text
 
