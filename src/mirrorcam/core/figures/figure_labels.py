@@ -138,7 +138,7 @@ DESIGNS: Mapping[str, str] = {
     "unlike_spec": "differences from request",
     "outside_sensor_px": "sub-images beyond sensor",
     "slab_stray_mm": "ray offset by the glass",
-    "slab_stray_px": "its ray offset in the picture",
+    "slab_stray_px": "ray offset, in the picture",
     "off_rectangle_mm": "off rectangle",
     "off_size_mm": "off size",
     "shortest_edge_mm": "shortest edge of a mirror",
