@@ -99,7 +99,7 @@ def test_the_command_fails_past_a_limit_and_still_reports(
 ) -> None:
     strict = {n: m.replaced(limit=1e-9) if m.limit else m for n, m in validation.metrics.items()}
     for found, code in ((validation, 0), (Validation(validation.calibration, strict), 1)):
-        monkeypatch.setattr("mirrorcam.calibration.validation.validate", lambda *_, found=found: found)
+        monkeypatch.setattr("mirrorcam.calibration.validation.validate", lambda *_, found=found, **__: found)
         assert main(["validate", str(half_set), "--out", str(tmp_path / str(code))]) == code
         assert {path.name for path in (tmp_path / str(code)).iterdir() if path.name != ".mirrorcam"} == {
             "corners.csv",
