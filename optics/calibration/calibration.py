@@ -129,10 +129,6 @@ def calibrate(
         steps.advance()
         on_observations([frame.corners for frame in detected])
 
-    def begin(step: str) -> None:
-        steps.advance()
-        on_step(step)
-
     mirrored_detected = detect(reader.read(frames, mirrored=True), mirrored=True, on_frame=report)
     if not mirrored_detected:
         raise InputError("frames: no pictures given")
@@ -173,7 +169,7 @@ def calibrate(
             names=None
             if names is None
             else [group[n] for group, used in zip(names, chosen, strict=True) for n in used],
-            on_step=begin,
+            on_step=steps.counting(on_step),
         )
     except InputError:
         # The stated board was found but does not fit: parts of a larger checkerboard can look like it.

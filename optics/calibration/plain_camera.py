@@ -110,10 +110,6 @@ def calibrate_camera(
     provisional = _unknown_camera(given) if nominal is None else nominal
     steps = Steps(progress, len(given) + SOLUTION_STEPS)
 
-    def begin(step: str) -> None:
-        steps.advance()
-        on_step(step)
-
     reader = PictureReader(provisional, "the first picture" if nominal is None else f"the {nominal.name}")
     detected = detect_frames(
         reader.read(given, mirrored=False),
@@ -140,7 +136,7 @@ def calibrate_camera(
         layout = Layout.bare(camera if nominal is None else _with_body(camera, nominal))
         shown = BoardPictures([reader.base[number] for number in used], board, workers)
         calibration = calibrate_corners(
-            [], frames, layout, corners_mm, model=model, pictures=shown, names=names, on_step=begin
+            [], frames, layout, corners_mm, model=model, pictures=shown, names=names, on_step=steps.counting(on_step)
         )
     except InputError:
         # The stated board was found but does not fit: parts of a larger checkerboard can look like it.

@@ -160,8 +160,8 @@ class Views:
     def project_in_view(self, points_in_view: ArrayLike) -> FloatArray:
         """Return the pixels (t, s, ..., 2) in all views of points (..., 3) in the view frame, mm; NaN behind a view.
 
-        The origin of the view frame is the reference view, that of view axes the pupil: points in view axes are those
-        in the rig frame, rotated, for `project`. Raises InputError for points of another shape.
+        The view frame has its origin at the reference view, view axes have theirs at the pupil. Rotate points in view
+        axes to the rig frame, and call `project`. Raises InputError for points of another shape.
         """
         points = array_of("points_in_view", points_in_view, ..., 3)
         grid = (self.rows, self.cols) + (1,) * (points.ndim - 1)

@@ -37,6 +37,15 @@ class Steps:
         self.total = max(self.total, self._done + 1)
         self._progress(self._done, self.total)
 
+    def counting(self, on_step: Step) -> Step:
+        """Return a callback that reports a step, then calls `on_step` with its name."""
+
+        def begin(name: str) -> None:
+            self.advance()
+            on_step(name)
+
+        return begin
+
     def finish(self) -> None:
         """Report all steps as done."""
         self._progress(self.total, self.total)
