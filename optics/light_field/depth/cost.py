@@ -116,7 +116,11 @@ def matching_costs(
         np.float32(OCCLUSION_PX / sweep.step_px),
     )
     volume = Volume.empty(full_range(shape, sweep.plane_count) if ranges is None else ranges)
-    list(run(lambda band: fill_costs(*band, views, sweep.mapping, volume.ranges, volume.costs), bands(shape[0])))
+
+    def fill(band: tuple[int, int]) -> None:
+        fill_costs(*band, views, sweep.mapping, volume.ranges, *_work(sweep.mapping.rings[-1]), volume.costs)
+
+    list(run(fill, bands(shape[0])))
     weakness = np.clip(
         np.float32(2.0) - mean_gradient(reference, CONTRAST_PX + 2) / np.float32(WEAK_GRADIENT), 0.0, 1.0
     )
@@ -357,12 +361,8 @@ def _block(
     decide(mapping.rings, occlusion_known, work, pixels)
 
 
-@compiled
-def fill_costs(
-    first: int, last: int, views: ComparedViews, mapping: PlaneMapping, ranges: Ranges, costs: UInt16
-) -> None:
-    """Fill the costs of rows `first` to `last` of the reference view over their ranges; `first` begins a tile."""
-    width, sectors = views.inverse_contrast.shape[1], mapping.rings[-1]
+def _work(sectors: int) -> tuple[Work, Rows]:
+    """Return work arrays of a thread for the longest run of pixels."""
     max_pixels = TILE_PX * MAX_RUN_PX
     work = Work(
         np.zeros((2, sectors, max_pixels), np.float32),
@@ -373,13 +373,32 @@ def fill_costs(
         np.empty((3, CHANNELS * (MAX_RUN_PX + 1)), np.float32),
         np.empty(max_pixels, np.float32),
     )
-    numbers = np.empty((3, TILE_PX), np.int64)
-    rows = Rows(numbers[0], numbers[1], numbers[2], np.empty(TILE_PX, np.float32))
+    own, above, nearest = np.empty((3, TILE_PX), np.int64)
+    return work, Rows(own, above, nearest, np.empty(TILE_PX, np.float32))
+
+
+@compiled
+def fill_costs(
+    first: int,
+    last: int,
+    views: ComparedViews,
+    mapping: PlaneMapping,
+    ranges: Ranges,
+    work: Work,
+    rows: Rows,
+    costs: UInt16,
+) -> None:
+    """Fill the costs of rows `first` to `last` of the reference view over their ranges; `first` begins a tile."""
+    width = views.inverse_contrast.shape[1]
     for top in range(first, last, TILE_PX):
         bottom = min(top + TILE_PX, last)
         low, count = ranges.low[top], ranges.plane_count[top]
-        for plane in range(low.min(), (low + count).max()):
-            begin = 0
+        first_plane, end_plane = low[0], low[0] + count[0]
+        for x in range(0, width, TILE_PX):
+            first_plane, end_plane = min(first_plane, low[x]), max(end_plane, low[x] + count[x])
+        for plane in range(first_plane, end_plane):
+            # Of type int64: with a literal, `_block` would be compiled twice.
+            begin = np.int64(0)
             while begin < width:
                 if not low[begin] <= plane < low[begin] + count[begin]:
                     begin += TILE_PX
@@ -415,7 +434,8 @@ def average_weak(
             low, count, start = ranges.low[y, x], ranges.plane_count[y, x], ranges.start[y, x]
             own, result = costs[start : start + count], out[start : start + count]
             if not weakness[y, x] > 0:
-                result[:] = own
+                for plane in range(count):
+                    result[plane] = own[plane]
                 continue
             total = sums[:count]
             total[:] = 0.0

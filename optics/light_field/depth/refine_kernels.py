@@ -360,7 +360,9 @@ def conjugate_gradients(
         for y in range(height - 1, -1, -1):
             row_residual, row_product, row_inverse = residual[y], product[y], inverse_diagonal[y]
             if iteration == 0:
-                row_residual[:] = target[y] - row_product
+                row_target = target[y]
+                for x in range(width):
+                    row_residual[x] = row_target[x] - row_product[x]
             else:
                 for x in range(width):
                     row_residual[x] -= alpha * row_product[x]

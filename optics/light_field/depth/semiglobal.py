@@ -128,10 +128,10 @@ def _path(
     path, result = work[0], work[1]
     subplane = np.float32(0.0)
     low, count, start = ranges.low[y, x], ranges.plane_count[y, x], ranges.start[y, x]
-    path[2 : count + 2] = costs[start : start + count]
-    sums = total[start : start + count]
+    matched, sums = costs[start : start + count], total[start : start + count]
     for plane in range(count):
-        sums[plane] += path[plane + 2]
+        path[plane + 2] = matched[plane]
+        sums[plane] += matched[plane]
     next_plane = np.uint16(surface.next_plane)
     y, x = y + dy, x + dx
     while 0 <= y < height and 0 <= x < width:
