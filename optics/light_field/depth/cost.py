@@ -397,7 +397,6 @@ def fill_costs(
         for x in range(0, width, TILE_PX):
             first_plane, end_plane = min(first_plane, low[x]), max(end_plane, low[x] + count[x])
         for plane in range(first_plane, end_plane):
-            # Of type int64: with a literal, `_block` would be compiled twice.
             begin = np.int64(0)
             while begin < width:
                 if not low[begin] <= plane < low[begin] + count[begin]:
