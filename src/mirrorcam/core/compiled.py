@@ -14,9 +14,9 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     The code releases the interpreter's lock, so threads run in parallel, and rounds as written: the results are
     identical on every processor. Division by zero gives infinity or NaN, as in NumPy.
 
-    Three habits keep the first call short: fill slices from arrays by loops, since an assignment compiles the formatting
-    of its error; allocate work arrays by NumPy; begin with np.int64(0) a count that is passed on, since a literal is
-    another type, for which the callee is compiled once more.
+    Three habits keep the first call short: fill slices from arrays by loops, since an assignment compiles the
+    formatting of its error; allocate work arrays by NumPy; begin with np.int64(0) a count that is passed on, since a
+    literal is another type, for which the callee is compiled once more.
     """
     code: Callable[..., Any] = njit(nogil=True, cache=True, error_model="numpy")(function)
     return code
