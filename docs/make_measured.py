@@ -22,18 +22,16 @@ HEAD_WITH_SOURCES = "| figure | value | command | date, commit |\n|---|---|---|-
 TEMPLATE = """\
 # Measured figures
 
-Each figure with the command that measures it, its date and commit ("+": with uncommitted changes). `python -m
+Each figure has the command that measured it, the date and the commit ("+": with uncommitted changes). `python -m
 docs.make_measured` writes this page from [measured.json](measured.json), which the benchmarks write. Pictures are
-rendered unless a row says "real"; [idealisations.md](idealisations.md) lists the effects of real setups, and their
-sizes.
+rendered unless a row says "real"; [idealisations.md](idealisations.md) lists effects of real setups and their sizes.
 
 ## Default run
 
 A device for a Logitech C920, seed 0, whose nine mirrors are tilted by 0.3° and shifted by 0.3 mm (standard deviations).
 The sensor `webcam` has waves in the lens, a pupil that walks, colour fringes, a mosaic, noise and its reduction, a tone
-curve, sharpening and MJPEG. A stated standard deviation is the calibration's, the largest of all mirrors. A calibration
-with the right covariance exceeds a limit of the run's report once in a thousand runs; limits for corners are at most
-the noise of matching.
+curve, sharpening and MJPEG. A stated standard deviation is the largest that the calibration gives for any mirror. A
+calibration with the right covariance exceeds a limit of the run's report once in a thousand runs.
 
 default_run | grid error, in grid spacings | {design.grid_error:.3f}
 default_run | usable share of the sensor at 300 mm | {design.usable_efficiency_300mm:.2f}
@@ -52,7 +50,7 @@ default_run | held-out corners, RMS x / y | {validation.held_out_rms_x_px:.3f} /
 default_run | held-out corners in space, RMS | {validation.held_out_spatial_rms_mm:.3f} mm
 default_run | corners in decoded views, RMS | {validation.decoded_corner_rms_px:.3f} px
 
-lateral_colour | red and blue against green in its views, RMS | {red_corrected:.2f}, {blue_corrected:.2f} grey levels
+lateral_colour | decoded views: red and blue against green, RMS | {red_corrected:.2f}, {blue_corrected:.2f} grey levels
 lateral_colour | the same, colours not aligned | {red_uncorrected:.2f}, {blue_uncorrected:.2f} grey levels
 
 ## A camera that obeys its model
@@ -79,8 +77,8 @@ calibration_video | real video: reprojection, RMS x / y | {reprojection/0}
 
 ## Layouts of rectangles
 
-Usable efficiency, as a percentage of that of free quadrilaterals with the same fold. Mirrors are cut, or bought in the
-sizes of a list: one size for all, or any for each.
+Usable efficiency of mirrors 1 mm thick, as a percentage of that of free quadrilaterals, at the default fold or each at
+its best. Mirrors are cut, or bought in the sizes of a list: one size for all, or any for each.
 
 mirror_shapes | 3 x 3 mirrors, default fold: cut in 1 mm steps | {3x3_120.0_cut_percent:.0f} %
 mirror_shapes | 3 x 3 mirrors, default fold: one size of a list | {3x3_120.0_one_size_percent:.0f} %
@@ -101,8 +99,8 @@ calibration_foreign | 2 mm acrylic, second surface: worst normal, distance | {wo
 
 ## Other calibrators
 
-RMS error, averaged over the sets that all calibrators solved; [leaderboard.md](leaderboard.md) interprets the
-comparison. `sensor-webcam` is the set closest to a real webcam.
+RMS error of projected points, averaged over the sets that all calibrators solved; [leaderboard.md](leaderboard.md)
+interprets the comparison. `sensor-webcam` is the set closest to a real webcam.
 
 leaderboard | MirrorCam | {mirrorcam.rms_px:.3f} px
 leaderboard | mrcal, one lens | {mrcal.rms_px:.3f} px
@@ -117,8 +115,8 @@ leaderboard | MirrorCam: NEES over all its sets, `sensor-webcam` included | {mir
 Depth of scenes of the HCI 4D Light Field Benchmark, from 3 x 3 of its 9 x 9 views, and of other rendered scenes. The
 reference is the truth where a row states it, else the disparity by EPINET, a neural network, from all views, which is
 close to the truth except in the dark parts of `greek`. OpenCV's StereoSGBM is given the pair of views and the settings
-that fit the reference best. Errors are those of the benchmark: BadPix.07, the percentage of pixels off by more than
-0.07 px, and MSE, the mean squared error times 100.
+that fit the reference best. Errors are the benchmark's: BadPix.07, the percentage of pixels off by more than 0.07 px,
+and MSE, the mean squared error times 100.
 
 light_field_depth_scenes | `cotton`: BadPix.07, MSE | {cotton_step4/1}
 light_field_depth_scenes | `cotton`, StereoSGBM | {cotton_step4/2}
@@ -136,11 +134,11 @@ light_field_depth_scenes | bare office, noise of 20 (truth): BadPix.07, MSE | {o
 light_field_depth_scenes | bare office, StereoSGBM | {office/2}
 
 Confidence and standard deviation on scenes that were not used in training, in this order: mean confidence; fraction of
-right depths; mean difference of both over ten classes of confidence, averaged over cases; and fraction of all errors
-beyond three standard deviations. `noise` adds white noise of 5 and 20 grey levels; `photographed` simulates lens,
-sensor and processing of three webcams; `wide range` searches five times the range in these pictures, `wrong range` two
-fifths of it only, so that most true depths are outside; `wrong order` exchanges views, and `few views` keeps two to
-four of them.
+[right depths](theory.md#depth-and-its-errors); mean difference of both over ten classes of confidence, averaged over
+cases; and fraction of all errors beyond three standard deviations. `noise` adds white noise of 5 and 20 grey levels;
+`photographed` simulates lens, sensor and processing of three webcams, and `wide range` searches such pictures over five
+times the range; `wrong range` searches two fifths of it, so that most true depths are outside; `wrong order` exchanges
+views, and `few views` keeps two to four of them.
 
 light_field_depth_confidence | rendered | {rendered/0}; {rendered/1}; {rendered/2}; {rendered/3}
 light_field_depth_confidence | noise | {noise/0}; {noise/1}; {noise/2}; {noise/3}
@@ -153,8 +151,8 @@ light_field_depth_confidence | real pair | {real pair/0}; {real pair/1}; {real p
 light_field_depth_confidence | bare walls | {bare walls/0}; {bare walls/1}; {bare walls/2}; {bare walls/3}
 
 Time of a depth map, ms: alone; as a frame of a video with `--fast`; by StereoSGBM from one pair. Each is the processor
-time of one thread / the wall time of two, in brackets relative to the pair. Rows are views, pixels of a view, and
-planes of depth searched.
+time with one thread / the wall time with two, in brackets the processor time relative to the pair's. Rows are views,
+pixels of a view, and planes of depth searched.
 
 light_field_depth_speed | 3x3, 400x240, 114 | {3x3, 400x240, 114/0}; {3x3, 400x240, 114/2}; {3x3, 400x240, 114/3}
 light_field_depth_speed | 3x3, 200x120, 58 | {3x3, 200x120, 58/0}; {3x3, 200x120, 58/2}; {3x3, 200x120, 58/3}
