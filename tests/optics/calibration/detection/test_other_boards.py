@@ -11,10 +11,10 @@ import pytest
 
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.calibration.detection import other_boards as module
-from mirrorcam.optics.calibration.detection.charuco import find_marked_boards
+from mirrorcam.optics.calibration.detection.charuco import find_any_markers, find_marked_boards, find_markers
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.marker_layout import MarkerPairs
-from mirrorcam.optics.calibration.detection.other_boards import other_board, other_markers
+from mirrorcam.optics.calibration.detection.other_boards import other_board, other_markers, surely_other_board
 from mirrorcam.optics.geometry.boards import CalibrationBoard, Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -365,7 +365,7 @@ def test_a_dictionary_with_the_same_markers_is_not_another_board(monkeypatch: py
     """A board of 24 markers is the same from DICT_4X4_50 and from DICT_4X4_250; pictures too poor once named either."""
     tried: set[str] = set()
 
-    def counted(grey: Grey, names: list[str], first: int, *, mirrored: bool) -> np.ndarray:
+    def counted(grey: Grey, names: list[str], *, mirrored: bool) -> np.ndarray:
         tried.update(names)
         return np.zeros(len(names), dtype=int)
 
@@ -378,3 +378,47 @@ def test_a_dictionary_with_the_same_markers_is_not_another_board(monkeypatch: py
     assert other_markers([np.zeros((9, 9), np.uint8)], BOARD, mirrored=False, found=False) is None
     assert {"DICT_4X4_50", "DICT_5X5_1000"} < tried
     assert not tried & {"DICT_4X4_100", "DICT_4X4_250", "DICT_4X4_1000"}
+
+
+WRONG = [
+    (PLAIN, PLAIN.replaced(cols=8)),
+    (PLAIN, PLAIN.replaced(rows=5)),
+    (PLAIN, MARKED),
+    (PLAIN, GRID),
+    (MARKED, MARKED.replaced(cols=9)),
+    (MARKED, MARKED.replaced(rows=5)),
+    (MARKED, MARKED.replaced(cols=7, rows=10)),
+    (MARKED, MARKED.replaced(dictionary="DICT_5X5_250")),
+    (MARKED, PLAIN),
+    (MARKED, GRID),
+]
+
+
+@DIRECT_OR_MIRRORED
+@pytest.mark.parametrize(("shown", "stated"), a_few(5, WRONG))
+def test_a_sample_names_a_wrong_board_though_its_first_picture_is_empty(
+    shown: Checkerboard | Charuco, stated: CalibrationBoard, *, mirrored: bool
+) -> None:
+    sample = pictures(shown, mirrored=mirrored)
+    empty = np.full_like(sample[0], 60)
+    assert surely_other_board([empty, *sample, empty], stated, mirrored=mirrored) is not None
+    assert surely_other_board([empty, *sample, empty], shown, mirrored=mirrored) is None
+    assert surely_other_board([empty, empty], stated, mirrored=mirrored) is None
+
+
+def test_more_rows_are_not_taken_for_the_old_pattern_with_other_numbers() -> None:
+    """Eight rows of markers among inner corners belong to ten rows or more."""
+    board = Charuco(cols=14, rows=10, square_mm=19.0, marker_mm=14.0)
+    said = other_markers(marked_pictures(board, mirrored=False), board.replaced(rows=8), mirrored=False, found=True)
+    assert said == "the pictures show a ChArUco board of more rows of squares, board.toml says 14 x 8 squares"
+
+
+@DIRECT_OR_MIRRORED
+def test_markers_of_a_family_are_read_as_by_opencv(*, mirrored: bool) -> None:
+    for board in (BOARD, BOARD.replaced(dictionary="DICT_APRILTAG_36h11", first_marker=500)):
+        shown = marked_pictures(board, mirrored=mirrored)[0]
+        numbers, quads = find_markers(shown, board, mirrored=mirrored)
+        ids, corners = find_any_markers(shown, board, mirrored=mirrored)
+        assert len(ids) >= len(numbers) > 0.8 * len(board.markers)
+        for number, quad in zip(numbers + board.first_marker, quads, strict=True):
+            assert np.abs(corners[ids == number] - quad).max(axis=(1, 2)).min() < 1.0
