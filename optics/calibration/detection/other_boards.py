@@ -2,7 +2,7 @@
 
 To limit the cost, only a few pictures are examined: a sample of them before the stated board is searched in all, so
 that a wrong one is named within seconds, and the first ones after that. A recognised board is refused with its likely
-cause, and with what to write in `board.toml`.
+cause, and with how to describe it. Messages call the description `board`, as the argument and the option.
 
 The markers' numbers reveal a board of a different size, with OpenCV's old pattern, or with a different first marker. If
 they cannot be read, flipped pictures, inverted prints, other marker sizes and other dictionaries are tried, and what is
@@ -124,7 +124,7 @@ def _surely_other_checkerboard(gridded: Sequence[GriddedPicture], board: Checker
 
 
 def _named_size(size: tuple[int, int], board: Checkerboard) -> str:
-    return f"the pictures show a checkerboard of {size[0]} x {size[1]} squares, board.toml says {_size(board)}"
+    return f"the pictures show a checkerboard of {size[0]} x {size[1]} squares, board says {_size(board)}"
 
 
 def _other_checkerboard(
@@ -147,8 +147,8 @@ def _other_checkerboard(
     if stated >= len(pictures) and not any(grid.numberings(board, mirrored=mirrored) for grid in complete):
         return (
             f"the {_size(board)} checkerboard in the pictures has black where it should be white: they are mirrored, "
-            "like those of a selfie camera (switch that off, or flip them left to right), or cols and rows are "
-            "exchanged in board.toml"
+            "like those of a selfie camera (switch that off, or flip them left to right), or cols and rows of "
+            "board are exchanged"
         )
     return None
 
@@ -218,13 +218,13 @@ def _other_layout(pairs: MarkerPairs, board: Charuco | AprilGrid, pictures: int)
     highest = vertical.highest - (board.first_marker if isinstance(board, Charuco) else 0)
     rows = (highest if tags else 2 * highest + 1) // columns + 1 + vertical.has_next_row  # at least
     if columns != board.cols:
-        sentence = f"the pictures show {kind} of {columns} columns of {cells}, board.toml says {size} {cells}"
+        sentence = f"the pictures show {kind} of {columns} columns of {cells}, board says {size} {cells}"
         exchanged = columns == board.rows and rows.max() <= board.cols
         return sentence + (": are cols and rows exchanged?" if exchanged else "")
     if isinstance(board, Charuco) and (other := _other_numbers(pairs, vertical, board, pictures)):
         return other
     if (rows > board.rows).sum() >= MIN_BEYOND * pictures:
-        return f"the pictures show {kind} of more rows of {cells}, board.toml says {size} {cells}"
+        return f"the pictures show {kind} of more rows of {cells}, board says {size} {cells}"
     return None
 
 
@@ -265,9 +265,8 @@ def _other_numbers(
     # If neither the left nor the right side of the board is visible, several numberings are equally likely.
     first_id = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
     return (
-        f"the pictures show markers {lowest} to {highest}, the {board.cols} x {board.rows} ChArUco board of "
-        f"board.toml has {first} to {first + count - 1}: set "
-        f"first_marker = {first_id} there, unless the board has more rows"
+        f"the pictures show markers {lowest} to {highest}, board says {board.cols} x {board.rows} squares with "
+        f"{first} to {first + count - 1}: set first_marker = {first_id} there, unless the board has more rows"
     )
 
 
@@ -302,12 +301,12 @@ def _other_pattern(board: Charuco) -> str:
     if board.rows % 2:
         return (
             f"the ChArUco board in the pictures has a white square at its top left, which no board of {board.rows} "
-            "rows has: are cols and rows right in board.toml?"
+            "rows has: are cols and rows of board right?"
         )
     sentence = "the markers of the ChArUco board in the pictures are arranged as OpenCV"
     if board.legacy:
-        return f"{sentence} 4.6 and later print them, board.toml says legacy = true: remove that"
-    return f"{sentence} before 4.6 printed them (its old pattern): add legacy = true to board.toml"
+        return f"{sentence} 4.6 and later print them, board says legacy = true: remove that"
+    return f"{sentence} before 4.6 printed them (its old pattern): set legacy = true in board"
 
 
 def _other_marker_side(gridded: Sequence[GriddedPicture], board: Charuco, *, mirrored: bool | None) -> str | None:
@@ -318,7 +317,7 @@ def _other_marker_side(gridded: Sequence[GriddedPicture], board: Charuco, *, mir
         return None
     return (
         f"the markers in the pictures look like {side * board.square_mm:.2g} mm on squares of {board.square_mm:g} "
-        f"mm, board.toml says marker_mm = {board.marker_mm:g}"
+        f"mm, board says marker_mm = {board.marker_mm:g}"
     )
 
 
@@ -350,8 +349,8 @@ def _with_others(cause: str, gridded: Sequence[GriddedPicture], corrected: Charu
 def _other_polarity(board: Charuco) -> str:
     subject = "the ChArUco board in the pictures is printed"
     if board.inverted:
-        return f"{subject} black on white, board.toml says inverted = true: remove that"
-    return f"{subject} white on black: add inverted = true to board.toml"
+        return f"{subject} black on white, board says inverted = true: remove that"
+    return f"{subject} white on black: set inverted = true in board"
 
 
 def _other_dictionary(
@@ -369,7 +368,7 @@ def _other_dictionary(
         if len(vertical.highest) >= MIN_VERTICAL * len(gridded):
             shown = dictionaries.smallest(name, max(len(board.markers), int(vertical.highest.max()) + 1))
             cause = (
-                f"the pictures show markers of {shown}, board.toml says dictionary {board.dictionary}: "
+                f"the pictures show markers of {shown}, board says dictionary {board.dictionary}: "
                 f'set dictionary = "{shown}" there'
             )
             if inverted != board.inverted:
@@ -445,7 +444,7 @@ def _plain_checkerboard(pictures: Sequence[Grey], board: Charuco | AprilGrid) ->
 
 
 def _stated_kind(board: CalibrationBoard) -> str:
-    return f'board.toml says kind = "{board.kind}"'
+    return f'board says kind = "{board.kind}"'
 
 
 def _columns(pictures: Sequence[Grey], board: Charuco | AprilGrid, *, mirrored: bool) -> tuple[int, int]:
@@ -464,7 +463,7 @@ def _other_spacing(pictures: Sequence[Grey], board: AprilGrid) -> str | None:
     ):
         return None
     return (
-        f"the gaps between the tags in the pictures look like {spacing:.3g} sides of a tag, board.toml says spacing = "
+        f"the gaps between the tags in the pictures look like {spacing:.3g} sides of a tag, board says spacing = "
         f"{board.spacing:g} (Kalibr's tagSpacing): set spacing = {spacing:.3g} there if that is what you measure"
     )
 
