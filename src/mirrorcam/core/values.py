@@ -78,6 +78,9 @@ class InvalidValue(InputError):
         return str(self) if self.first is None else self.first["msg"].removeprefix("Value error, ")
 
 
+NOT_ALL_FINITE = "holds a value that is NaN or infinite, expected finite numbers"
+
+
 @dataclass(frozen=True)
 class Shaped:
     """Annotation that turns nested lists into a finite, read-only float64 array of a given shape.
@@ -101,7 +104,7 @@ class Shaped:
         ):
             raise ValueError(f"shape {array.shape}, expected {expected}")
         if not np.isfinite(array).all():
-            raise ValueError("holds a value that is NaN or infinite, expected finite numbers")
+            raise ValueError(NOT_ALL_FINITE)
         if np.abs(array).max(initial=0.0) > self.largest:
             worst = array.flat[np.abs(array).argmax()]
             raise ValueError(f"holds {worst:g}, expected numbers from {-self.largest:.15g} to {self.largest:.15g}")
@@ -134,8 +137,8 @@ def _is_numbers(value: Any) -> bool:
     return kind in ("i", "u", "f") if kind else isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def array_of(name: str, value: ArrayLike, *shape: int | EllipsisType | None) -> FloatArray:
-    """Convert an argument to an array of real numbers, which may hold NaN.
+def array_of(name: str, value: ArrayLike, *shape: int | EllipsisType | None, finite: bool = False) -> FloatArray:
+    """Convert an argument to an array of real numbers, which may hold NaN and infinities unless it must be `finite`.
 
     `shape` has None for any length, and may begin with `...` for any leading axes. Raises InputError for arrays of
     another shape or type, TypeError for anything that is no array.
@@ -156,6 +159,8 @@ def array_of(name: str, value: ArrayLike, *shape: int | EllipsisType | None) -> 
     pairs = zip(reversed(lengths), reversed(array.shape), strict=False)
     if not has_axes or any(length not in (None, found) for length, found in pairs):
         raise InputError(f"{name}: shape {array.shape}, expected {expected}")
+    if finite and not np.isfinite(array).all():
+        raise InputError(f"{name}: {NOT_ALL_FINITE}")
     return array.astype(np.float64, copy=False)
 
 
