@@ -11,6 +11,7 @@ from cyclopts import CycloptsError
 
 from docs.page_code import blocks
 from mirrorcam.cli import application
+from mirrorcam.core.command_text import command_text
 
 ROOT = Path(__file__).parents[1]
 DOCS = [path for path in sorted((ROOT / "docs").rglob("*.md")) if "website" not in path.parts]
@@ -39,7 +40,8 @@ def is_parsed(line: str) -> bool:
     """Return whether the command line accepts a command with its options."""
     arguments = [word for word in shlex.split(line)[1:] if word not in ("--quiet", "--json", "--verbose")]
     try:
-        application().parse_args(arguments)
+        with command_text():
+            application().parse_args(arguments)
     except CycloptsError:
         return False
     return True

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
 from mirrorcam.optics.calibration.detection.detections import DetectedFrame
 from mirrorcam.optics.calibration.detection.frame_choice import most_informative
 from mirrorcam.optics.calibration.detection.joint_numbering import number_jointly
-from mirrorcam.optics.calibration.detection.other_boards import MAX_PICTURES, other_board
+from mirrorcam.optics.calibration.detection.other_boards import FLIPPED, MAX_PICTURES, other_board, surely_other_board
 from mirrorcam.optics.calibration.detection.segmentation import Extremes
 from mirrorcam.optics.calibration.diagnostics.board_scale import wrong_size_message
 from mirrorcam.optics.calibration.diagnostics.calibration_result import (
@@ -44,8 +45,11 @@ UPSIDE_DOWN = (
     "the pictures fit the layout only when rotated by 180 deg: the camera is upside down in the device, or its "
     "pictures were rotated; rotate all of them"
 )
+EXCHANGED = "the pictures via the mirrors and those without them are exchanged, as the board's markers show: swap them"
 SOLUTION_STEPS = 5
 """Steps of the solution of a model without additions, with that before the first."""
+SAMPLE = 4
+"""Pictures in which another board is searched before the stated one is searched in all."""
 MAX_CHANNELS = 4  # of a single picture (h, w, channels), to tell it from a stack (n, h, w)
 MAX_KEPT = 24  # arrays kept from an iterator, so that memory use stays bounded
 
@@ -129,6 +133,12 @@ def calibrate(
         steps.advance()
         on_observations([frame.corners for frame in detected])
 
+    other = other_board_in_sample(base_frames, board, mirrored=False)
+    if other in (None, FLIPPED):
+        other_in_mirrors = other_board_in_sample(frames, board, mirrored=True)
+        other = EXCHANGED if other and other_in_mirrors == FLIPPED else other or other_in_mirrors
+    if other:
+        raise InputError(other)
     mirrored_detected = detect(reader.read(frames, mirrored=True), mirrored=True, on_frame=report)
     if not mirrored_detected:
         raise InputError("frames: no pictures given")
@@ -223,6 +233,20 @@ def checked_pictures(name: str, pictures: Iterable[Grey | AnyPath]) -> Iterable[
         return picture
 
     return [checked(picture) for picture in pictures] if isinstance(pictures, Sequence) else map(checked, pictures)
+
+
+def other_board_in_sample(
+    pictures: Iterable[Grey | Path], board: CalibrationBoard, *, mirrored: bool | None
+) -> str | None:
+    """Describe how pictures, evenly spread over a sequence, show a board other than `board`; None in any doubt."""
+    if not isinstance(pictures, Sequence) or not len(pictures):
+        return None
+    shown = []
+    for number in np.unique(np.linspace(0, len(pictures) - 1, SAMPLE).round().astype(int)).tolist():
+        picture = pictures[number]
+        with suppress(InputError):  # raised when all pictures are read
+            shown.append(read_image(picture, grey=True) if isinstance(picture, Path) else picture)
+    return surely_other_board(shown, board, mirrored=mirrored)
 
 
 class PictureReader:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from mirrorcam.core.arguments import check_type
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.values import FloatArray, Shaped
+from mirrorcam.core.values import array_of
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners, check_names
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, RequestedModel
@@ -114,9 +114,11 @@ class _Reader:
         """The corners of one view, as frame 0; empty if they are too few."""
         if not isinstance(corners, Sequence) or len(corners) not in (2, 3):
             raise InputError(f"{place}: expected a pair of numbers (n,) and pixels (n, 2), or these and sigmas (n,)")
-        numbers = _array(f"{place}, numbers", corners[0], (None,))
-        pixels = _array(f"{place}, pixels", corners[1], (None, 2))
-        sigmas = _array(f"{place}, sigmas", corners[2], (None,)) if len(corners) == 3 else np.ones(len(numbers))
+        numbers = array_of(f"{place}, numbers", corners[0], None, finite=True)
+        pixels = array_of(f"{place}, pixels", corners[1], None, 2, finite=True)
+        sigmas = np.ones(len(numbers))
+        if len(corners) == 3:
+            sigmas = array_of(f"{place}, sigmas", corners[2], None, finite=True)
         if not len(numbers) == len(pixels) == len(sigmas):
             counts = f"{len(numbers)} numbers, {len(pixels)} pixels and {len(sigmas)} sigmas"
             raise InputError(f"{place}: {counts}, expected as many of each")
@@ -137,10 +139,3 @@ class _Reader:
                 self.notes.append(f"{place}: {len(numbers)} corners, not used; expected {MIN_CORNERS} or more")
             return Observations.empty()
         return Observations.of_view(0, view, numbers.astype(np.int64), pixels, sigmas)
-
-
-def _array(place: str, value: Any, shape: tuple[int | None, ...]) -> FloatArray:
-    try:
-        return Shaped(shape).check(np.asarray(value))
-    except ValueError as error:
-        raise InputError(f"{place}: {error}") from None

@@ -19,7 +19,13 @@ from mirrorcam.core.images.jpeg import DamagedPicture
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.core.progress import Progress, Step, Steps, no_progress, no_step
 from mirrorcam.core.values import FloatArray, InvalidValue
-from mirrorcam.optics.calibration.calibration import SOLUTION_STEPS, PictureReader, checked_pictures, chosen_frames
+from mirrorcam.optics.calibration.calibration import (
+    SOLUTION_STEPS,
+    PictureReader,
+    checked_pictures,
+    chosen_frames,
+    other_board_in_sample,
+)
 from mirrorcam.optics.calibration.corner_calibration import calibrate_corners, check_names
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.detect_boards import detect_frames
@@ -110,6 +116,8 @@ def calibrate_camera(
     provisional = _unknown_camera(given) if nominal is None else nominal
     steps = Steps(progress, len(given) + SOLUTION_STEPS)
 
+    if other := other_board_in_sample(given, board, mirrored=False):
+        raise InputError(other)
     reader = PictureReader(provisional, "the first picture" if nominal is None else f"the {nominal.name}")
     detected = detect_frames(
         reader.read(given, mirrored=False),

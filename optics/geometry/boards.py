@@ -29,7 +29,8 @@ from mirrorcam.optics.geometry.foreign_boards import SPACING, as_own_board
 SQUARES = Bounds(3, 500)
 MAX_MARKERS = 10000
 TAGS = Bounds(2, 100)
-TAG_FAMILY = dictionaries.dictionary("DICT_APRILTAG_36h11")
+TAG_FAMILY_NAME = "DICT_APRILTAG_36h11"
+TAG_FAMILY = dictionaries.dictionary(TAG_FAMILY_NAME)
 TAG_MODULES, TAG_BORDER = 10, 2  # modules along a side of a tag, including its black border; width of that border
 
 

@@ -149,7 +149,4 @@ def _each(name: str, values: ArrayLike, count: int, axes: int) -> FloatArray:
 
 def numbers_in(name: str, values: ArrayLike, shape: tuple[int, ...] | None = None) -> FloatArray:
     """Return an argument as an array of finite numbers, of a shape if given; raises like `array_of`."""
-    array = array_of(name, values, *((...,) if shape is None else shape))
-    if not np.isfinite(array).all():
-        raise InputError(f"{name}: holds a value that is NaN or infinite, expected finite numbers")
-    return array
+    return array_of(name, values, *((...,) if shape is None else shape), finite=True)

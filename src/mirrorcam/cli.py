@@ -18,6 +18,7 @@ from cyclopts import App, CycloptsError, Group, Parameter
 from cyclopts.config import Dict, Env
 
 from mirrorcam import __version__
+from mirrorcam.core.command_text import command_text
 from mirrorcam.core.console.refusals import one_line_message, refusal
 from mirrorcam.core.console.session import begin, session
 from mirrorcam.core.console.streams import make_readable, quieten_libraries
@@ -180,7 +181,9 @@ def parse_and_run(arguments: Sequence[str]) -> int:
             raise InputError("an argument contains a null character")
         if not tokens:
             raise InputError(f"expected a command, one of {', '.join(NAMES)} (see mirrorcam --help)")
-        return app(tokens)
+        with command_text():
+            command, bound, _ = app.parse_args(tokens)
+        return command(*bound.args, **bound.kwargs)
 
     try:
         code = app.meta(list(arguments))

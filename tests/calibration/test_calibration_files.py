@@ -251,5 +251,5 @@ def test_a_smaller_board_than_stated_is_refused_by_its_size(two_mirror_video: Pa
     """Parts of what is seen are taken for the stated board, which leads to mirrors that overlap."""
     (tmp_path / "board.toml").write_text('kind = "checkerboard"\ncols = 8\nrows = 7\nsquare_mm = 25.0\n')
     request = CalibrationRequest(board=tmp_path / "board.toml", direct_view=2)
-    with pytest.raises(InputError, match=r"show a checkerboard of 8 x 6 squares, board\.toml says 8 x 7"):
+    with pytest.raises(InputError, match=r"show a checkerboard of 8 x 6 squares, board says 8 x 7"):
         calibrate_files([two_mirror_video], request)

@@ -15,9 +15,9 @@ from mirrorcam.calibration.calibration_page import report_html, write_report
 from mirrorcam.core.figures.figure_texts import sigma_text
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.causes import Cause
 from mirrorcam.optics.calibration.diagnostics.left_out import LeftOut
 from mirrorcam.optics.calibration.diagnostics.model_selection import OtherSurface
+from mirrorcam.optics.calibration.diagnostics.score_test import Cause
 from mirrorcam.optics.calibration.diagnostics.verdict import Verdict, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import frame_figures, view_figures
 from mirrorcam.optics.calibration.diagnostics.worst_views import with_worst_views

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from pydantic import Field, TypeAdapter, ValidationError, model_validator
 
+from mirrorcam.core.command_text import command_text
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import (
     NOT_FINITE,
@@ -118,6 +119,27 @@ def test_one_finding_is_counted_once() -> None:
             Plan(**wrong)
         assert str(caught.value).startswith(f"{next(iter(wrong))}: ")
         assert "more)" not in str(caught.value)
+
+
+def test_text_and_truth_values_are_no_numbers() -> None:
+    class Plan(Value):
+        rows: int = Field(default=1, ge=1)
+        sizes_mm: tuple[float, ...] = ()
+        angle: float | Literal["auto"] = "auto"
+        inner: Thing | None = None
+
+    for name, value in [("rows", "2"), ("rows", True), ("rows", np.True_), ("sizes_mm", (1.0, "2")), ("angle", "2")]:
+        with pytest.raises(InvalidValue, match=rf"^{name}.*expected"):
+            Plan(**{name: value})
+    with pytest.raises(InvalidValue, match=r"^inner.size_mm: str, expected a number"):
+        Plan.model_validate_json('{"inner": {"point": [0, 0, 0], "size_mm": "1"}}')
+    plan = Plan(rows=np.int64(3), sizes_mm=(np.float32(0.5), 2), angle=np.float64(1.0))
+    assert (plan.rows, plan.sizes_mm, plan.angle) == (3, (0.5, 2.0), 1.0)
+    assert Metric(value=np.True_, unit="1").value == 1.0
+    with command_text():
+        assert Plan(rows="2", angle="0.5").rows == 2
+        with pytest.raises(InvalidValue, match=r"^rows: bool"):
+            Plan(rows=True)
 
 
 def test_fields_are_described_in_the_docstring_and_given_ones_shown() -> None:

@@ -126,7 +126,7 @@ def test_tolerances_can_be_given(command: Callable[[str], tuple[int, str, str]],
     [
         ("tilt_deg = -1", "design.toml: tolerances.tilt_deg: Input should be greater than or equal to 0"),
         ("camera_turn_deg = nan", "design.toml: tolerances.camera_turn_deg: Input should be a finite number"),
-        ("offset_mm = 'wide'", "design.toml: tolerances.offset_mm: Input should be a valid number"),
+        ("offset_mm = 'wide'", "design.toml: tolerances.offset_mm: str, expected a number"),
         ("tilt_degree = 0.5", "design.toml: tolerances.tilt_degree: not known, did you mean tilt_deg?"),
         ("sheet_thickness_mm = 0.9", "sheet_thickness_mm 0.9"),
     ],

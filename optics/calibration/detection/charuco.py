@@ -15,6 +15,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.calibration.detection.blurred_print import Image
 from mirrorcam.optics.calibration.detection.board_growing import (
     BoolArray,
     grow_board,
@@ -24,10 +25,10 @@ from mirrorcam.optics.calibration.detection.board_warp import BoardWarp, corner_
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, has_new_corners, linked_grids, smooth_parts
 from mirrorcam.optics.calibration.detection.corner_grids import corner_grids, saddle_points
 from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, DetectedGrid
-from mirrorcam.optics.calibration.detection.marker_numbering import Markers, numbered_by_markers
+from mirrorcam.optics.calibration.detection.marker_numbering import Markers, module_greys, numbered_by_markers
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
-from mirrorcam.optics.geometry.boards import TAG_BORDER, TAG_FAMILY, AprilGrid, Charuco
+from mirrorcam.optics.geometry.boards import TAG_BORDER, TAG_FAMILY, TAG_FAMILY_NAME, AprilGrid, Charuco
 
 WHITE_QUANTILE = 0.995
 WINDOWS_PX = (15, 31, 7)  # sides of the adaptive threshold's window, tried in turn
@@ -35,6 +36,9 @@ MIN_PERIMETER = 0.01  # of a marker, relative to the picture's longer side
 NEIGHBOUR_SQUARES = 2.3  # squares between the centres of markers that predict each other
 PREDICTION_ERROR = 0.12  # error of a marker's predicted position, per square between the two markers
 MIN_MARKERS = 2
+ROW_BY_ROW = [0, 1, 3, 2]  # of corners in clockwise order
+MIN_MARKER_CONTRAST = 20.0  # of a marker's modules, of 255
+MAX_BORDER_ERRORS, CORRECTION_RATE = 0.35, 0.6  # OpenCV's defaults, relative to its modules, and to correctable ones
 MAX_OFFSET = 0.3  # of a marker from its expected position on the board that holds it, in squares
 MIN_LOG_RATIO = 0.5  # of tag to gap in the picture, relative to the print
 MIN_SIDES, MAX_SPREAD = 6, 0.2  # sides of each kind on a grid; spread of their ratios relative to the logarithmic ratio
@@ -171,13 +175,63 @@ def find_markers(grey: Grey, board: Charuco | AprilGrid, *, mirrored: bool) -> t
     return numbers[valid], corners[valid]
 
 
-def count_by_family(grey: Grey, families: Sequence[str], first: int | None, *, mirrored: bool) -> IntArray:
-    """Count (f,) how many of the first markers of each dictionary family, or of all (None), a picture shows."""
+def find_any_markers(grey: Grey, board: Charuco | AprilGrid, *, mirrored: bool) -> tuple[IntArray, FloatArray]:
+    """Return ids (n,), with repetitions, and corners (n, 4, 2) of all markers of the family of a board.
+
+    OpenCV finds the quadrilaterals; its comparison with the markers, one by one, would take seconds for a family.
+    """
+    if isinstance(board, AprilGrid):
+        name, border = TAG_FAMILY_NAME, TAG_BORDER
+    else:
+        name, border = dictionaries.family(board.dictionary), 1
+    inverted = isinstance(board, Charuco) and board.inverted
+    source = np.asarray(255 - grey, dtype=np.uint8) if inverted else grey
+    for window_px in WINDOWS_PX:
+        picture, quads = _quads(source, window_px, mirrored=mirrored)
+        ids, corners = _matching(picture, quads, name, border)
+        if len(ids) >= MIN_MARKERS:
+            break
+    if mirrored:
+        corners[..., 0] = grey.shape[1] - 1 - corners[..., 0]
+    return ids, corners
+
+
+def count_by_family(grey: Grey, families: Sequence[str], *, mirrored: bool) -> IntArray:
+    """Count (f,) how many markers of each dictionary family a picture shows."""
+    picture, quads = _quads(grey, WINDOWS_PX[0], mirrored=mirrored)
+    return np.array([len(_matching(picture, quads, name, 1)[0]) for name in families])
+
+
+def _quads(grey: Grey, window_px: int, *, mirrored: bool) -> tuple[Image, FloatArray]:
+    """Return the picture, brightened and flipped if mirrored, and quadrilaterals (n, 4, 2) in it, clockwise."""
     bright, parameters = _prepared(grey, mirrored=mirrored)
-    parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = WINDOWS_PX[0]
-    detector = cv2.aruco.ArucoDetector([dictionaries.dictionary(name, first) for name in families], parameters)
-    _, _, _, family = detector.detectMarkersMultiDict(bright)
-    return np.bincount(np.zeros(0, np.int64) if family is None else np.ravel(family), minlength=len(families))
+    parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = window_px
+    detector = cv2.aruco.ArucoDetector(dictionaries.dictionary(dictionaries.FAMILIES[0], 1), parameters)
+    identified, _, others = detector.detectMarkers(bright)
+    return np.asarray(bright, dtype=np.float32), np.array([*identified, *others], dtype=np.float64).reshape(-1, 4, 2)
+
+
+def _matching(picture: Image, quads: FloatArray, family: str, border: int) -> tuple[IntArray, FloatArray]:
+    """Return ids (m,) and corners (m, 4, 2) of the quadrilaterals (n, 4, 2) with markers, by OpenCV's criteria.
+
+    The corners start at the marker's top left; `border` is the width of its black border in modules.
+    """
+    white = dictionaries.white_modules(family)[:, 1:-1, 1:-1]
+    inside, side = white.shape[1], white.shape[1] + 2 * border
+    greys = module_greys(picture, quads[:, ROW_BY_ROW], side, (side + 2) / side).reshape(-1, side, side)
+    darkest, brightest = greys.min(axis=(1, 2)), greys.max(axis=(1, 2))
+    bright = greys > ((darkest + brightest) / 2.0)[:, None, None]
+    inner = bright[:, border:-border, border:-border]
+    border_errors = bright.sum(axis=(1, 2)) - inner.sum(axis=(1, 2))
+    likely = (brightest - darkest > MIN_MARKER_CONTRAST) & (border_errors <= MAX_BORDER_ERRORS * inside**2)
+    read, codes = (np.where(bits, 1.0, -1.0).astype(np.float32) for bits in (inner[likely], white))
+    rotated = np.stack([np.rot90(read, turn, axes=(1, 2)).reshape(-1, inside**2) for turn in range(4)])
+    agreement = (rotated @ codes.reshape(len(codes), -1).T).swapaxes(0, 1).reshape(len(read), 4 * len(codes))
+    turns, ids = np.divmod(agreement.argmax(axis=1), len(codes))
+    max_errors = int(CORRECTION_RATE * dictionaries.dictionary(family).maxCorrectionBits)
+    valid = agreement.max(axis=1) >= inside**2 - 2 * max_errors
+    order = (np.arange(4) + turns[valid, None]) % 4
+    return ids[valid], np.take_along_axis(quads[likely][valid], order[..., None], axis=1)
 
 
 def _prepared(grey: Grey, *, mirrored: bool) -> tuple[Grey, cv2.aruco.DetectorParameters]:

@@ -19,6 +19,7 @@ from mirrorcam.optics.calibration.detection.blurred_print import PX_PER_SQUARE, 
 from mirrorcam.optics.calibration.detection.board_warp import BoardWarp
 from mirrorcam.optics.calibration.detection.charuco import (
     PREDICTION_ERROR,
+    find_any_markers,
     find_markers,
     groups,
     linked_tags,
@@ -27,10 +28,17 @@ from mirrorcam.optics.calibration.detection.charuco import (
 )
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, linked_grids
 from mirrorcam.optics.calibration.detection.detections import NO_LIMITS, DetectedGrid
-from mirrorcam.optics.calibration.detection.marker_numbering import Markers, ReadMarkers, read_markers, standardised
+from mirrorcam.optics.calibration.detection.marker_numbering import (
+    Markers,
+    ReadMarkers,
+    module_greys,
+    read_markers,
+    squares_of,
+    standardised,
+)
 from mirrorcam.optics.calibration.solver.observations import Corners, IntArray
 from mirrorcam.optics.geometry import marker_dictionaries as dictionaries
-from mirrorcam.optics.geometry.boards import SQUARES, TAG_FAMILY, TAGS, AprilGrid, Charuco
+from mirrorcam.optics.geometry.boards import TAG_FAMILY, AprilGrid, Charuco
 
 TRIAL_SIDES = tuple(np.arange(0.3, 0.96, 0.06).tolist())  # trial sides of markers, in squares, for reading pictures
 SIDE_STEP, SIDE_RANGE = 0.01, 0.09  # step of the compared sides, and their range about the best trial side
@@ -52,7 +60,10 @@ MAX_OFFSET = 2.0 * PREDICTION_ERROR + 0.1
 """Squares between a marker and its prediction from a marker two squares above; less for a nearer marker."""
 NEIGHBOUR_OFFSETS = ((0, 2), (1, 1), (-1, 1))
 """Squares from a marker of a ChArUco board to its nearest neighbours below; AprilGrids have only the first."""
+MAX_BLANK = 0.15
+"""Standard deviation of the grey values within a blank square, relative to the contrast of white and black."""
 NO_GRID_XY = np.empty((0, 2), dtype=np.int64)
+NO_GREYS = np.empty((0, 16))
 
 
 @dataclass(frozen=True, eq=False)
@@ -319,6 +330,23 @@ class GriddedPicture:
         return [read_markers(picture, grid.as_printed if mirrored else grid, markers) for grid in self.grids]
 
 
+def are_blank(gridded: GriddedPicture) -> bool | None:
+    """Return whether most squares in the grids of a ChArUco board or checkerboard hold nothing; None without squares.
+
+    The squares of one colour hold the markers of a ChArUco board.
+    """
+    greys = [
+        np.concatenate(
+            [module_greys(gridded.picture, squares_of(grid, parity)[1], 4, 0.9) for grid in gridded.grids] or [NO_GREYS]
+        )
+        for parity in (0, 1)
+    ]
+    if not all(map(len, greys)):
+        return None
+    contrast = abs(float(np.subtract(*(np.median(of_colour) for of_colour in greys))))
+    return all(float(np.median(of_colour.std(axis=1))) < MAX_BLANK * contrast for of_colour in greys)
+
+
 def marker_pairs(gridded: GriddedPicture, board: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
     """Return pairs of markers of all boards in a picture, of any size but otherwise like the board.
 
@@ -343,7 +371,7 @@ def _pairs_in_grids(grids: Sequence[ReadMarkers]) -> MarkerPairs:
 
 def _pairs_of_single_markers(grey: Grey, board: Charuco | AprilGrid, *, mirrored: bool) -> MarkerPairs:
     """Return pairs of single markers whose maps from the print predict each other."""
-    ids, quads = find_markers(grey, _with_every_marker(board), mirrored=mirrored)
+    ids, quads = find_any_markers(grey, board, mirrored=mirrored)
     if not len(ids):
         return MarkerPairs.of([], inner=False)
     centres, maps = quads.mean(axis=1), marker_maps(marker_corners(board)[0], quads)
@@ -358,14 +386,6 @@ def _pairs_of_single_markers(grey: Grey, board: Charuco | AprilGrid, *, mirrored
             for a, b in np.argwhere(distances < MAX_OFFSET / 2.0 * np.hypot(*offset) * side)
         ]
     return MarkerPairs.of(pairs, inner=False)
-
-
-def _with_every_marker(board: Charuco | AprilGrid) -> Charuco | AprilGrid:
-    """Return a board like `board`, with as many rows as its marker family allows."""
-    if isinstance(board, AprilGrid):
-        return board.replaced(rows=min(len(TAG_FAMILY.bytesList) // board.cols, int(TAGS.max)))
-    markers = dictionaries.count(board.dictionary)
-    return board.replaced(rows=min(2 * markers // board.cols, int(SQUARES.max)), first_marker=0, legacy=False)
 
 
 def _every_marker(board: Charuco | AprilGrid) -> Markers:

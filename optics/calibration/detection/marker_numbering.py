@@ -73,7 +73,7 @@ def numbered_by_markers(picture: Image, grid: DetectedGrid, markers: Markers) ->
         low, quads = _candidate_squares(grid, turn, markers)
         if not len(low):
             continue
-        agreement = standardised(_modules(picture, quads, markers)) @ codes.T
+        agreement = standardised(_module_greys(picture, quads, markers)) @ codes.T
         shifts = markers.grid_xy - low[:, None]
         lowest = shifts.min(axis=(0, 1))
         width = np.ptp(shifts, axis=(0, 1)) + 1
@@ -135,7 +135,7 @@ def read_markers(picture: Image, grid: DetectedGrid, markers: Markers) -> ReadMa
         low, quads = _candidate_squares(grid, turn, markers)
         if not len(low):
             continue
-        agreement = standardised(_modules(picture, quads, markers)) @ codes.T
+        agreement = standardised(_module_greys(picture, quads, markers)) @ codes.T
         correlation = agreement.max(axis=1)
         if correlation.mean() > best.correlation:
             valid = correlation > MIN_CORRELATION
@@ -148,7 +148,7 @@ def _candidate_squares(grid: DetectedGrid, turn: int, markers: Markers) -> tuple
     """Return lowest coordinates (n, 2) and corner pixels (n, 4, 2) of the candidate squares, after quarter turns."""
     rotated = grid.transformed(turn, np.zeros(2, dtype=np.int64))
     # A corner with an even sum has white at its lower right on a grid, black on a print; quarter turns swap them.
-    low, quads = _squares(rotated, markers.parity + turn + 1)
+    low, quads = squares_of(rotated, markers.parity + turn + 1)
     if markers.every_other:
         holds_marker = low[:, 0] % 2 == (turn < 2)
         low, quads = low[holds_marker], quads[holds_marker]
@@ -161,7 +161,7 @@ def standardised(values: FloatArray) -> FloatArray:
     return np.asarray(centred / np.maximum(np.linalg.norm(centred, axis=1, keepdims=True), 1e-9))
 
 
-def _squares(grid: DetectedGrid, parity: int) -> tuple[IntArray, FloatArray]:
+def squares_of(grid: DetectedGrid, parity: int) -> tuple[IntArray, FloatArray]:
     """Return lowest coordinates (n, 2) of the squares of one colour, and pixels (n, 4, 2) of their corners."""
     low = grid.grid_xy.min(axis=0)
     index = np.full(np.ptp(grid.grid_xy, axis=0) + 2, -1)
@@ -173,14 +173,20 @@ def _squares(grid: DetectedGrid, parity: int) -> tuple[IntArray, FloatArray]:
     return squares[has_colour], grid.corners.pixels[corners[x, y][has_colour]]
 
 
-def _modules(picture: Image, quads: FloatArray, markers: Markers) -> FloatArray:
+def _module_greys(picture: Image, quads: FloatArray, markers: Markers) -> FloatArray:
     """Mean grey values (n, b * b) of squares (n, 4, 2) at the modules of a marker, row by row."""
-    count = markers.codes.shape[1]
-    centres = 0.5 + markers.side * ((np.arange(count) + 1.5) / (count + 2) - 0.5)
-    positions = (centres[:, None] + np.array(OFFSETS) * markers.side / (count + 2)).ravel()
+    return module_greys(picture, quads, markers.codes.shape[1], markers.side)
+
+
+def module_greys(picture: Image, quads: FloatArray, count: int, side: float) -> FloatArray:
+    """Mean grey values (n, count * count) of the modules inside a marker's border of one module, row by row.
+
+    The markers, of `side` relative to the squares, are centred in squares with corners (n, 4, 2), row by row.
+    """
+    centres = 0.5 + side * ((np.arange(count) + 1.5) / (count + 2) - 0.5)
+    positions = (centres[:, None] + np.array(OFFSETS) * side / (count + 2)).ravel()
     v, u = (axis.ravel() for axis in np.meshgrid(positions, positions, indexing="ij"))
     weights = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v], axis=1)
     sampled = sample(picture, weights @ quads)
-    return np.asarray(
-        sampled.reshape(len(quads), count, len(OFFSETS), count, len(OFFSETS)).mean(axis=(2, 4)).reshape(len(quads), -1)
-    )
+    means = sampled.reshape(len(quads), count, len(OFFSETS), count, len(OFFSETS)).mean(axis=(2, 4))
+    return np.asarray(means.reshape(len(quads), count**2))

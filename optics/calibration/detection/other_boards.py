@@ -1,7 +1,8 @@
 """Recognition of boards other than the stated one: of a different size, kind or dictionary, or in a flipped picture.
 
-To limit the cost, only a few pictures are examined. A recognised board is refused with its likely cause, and with what
-to write in `board.toml`.
+To limit the cost, only a few pictures are examined: a sample of them before the stated board is searched in all, so
+that a wrong one is named within seconds, and the first ones after that. A recognised board is refused with its likely
+cause, and with how to describe it. Messages call the description `board`, as the argument and the option.
 
 The markers' numbers reveal a board of a different size, with OpenCV's old pattern, or with a different first marker. If
 they cannot be read, flipped pictures, inverted prints, other marker sizes and other dictionaries are tried, and what is
@@ -18,11 +19,13 @@ import numpy as np
 
 from mirrorcam.optics.calibration.detection.charuco import count_by_family, find_marked_boards, tag_spacing
 from mirrorcam.optics.calibration.detection.checkerboard import Grey, find_checkerboards
+from mirrorcam.optics.calibration.detection.detect_boards import find_boards
 from mirrorcam.optics.calibration.detection.detections import DetectedGrid
 from mirrorcam.optics.calibration.detection.marker_layout import (
     GriddedPicture,
     MarkerPairs,
     VerticalPairs,
+    are_blank,
     marker_pairs,
     marker_side,
 )
@@ -38,6 +41,10 @@ MAX_SHORTFALL = 0.05  # of consistent pairs, relative to the best numbering, for
 MAX_SIDE_DIFFERENCE = 0.035  # between the stated and the visible side of markers, in squares
 MAX_SPACING_DIFFERENCE = 0.04  # between the stated and the visible gap of an AprilGrid, relative
 MAX_DICTIONARIES = 3  # families of which the most markers were detected, whose layout is examined
+FLIPPED = (
+    "the markers of the board can be read only when the pictures are flipped: they are mirrored, like those of a "
+    "selfie camera; switch that off, or flip them left to right"
+)
 ANY_CHARUCO = Charuco(cols=5, rows=4, square_mm=10.0, marker_mm=7.0)
 ANY_APRILGRID = AprilGrid(cols=24, rows=24, tag_mm=10.0, spacing=0.3)
 
@@ -72,6 +79,54 @@ def other_board(
     return other or (None if found else _other_kind(pictures, board, mirrored=bool(mirrored)))
 
 
+def surely_other_board(pictures: Sequence[Grey], board: CalibrationBoard, *, mirrored: bool | None) -> str | None:
+    """Describe how a sample of pictures (h, w) shows another board, without a search for the stated one in all.
+
+    None in any doubt: `other_board` decides then. `mirrored` is as for it.
+    """
+    gridded = sorted(
+        (GriddedPicture.of(picture, ANY_CHARUCO) for picture in pictures),
+        key=lambda picture: -sum(map(len, picture.grids)),
+    )[:MAX_PICTURES]
+    clearest = [picture.grey for picture in gridded]
+    if not gridded:
+        return None
+    if not isinstance(board, Checkerboard):
+        if isinstance(board, AprilGrid):
+            gridded = [GriddedPicture.of(picture, board) for picture in clearest]
+        pairs = _pairs(gridded, board, mirrored=bool(mirrored))
+        if len(pairs.vertical(board).majority[1].highest) >= MIN_VERTICAL * len(gridded):
+            return _other_layout(pairs, board, len(gridded))
+        other = _unreadable(gridded, board, mirrored=mirrored)
+    elif all(are_blank(picture) for picture in gridded):
+        return _surely_other_checkerboard(gridded, board)
+    else:
+        columns, other = _charuco(clearest, board, mirrored=bool(mirrored))
+        if columns and columns not in (board.cols, board.rows):
+            return other
+        other = other or _aprilgrid(clearest, board, mirrored=bool(mirrored))
+    flips = (False, True) if mirrored is None else (mirrored,)
+    found = other and any(
+        find_boards(picture, board, mirrored=flip, max_boards=1) for picture in clearest for flip in flips
+    )
+    return None if found else other
+
+
+def _surely_other_checkerboard(gridded: Sequence[GriddedPicture], board: Checkerboard) -> str | None:
+    """Name the size of checkerboards whose edges are in view, unless it is the stated one."""
+    stated = (board.cols, board.rows)
+    if stated in _complete_sizes([grid for picture in gridded for grid in picture.grids], board):
+        return None
+    grids = [grid for picture in gridded for grid in find_checkerboards(picture.grey, board)]
+    sizes = _complete_sizes([grid for grid in grids if np.isfinite(grid.limits).all()], board)
+    size, count = max(sizes.items(), key=lambda item: item[1], default=(stated, 0))
+    return None if stated in sizes or count < len(gridded) else _named_size(size, board)
+
+
+def _named_size(size: tuple[int, int], board: Checkerboard) -> str:
+    return f"the pictures show a checkerboard of {size[0]} x {size[1]} squares, board says {_size(board)}"
+
+
 def _other_checkerboard(
     pictures: Sequence[Grey], board: Checkerboard, *, mirrored: bool | None, found: bool
 ) -> str | None:
@@ -85,16 +140,15 @@ def _other_checkerboard(
     min_count = max(len(pictures), MIN_FRACTION * max([*counts.values(), stated], default=0))
     frequent = [size for size, count in counts.items() if count >= min_count]
     if frequent:
-        cols, rows = max(frequent, key=lambda size: size[0] * size[1])
-        return f"the pictures show a checkerboard of {cols} x {rows} squares, board.toml says {_size(board)}"
+        return _named_size(max(frequent, key=lambda size: size[0] * size[1]), board)
     if mirrored is None or found:
         return None
     complete = [grid for grid in grids if _size_like(board, grid) == (board.cols, board.rows)]
     if stated >= len(pictures) and not any(grid.numberings(board, mirrored=mirrored) for grid in complete):
         return (
             f"the {_size(board)} checkerboard in the pictures has black where it should be white: they are mirrored, "
-            "like those of a selfie camera (switch that off, or flip them left to right), or cols and rows are "
-            "exchanged in board.toml"
+            "like those of a selfie camera (switch that off, or flip them left to right), or cols and rows of "
+            "board are exchanged"
         )
     return None
 
@@ -142,19 +196,8 @@ def _differences(
         # Markers of a different size are rarely readable.
         other = _pattern_with_more_corners(pictures, board, mirrored=mirrored)
         return other or _other_marker_side(gridded, board, mirrored=mirrored)
-    tags = isinstance(board, AprilGrid)
-    kind, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
-    size = f"{board.cols} x {board.rows}"
-    highest = vertical.highest - (board.first_marker if isinstance(board, Charuco) else 0)
-    rows = (highest if tags else 2 * highest + 1) // columns + 1 + vertical.has_next_row  # at least
-    if columns != board.cols:
-        sentence = f"the pictures show {kind} of {columns} columns of {cells}, board.toml says {size} {cells}"
-        exchanged = columns == board.rows and rows.max() <= board.cols
-        return sentence + (": are cols and rows exchanged?" if exchanged else "")
-    if isinstance(board, Charuco) and (other := _other_numbers(pairs, vertical, board, len(gridded))):
+    if other := _other_layout(pairs, board, len(gridded)):
         return other
-    if (rows > board.rows).sum() >= MIN_BEYOND * len(gridded):
-        return f"the pictures show {kind} of more rows of {cells}, board.toml says {size} {cells}"
     if not isinstance(board, Charuco):
         return None
     white = board.marker_at_top_left
@@ -164,6 +207,25 @@ def _differences(
     unclear = stated_pairs - other_pairs < min_pairs
     other = _pattern_with_more_corners(pictures, board, mirrored=mirrored) if unclear else None
     return other or _other_marker_side(gridded, board, mirrored=mirrored)
+
+
+def _other_layout(pairs: MarkerPairs, board: Charuco | AprilGrid, pictures: int) -> str | None:
+    """Describe how pairs of markers in some pictures contradict the columns, rows or numbers of a board."""
+    columns, vertical = pairs.vertical(board).majority
+    tags = isinstance(board, AprilGrid)
+    kind, cells = ("an AprilGrid", "tags") if tags else ("a ChArUco board", "squares")
+    size = f"{board.cols} x {board.rows}"
+    highest = vertical.highest - (board.first_marker if isinstance(board, Charuco) else 0)
+    rows = (highest if tags else 2 * highest + 1) // columns + 1 + vertical.has_next_row  # at least
+    if columns != board.cols:
+        sentence = f"the pictures show {kind} of {columns} columns of {cells}, board says {size} {cells}"
+        exchanged = columns == board.rows and rows.max() <= board.cols
+        return sentence + (": are cols and rows exchanged?" if exchanged else "")
+    if isinstance(board, Charuco) and (other := _other_numbers(pairs, vertical, board, pictures)):
+        return other
+    if (rows > board.rows).sum() >= MIN_BEYOND * pictures:
+        return f"the pictures show {kind} of more rows of {cells}, board says {size} {cells}"
+    return None
 
 
 def _other_numbers(
@@ -183,7 +245,7 @@ def _other_numbers(
     if min_votes < 0:
         return None
     as_stated, few_beyond = votes[0] > min_votes, pairs_beyond < MIN_BEYOND * pictures
-    if as_stated and few_beyond:
+    if (as_stated and few_beyond) or _inner_rows(vertical, board.cols) + 2 > board.rows:
         return None
     other_pattern = not as_stated and pairs.count_consistent(board.cols, first, white_first=not white) > min_votes
     phase = 0 if as_stated else int(np.argmax(votes))
@@ -203,10 +265,15 @@ def _other_numbers(
     # If neither the left nor the right side of the board is visible, several numberings are equally likely.
     first_id = str(begin) if votes.count(votes[phase]) == 1 else "the id of the board's first marker"
     return (
-        f"the pictures show markers {lowest} to {highest}, the {board.cols} x {board.rows} ChArUco board of "
-        f"board.toml has {first} to {first + count - 1}: set "
-        f"first_marker = {first_id} there, unless the board has more rows"
+        f"the pictures show markers {lowest} to {highest}, board says {board.cols} x {board.rows} squares with "
+        f"{first} to {first + count - 1}: set first_marker = {first_id} there, unless the board has more rows"
     )
+
+
+def _inner_rows(vertical: VerticalPairs, columns: int) -> int:
+    """Number of rows, at least, with markers among inner corners: the board has one more above and below."""
+    highest = vertical.highest[vertical.has_next_row > 0]
+    return 2 * int(np.ptp(highest) + columns) // columns + 1 if len(highest) else 0
 
 
 def _pattern_with_more_corners(pictures: Sequence[Grey], board: Charuco, *, mirrored: bool | None) -> str | None:
@@ -234,12 +301,12 @@ def _other_pattern(board: Charuco) -> str:
     if board.rows % 2:
         return (
             f"the ChArUco board in the pictures has a white square at its top left, which no board of {board.rows} "
-            "rows has: are cols and rows right in board.toml?"
+            "rows has: are cols and rows of board right?"
         )
     sentence = "the markers of the ChArUco board in the pictures are arranged as OpenCV"
     if board.legacy:
-        return f"{sentence} 4.6 and later print them, board.toml says legacy = true: remove that"
-    return f"{sentence} before 4.6 printed them (its old pattern): add legacy = true to board.toml"
+        return f"{sentence} 4.6 and later print them, board says legacy = true: remove that"
+    return f"{sentence} before 4.6 printed them (its old pattern): set legacy = true in board"
 
 
 def _other_marker_side(gridded: Sequence[GriddedPicture], board: Charuco, *, mirrored: bool | None) -> str | None:
@@ -250,18 +317,17 @@ def _other_marker_side(gridded: Sequence[GriddedPicture], board: Charuco, *, mir
         return None
     return (
         f"the markers in the pictures look like {side * board.square_mm:.2g} mm on squares of {board.square_mm:g} "
-        f"mm, board.toml says marker_mm = {board.marker_mm:g}"
+        f"mm, board says marker_mm = {board.marker_mm:g}"
     )
 
 
 def _unreadable(gridded: Sequence[GriddedPicture], board: Charuco | AprilGrid, *, mirrored: bool | None) -> str | None:
     """Explain why the markers cannot be read."""
     flipped = bool(mirrored)
+    if other := _plain_checkerboard([picture.grey for picture in gridded], board):
+        return other
     if mirrored is not None and _readable(gridded, board, mirrored=not flipped):
-        return (
-            "the markers of the board can be read only when the pictures are flipped: they are mirrored, like those of "
-            "a selfie camera; switch that off, or flip them left to right"
-        )
+        return FLIPPED
     if isinstance(board, Charuco):
         inverted = board.replaced(inverted=not board.inverted)
         if _readable(gridded, inverted, mirrored=flipped):
@@ -283,8 +349,8 @@ def _with_others(cause: str, gridded: Sequence[GriddedPicture], corrected: Charu
 def _other_polarity(board: Charuco) -> str:
     subject = "the ChArUco board in the pictures is printed"
     if board.inverted:
-        return f"{subject} black on white, board.toml says inverted = true: remove that"
-    return f"{subject} white on black: add inverted = true to board.toml"
+        return f"{subject} black on white, board says inverted = true: remove that"
+    return f"{subject} white on black: set inverted = true in board"
 
 
 def _other_dictionary(
@@ -294,7 +360,7 @@ def _other_dictionary(
     pictures = [picture.grey for picture in gridded]
     stated = dictionaries.family(board.dictionary)
     families = [name for name in dictionaries.FAMILIES if name != stated]
-    for name in _likely_families(pictures, families, len(board.markers), inverted=inverted, mirrored=bool(mirrored)):
+    for name in _likely_families(pictures, families, inverted=inverted, mirrored=bool(mirrored)):
         if dictionaries.count(name) < len(board.markers):
             continue
         other = board.replaced(dictionary=name, first_marker=0, inverted=inverted)
@@ -302,7 +368,7 @@ def _other_dictionary(
         if len(vertical.highest) >= MIN_VERTICAL * len(gridded):
             shown = dictionaries.smallest(name, max(len(board.markers), int(vertical.highest.max()) + 1))
             cause = (
-                f"the pictures show markers of {shown}, board.toml says dictionary {board.dictionary}: "
+                f"the pictures show markers of {shown}, board says dictionary {board.dictionary}: "
                 f'set dictionary = "{shown}" there'
             )
             if inverted != board.inverted:
@@ -312,55 +378,73 @@ def _other_dictionary(
 
 
 def _likely_families(
-    pictures: Sequence[Grey], families: Sequence[str], markers: int, *, inverted: bool, mirrored: bool
+    pictures: Sequence[Grey], families: Sequence[str], *, inverted: bool, mirrored: bool
 ) -> Iterator[str]:
-    """Yield the dictionaries of which pictures show most markers: of their first markers, then of all in one picture.
-
-    Comparison with all markers takes a second.
-    """
+    """Yield the dictionaries of which pictures show most markers."""
     if inverted:
         pictures = [np.asarray(255 - picture, dtype=np.uint8) for picture in pictures]
-    for examined, first in ((pictures, markers), (pictures[:1], None)):
-        counts = np.sum([count_by_family(picture, families, first, mirrored=mirrored) for picture in examined], axis=0)
-        for number in np.argsort(-counts, kind="stable")[:MAX_DICTIONARIES].tolist():
-            if counts[number] >= MIN_VERTICAL * len(examined):
-                yield families[number]
+    counts = np.sum([count_by_family(picture, families, mirrored=mirrored) for picture in pictures], axis=0)
+    for number in np.argsort(-counts, kind="stable")[:MAX_DICTIONARIES].tolist():
+        if counts[number] >= MIN_VERTICAL * len(pictures):
+            yield families[number]
 
 
 def _other_kind(pictures: Sequence[Grey], board: CalibrationBoard, *, mirrored: bool) -> str | None:
-    """Name the kind of board in the pictures if it is another one."""
-    says = f'board.toml says kind = "{board.kind}"'
-    if not isinstance(board, AprilGrid):
-        spacings = [spacing for picture in pictures if (spacing := tag_spacing(picture)) is not None]
-        grid = ANY_APRILGRID.replaced(spacing=float(np.median(spacings))) if spacings else None
-        columns = 0 if grid is None else _columns(pictures, grid, mirrored=mirrored)[0]
-        if grid is not None and columns:
-            return (
-                f"the pictures show an AprilGrid of {columns} columns of tags, {says}: "
-                f'set kind = "aprilgrid" there, spacing = {grid.spacing:.3g}, and cols, rows and tag_mm of its tags'
-            )
-    if not isinstance(board, Charuco):
-        for inverted in (False, True):
-            for name in _likely_families(pictures, dictionaries.FAMILIES, 50, inverted=inverted, mirrored=mirrored):
-                assumed = ANY_CHARUCO.replaced(dictionary=name, inverted=inverted)
-                columns, highest = _columns(pictures, assumed, mirrored=mirrored)
-                if columns:
-                    name = dictionaries.smallest(name, highest + 1)
-                    return (
-                        f"the pictures show a ChArUco board of {columns} columns of squares, {says}: "
-                        f'set kind = "charuco" there, dictionary = "{name}", marker_mm'
-                        f"{' and inverted = true' if inverted else ''}"
-                    )
-    if not isinstance(board, Checkerboard):
-        plain = Checkerboard(cols=board.cols, rows=board.rows, square_mm=1.0)
-        sizes = _complete_sizes([grid for picture in pictures for grid in find_checkerboards(picture, plain)], plain)
-        if sizes and (count := max(sizes.values())) >= len(pictures):
-            cols, rows = max(size for size in sizes if sizes[size] == count)
-            return (
-                f"the pictures show a plain checkerboard of {cols} x {rows} squares, {says}: "
-                'set kind = "checkerboard" there'
-            )
-    return None
+    """Name the kind of board in the pictures if it is one with markers other than the stated kind."""
+    other = None if isinstance(board, AprilGrid) else _aprilgrid(pictures, board, mirrored=mirrored)
+    if other or isinstance(board, Charuco):
+        return other
+    return _charuco(pictures, board, mirrored=mirrored)[1]
+
+
+def _aprilgrid(pictures: Sequence[Grey], board: CalibrationBoard, *, mirrored: bool) -> str | None:
+    """Name the AprilGrid in the pictures, if any."""
+    spacings = [spacing for picture in pictures if (spacing := tag_spacing(picture)) is not None]
+    if not spacings:
+        return None
+    grid = ANY_APRILGRID.replaced(spacing=float(np.median(spacings)))
+    columns, _ = _columns(pictures, grid, mirrored=mirrored)
+    if not columns:
+        return None
+    return (
+        f"the pictures show an AprilGrid of {columns} columns of tags, {_stated_kind(board)}: "
+        f'set kind = "aprilgrid" there, spacing = {grid.spacing:.3g}, and cols, rows and tag_mm of its tags'
+    )
+
+
+def _charuco(pictures: Sequence[Grey], board: CalibrationBoard, *, mirrored: bool) -> tuple[int, str | None]:
+    """Number of columns of the ChArUco board in the pictures, and its name; 0, None without one."""
+    for inverted in (False, True):
+        for name in _likely_families(pictures, dictionaries.FAMILIES, inverted=inverted, mirrored=mirrored):
+            assumed = ANY_CHARUCO.replaced(dictionary=name, inverted=inverted)
+            columns, highest = _columns(pictures, assumed, mirrored=mirrored)
+            if columns:
+                shown = dictionaries.smallest(name, highest + 1)
+                return columns, (
+                    f"the pictures show a ChArUco board of {columns} columns of squares, {_stated_kind(board)}: "
+                    f'set kind = "charuco" there, dictionary = "{shown}", marker_mm'
+                    f"{' and inverted = true' if inverted else ''}"
+                )
+    return 0, None
+
+
+def _plain_checkerboard(pictures: Sequence[Grey], board: Charuco | AprilGrid) -> str | None:
+    if not all(are_blank(GriddedPicture.of(picture, ANY_CHARUCO)) for picture in pictures):
+        return None
+    plain = Checkerboard(cols=board.cols, rows=board.rows, square_mm=1.0)
+    sizes = _complete_sizes([grid for picture in pictures for grid in find_checkerboards(picture, plain)], plain)
+    count = max(sizes.values(), default=0)
+    if count < len(pictures):
+        return None
+    cols, rows = max(size for size in sizes if sizes[size] == count)
+    return (
+        f"the pictures show a plain checkerboard of {cols} x {rows} squares, {_stated_kind(board)}: "
+        'set kind = "checkerboard" there'
+    )
+
+
+def _stated_kind(board: CalibrationBoard) -> str:
+    return f'board says kind = "{board.kind}"'
 
 
 def _columns(pictures: Sequence[Grey], board: Charuco | AprilGrid, *, mirrored: bool) -> tuple[int, int]:
@@ -379,7 +463,7 @@ def _other_spacing(pictures: Sequence[Grey], board: AprilGrid) -> str | None:
     ):
         return None
     return (
-        f"the gaps between the tags in the pictures look like {spacing:.3g} sides of a tag, board.toml says spacing = "
+        f"the gaps between the tags in the pictures look like {spacing:.3g} sides of a tag, board says spacing = "
         f"{board.spacing:g} (Kalibr's tagSpacing): set spacing = {spacing:.3g} there if that is what you measure"
     )
 

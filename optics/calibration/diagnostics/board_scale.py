@@ -50,7 +50,7 @@ def wrong_size_message(pictures: Sequence[Grey], layout: Layout, board: Calibrat
     if ratio is None or 1.0 / MIN_SIZE_RATIO < ratio < MIN_SIZE_RATIO:
         return None
     side, element = (board.tag_mm, "tags") if isinstance(board, AprilGrid) else (board.square_mm, "squares")
-    reported = f"board.toml says {element} of {side:g} mm, the pictures fit about"
+    reported = f"board says {element} of {side:g} mm, the pictures fit about"
     for factor, unit in UNITS:
         if max(ratio / factor, factor / ratio) < MAX_UNIT_RATIO:
             return f"{reported} {side * factor:.3g} mm: were they measured in {unit}?"
@@ -192,7 +192,7 @@ def scale_doubt(
     scale = common_scale(layout, virtual_centres, edges)
     fitting_mm, sigma_mm = side_mm / scale.factor, side_mm * scale.sigma / scale.factor**2
     message = (
-        f"the board's {element}s look like {fitting_mm:.4g} ± {sigma_mm:.2g} mm, board.toml says {element}_mm = "
+        f"the board's {element}s look like {fitting_mm:.4g} ± {sigma_mm:.2g} mm, board says {element}_mm = "
         f"{side_mm:g}: all lengths come out {scale.factor:.3f} (±{scale.sigma:.3f}) times those of the nominal "
         f"layout; measure the print, correct {element}_mm and calibrate again"
     )

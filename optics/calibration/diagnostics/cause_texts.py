@@ -6,8 +6,8 @@ from collections.abc import Callable
 from shlex import quote
 
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration
-from mirrorcam.optics.calibration.diagnostics.causes import Cause, CauseKind
 from mirrorcam.optics.calibration.diagnostics.left_out import LeftOut
+from mirrorcam.optics.calibration.diagnostics.score_test import Cause, CauseKind
 
 _SENTENCES: dict[CauseKind, str] = {
     "picture": "{picture} contradicts the other pictures",

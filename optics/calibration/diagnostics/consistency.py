@@ -147,7 +147,7 @@ def board_notes(
     if len(off_plane) and off_plane.mean() > MAX_OFF_PLANE:
         raise InputError(
             f"{off_plane.mean():.0%} of the corners lie where a flat board of this drawing has none, expected under "
-            f"{MAX_OFF_PLANE:.0%}: are rows, columns and markers as in board.toml, and is one board in view?"
+            f"{MAX_OFF_PLANE:.0%}: are rows, columns and markers as in board, and is one board in view?"
         )
     notes = []
     for rows in _view_rows(observations):

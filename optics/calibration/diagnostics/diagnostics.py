@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mirrorcam.core.values import FloatArray, Metric
-from mirrorcam.optics.calibration.diagnostics.causes import Cause
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews
 from mirrorcam.optics.calibration.diagnostics.left_out import LeftOut
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import (
@@ -29,6 +28,7 @@ from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import (
     uncertainty_of,
     views_of,
 )
+from mirrorcam.optics.calibration.diagnostics.score_test import Cause
 from mirrorcam.optics.calibration.diagnostics.split_half import Split, splits
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.residuals import points_at_camera

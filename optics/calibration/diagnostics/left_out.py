@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mirrorcam.optics.calibration.diagnostics.causes import Cause, ranked_causes
+from mirrorcam.optics.calibration.diagnostics.causes import ranked_causes
 from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.model_comparison import frames_of
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as
+from mirrorcam.optics.calibration.diagnostics.score_test import Cause
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import Observations
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from mirrorcam.core.progress import Step, no_step
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.causes import Cause, ranked_causes
+from mirrorcam.optics.calibration.diagnostics.causes import ranked_causes
 from mirrorcam.optics.calibration.diagnostics.consistency import MAX_OUTLIERS
 from mirrorcam.optics.calibration.diagnostics.corner_noise import correlated_errors
 from mirrorcam.optics.calibration.diagnostics.free_views import FreeViews, free_views
@@ -41,6 +41,7 @@ from mirrorcam.optics.calibration.diagnostics.nested_models import (
 )
 from mirrorcam.optics.calibration.diagnostics.projection_uncertainty import NEGLIGIBLE_PX
 from mirrorcam.optics.calibration.diagnostics.requested_model import AUTO, DIRECT_ADDITIONS, RequestedModel
+from mirrorcam.optics.calibration.diagnostics.score_test import Cause
 from mirrorcam.optics.calibration.solver.levenberg_marquardt import BoolArray, Solution, UndeterminedError
 from mirrorcam.optics.calibration.solver.observations import DIRECT, Observations
 from mirrorcam.optics.calibration.solver.parameterisation import CentresPrior, Model

@@ -31,6 +31,7 @@ MAX_BEYOND_3_SIGMA = 0.01  # for Gaussian noise, 0.0027 is expected
 MAX_RMS_RATIO = 1.5  # ratio of the noisiest to the quietest view and axis
 MIN_COVERAGE = 0.6
 MIN_FRAMES = 5
+MIN_FRAMES_FOR_CAUSE = 10  # with fewer, errors of single pictures look like changes between them
 MIN_ROTATION_DEG = 30.0  # between the most different boards
 MIN_DISTANCE_RATIO = 1.25  # of the farthest to the nearest board
 MAX_HELD_OUT_RATIO = 1.25
@@ -86,6 +87,10 @@ def check_solution(calibration: Calibration, views: Sequence[ViewFigures]) -> Ve
         remaining = [check.advice for check in failed if check in pictures]
         reasons = [*reasons, cause[0].reason] if stated else [cause[0].reason, *reasons]
         advice = [*(_advice_on_alarms(diagnostics) if stated else [cause[0].advice]), *remaining]
+    frames = len(np.unique(calibration.observations.frame))
+    if not cause and frames < MIN_FRAMES_FOR_CAUSE and (alarms or any(check in failed for check in symptoms)):
+        reasons.append(f"{frames} pictures are too few to find the cause")
+        advice.append(f"Take {MIN_FRAMES_FOR_CAUSE} pictures or more: then a cause shows.")
     if diagnostics is None:
         reasons.append("the model was not checked")
         advice.append("Calibrate with a nominal layout, so that models can be compared.")

@@ -32,7 +32,7 @@ MAX_SMOOTHER = 0.97  # their roughness in softened pictures relative to that in 
 MAX_NUMBERINGS = 8  # of a partly visible board that is used to locate the mirrors
 FLIPPED = "the pictures are flipped left to right, as from a selfie camera: switch that off, or flip all of them back"
 INVERTED = (
-    "the board in the pictures has black and white exchanged, as if cols and rows were exchanged in board.toml: its "
+    "the board in the pictures has black and white exchanged, as if cols and rows of board were exchanged: its "
     "corners are numbered as if its top left square were black"
 )
 SMOOTHER = (

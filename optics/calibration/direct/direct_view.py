@@ -20,6 +20,7 @@ from mirrorcam.core.figures.figure_texts import count_text, grouped_names
 from mirrorcam.core.processes.worker_pool import cores
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import FloatArray, InvalidValue
+from mirrorcam.optics.calibration.calibration import other_board_in_sample
 from mirrorcam.optics.calibration.corner_calibration import FittedCorners, calibration_of, fit_corners
 from mirrorcam.optics.calibration.detection.board_growing import softened
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
@@ -123,6 +124,8 @@ def calibrate_with_direct_view(
     if not pictures:
         raise InputError("no pictures given")
     _check_sizes((*pictures, *base), (*names, *base_names))
+    if other := other_board_in_sample(pictures, board, mirrored=None):
+        raise InputError(other)
     boards = boards_in(pictures, board, max_boards=mirrors + 1, progress=progress)
     # Pictures with the most corners come first: those taken first may not show the board yet.
     pictures_by_corners = [

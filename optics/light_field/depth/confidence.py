@@ -20,7 +20,14 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from mirrorcam.core.compiled import compiled
-from mirrorcam.optics.light_field.depth.refine import Match, depth_edges, information_fraction
+from mirrorcam.optics.light_field.depth.photometry import ViewPicture, filled, smoothed
+from mirrorcam.optics.light_field.depth.refine import (
+    NOISE_GREY,
+    Match,
+    brightness_gradients,
+    depth_edges,
+    information_fraction,
+)
 
 Float32 = NDArray[np.float32]
 
@@ -28,6 +35,9 @@ RIGHT_PX = 0.5
 """A depth is right if its error is below this, in px of disparity at the longest baseline."""
 AVERAGE_PX, CORRELATION_PX, FAR_CORRELATION_PX = 7, 15, 41
 MEDIAN_STRIDE_PX = 4
+RIM_PX = 9
+"""Side of the square over which a brightened pixel affects gradients, also of views at half size."""
+MIN_WEIGHT = 1.0 / 255.0
 BLOCK_PIXELS = 1024
 MIN_ENERGY = 1e-3
 MIN_RIVALS = 0.02
@@ -101,6 +111,20 @@ def statistics(
             np.full_like(disparity_px, np.log(noise_ratio + MIN_NOISE_RATIO)),
         ]
     ).astype(np.float32)
+
+
+def unbrightened(view: ViewPicture, weights: Float32, deviation_px: float) -> NDArray[np.uint8]:
+    """Mask (v, u), as uint8, of the `interior` of a view whose texture is the scene's, not that of its brightening.
+
+    Decoding divides samples by their `weights` (v, u). The gradients that this adds are the same in every scene, so
+    they are no texture where they exceed the noise. `deviation_px` is that of the smoothing.
+    """
+    if weights.min() == weights.max():
+        return view.interior
+    recorded = np.maximum(filled(weights, weights > 0), np.float32(MIN_WEIGHT))
+    added = view.brightness * np.hypot(*brightness_gradients(smoothed(np.log(recorded), deviation_px)))
+    rim: Any = cv2.dilate((added > np.float32(NOISE_GREY)).astype(np.uint8), np.ones((RIM_PX, RIM_PX), np.uint8))
+    return np.asarray(view.interior & (rim == 0))
 
 
 def attainable_probability(match: Match, interior: NDArray[np.uint8], views: int) -> Float32:

@@ -21,7 +21,7 @@ from mirrorcam.core.arguments import check_choice, check_count, check_number, ch
 from mirrorcam.core.bounds import WORKERS
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.threads import thread_map
-from mirrorcam.optics.light_field.depth.confidence import attainable_probability, log_odds, statistics
+from mirrorcam.optics.light_field.depth.confidence import attainable_probability, log_odds, statistics, unbrightened
 from mirrorcam.optics.light_field.depth.depth_map import DepthMap
 from mirrorcam.optics.light_field.depth.enlargement import doubled, enlarged_by_picture
 from mirrorcam.optics.light_field.depth.parallax import Parallax, other_views, parallax, reference_index
@@ -415,7 +415,8 @@ class DepthEstimator:
                 noise_ratio=noise,
             )
         )
-        confidence = np.minimum(estimated, attainable_probability(match, reference.interior, views))
+        texture = unbrightened(reference, self.weights[self.reference], smoothing_px(noise))
+        confidence = np.minimum(estimated, attainable_probability(match, texture, views))
         sigma_px = standard_deviation_px(
             match,
             smoothness,

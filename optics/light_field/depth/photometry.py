@@ -53,7 +53,7 @@ def _separate(samples: Samples, scale: float, brightness: Float32, chroma: Float
                 chroma_out[x] = zero
 
 
-def _filled(picture: Float32, valid: NDArray[np.bool_]) -> Float32:
+def filled(picture: Float32, valid: NDArray[np.bool_]) -> Float32:
     """Return a picture (v, u) or (v, u, c) with missing samples replaced by the mean of neighbours."""
     if valid.all():
         return picture
@@ -71,7 +71,7 @@ def colours(light_field: LightField, index: tuple[int, int]) -> Float32:
     picture = samples.astype(np.float32)
     if samples.dtype == np.float32:
         picture = np.clip(picture, np.float32(0.0), np.float32(1.0)) * np.float32(255.0)
-    return _filled(np.broadcast_to(picture, (*samples.shape[:2], 3)).copy(), light_field.weights[index] > 0)
+    return filled(np.broadcast_to(picture, (*samples.shape[:2], 3)).copy(), light_field.weights[index] > 0)
 
 
 def halved_picture(picture: Float32) -> Float32:
@@ -119,7 +119,7 @@ class ViewPicture:
         brightness, chroma = np.empty((2, *samples.shape[:2]), np.float32)
         _separate(samples, np.float32(255.0 if samples.dtype == np.float32 else 1.0), brightness, chroma)
         valid = light_field.weights[index] > 0
-        return cls(_filled(brightness, valid), _filled(chroma, valid), valid)
+        return cls(filled(brightness, valid), filled(chroma, valid), valid)
 
     @property
     def grey(self) -> Float32:

@@ -34,10 +34,10 @@ from mirrorcam.core.figures.figure_texts import (
 from mirrorcam.core.html.templates import FigureTable, Table, Tile, full_stop, render
 from mirrorcam.optics.calibration.diagnostics.calibration_result import Calibration, mirror_sigmas
 from mirrorcam.optics.calibration.diagnostics.cause_texts import cause_sentence
-from mirrorcam.optics.calibration.diagnostics.causes import Cause
 from mirrorcam.optics.calibration.diagnostics.diagnostics import Diagnostics
 from mirrorcam.optics.calibration.diagnostics.mirror_uncertainty import MirrorUncertainty
 from mirrorcam.optics.calibration.diagnostics.model_comparison import SUPPORTED_CHANCE, ModelComparison
+from mirrorcam.optics.calibration.diagnostics.score_test import Cause
 from mirrorcam.optics.calibration.diagnostics.verdict import STATES, Verdict, check_solution
 from mirrorcam.optics.calibration.diagnostics.view_statistics import (
     ViewFigures,

@@ -28,6 +28,7 @@ from pydantic_core import ErrorDetails, core_schema
 from pydantic_core.core_schema import ValidationInfo
 
 from mirrorcam.core.bounds import DEPTH_MM, DEPTH_OR_INF_MM
+from mirrorcam.core.command_text import reading_command_text
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.messages import one_line
 
@@ -78,6 +79,9 @@ class InvalidValue(InputError):
         return str(self) if self.first is None else self.first["msg"].removeprefix("Value error, ")
 
 
+NOT_ALL_FINITE = "holds a value that is NaN or infinite, expected finite numbers"
+
+
 @dataclass(frozen=True)
 class Shaped:
     """Annotation that turns nested lists into a finite, read-only float64 array of a given shape.
@@ -101,7 +105,7 @@ class Shaped:
         ):
             raise ValueError(f"shape {array.shape}, expected {expected}")
         if not np.isfinite(array).all():
-            raise ValueError("holds a value that is NaN or infinite, expected finite numbers")
+            raise ValueError(NOT_ALL_FINITE)
         if np.abs(array).max(initial=0.0) > self.largest:
             worst = array.flat[np.abs(array).argmax()]
             raise ValueError(f"holds {worst:g}, expected numbers from {-self.largest:.15g} to {self.largest:.15g}")
@@ -134,8 +138,8 @@ def _is_numbers(value: Any) -> bool:
     return kind in ("i", "u", "f") if kind else isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def array_of(name: str, value: ArrayLike, *shape: int | EllipsisType | None) -> FloatArray:
-    """Convert an argument to an array of real numbers, which may hold NaN.
+def array_of(name: str, value: ArrayLike, *shape: int | EllipsisType | None, finite: bool = False) -> FloatArray:
+    """Convert an argument to an array of real numbers, which may hold NaN and infinities unless it must be `finite`.
 
     `shape` has None for any length, and may begin with `...` for any leading axes. Raises InputError for arrays of
     another shape or type, TypeError for anything that is no array.
@@ -156,6 +160,8 @@ def array_of(name: str, value: ArrayLike, *shape: int | EllipsisType | None) -> 
     pairs = zip(reversed(lengths), reversed(array.shape), strict=False)
     if not has_axes or any(length not in (None, found) for length, found in pairs):
         raise InputError(f"{name}: shape {array.shape}, expected {expected}")
+    if finite and not np.isfinite(array).all():
+        raise InputError(f"{name}: {NOT_ALL_FINITE}")
     return array.astype(np.float64, copy=False)
 
 
@@ -189,12 +195,23 @@ def _hashable(data: Any) -> Any:
     return tuple(_hashable(value) for value in data) if isinstance(data, list | tuple) else data
 
 
+_NUMBERS = ("int", "float")
+_NO_NUMBERS = (str, bytes, bool, np.bool)
 _CONTAINERS = ("list", "tuple", "set", "frozenset", "dict")
 """Types of pydantic schemas whose validation can stop at the first invalid item."""
 
 
-def _stop_at_first(schema: Any) -> None:
-    """Make the validation of all lists and tables in a pydantic schema stop at the first invalid item.
+def _number(value: Any) -> Any:
+    """Refuse text and truth values, which pydantic would convert to numbers, except text of a command line."""
+    if value.__class__ is float:  # nearly all are
+        return value
+    if isinstance(value, _NO_NUMBERS) and not (isinstance(value, str) and reading_command_text()):
+        raise ValueError(f"{type(value).__name__}, expected a number")
+    return value
+
+
+def _adapt(schema: Any) -> None:
+    """Adapt a pydantic schema: numbers are numbers, and lists and tables are read up to the first invalid item.
 
     Findings about all items of a long list would take gigabytes.
     """
@@ -202,8 +219,15 @@ def _stop_at_first(schema: Any) -> None:
     while pending:
         part = pending.pop()
         if isinstance(part, dict):
+            if part.get("type") == "function-before" and part["function"]["function"] is _number:
+                continue  # adapted with a nested value
             if part.get("type") in _CONTAINERS:
                 part["fail_fast"] = True
+            if part.get("type") in _NUMBERS:
+                number = dict(part)
+                part.clear()
+                part |= core_schema.no_info_before_validator_function(_number, number)
+                continue
             pending += (inner for name, inner in part.items() if name not in ("default", "metadata"))
         elif isinstance(part, list | tuple):
             pending += part
@@ -222,7 +246,7 @@ class Value(BaseModel):
     @classmethod
     def __get_pydantic_core_schema__(cls, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
         schema = handler(source)
-        _stop_at_first(schema)
+        _adapt(schema)
         return schema
 
     @classmethod
@@ -290,6 +314,8 @@ NOT_FINITE = "its formula has no finite value here"
 def _nan_unless_finite(value: Any, info: ValidationInfo) -> Any:
     if value is None:
         return math.nan
+    if isinstance(value, bool | np.bool):  # of a check that passes or fails
+        return float(value)
     if isinstance(value, float | np.floating) and not math.isfinite(value):
         if info.mode == "json":
             raise ValueError("Input should be a finite number, or null")

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from pydantic import BeforeValidator, Field, model_validator
 
 from mirrorcam.core.bounds import DEPTH_MM, PICTURES, SEED
+from mirrorcam.core.command_text import command_text
 from mirrorcam.core.disk.files import LARGEST_FILE_BYTES, read_model
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, InvalidValue, Shaped, Value
@@ -39,7 +40,8 @@ def tolerances_of(value: Any) -> Any:
         if name not in names:
             raise ValueError(f"{name} is not a tolerance, expected {', '.join(names)}")
     try:
-        return Tolerances().replaced(**{name: value for name, _, value in parts})
+        with command_text():
+            return Tolerances().replaced(**{name: value for name, _, value in parts})
     except InvalidValue as error:
         name = str(error.first["loc"][0]) if error.first else ""
         raise ValueError(f"{name}: {error.reason}") from None

@@ -327,6 +327,22 @@ def test_a_layout_with_the_wrong_coating_raises_an_alarm(small_set: Set, detecti
     assert any("appear to be first-surface" in alarm for alarm in found.diagnostics.alarms)
 
 
+def test_a_wrong_board_is_named_before_all_pictures_are_searched(
+    small_set: Set, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def search(*_: object, **__: object) -> None:
+        raise AssertionError("searched all pictures")
+
+    monkeypatch.setattr(calibration, "detect_frames", search)
+    seen, base, nominal = small_set.frames, small_set.base, small_set.nominal
+    with pytest.raises(InputError, match="show a ChArUco board of 16 columns of squares"):
+        calibrate(seen, base, nominal, BOARD.replaced(cols=14))
+    with pytest.raises(InputError, match="show a ChArUco board of 16 columns of squares"):
+        calibrate(seen, [], nominal, PLAIN)
+    with pytest.raises(InputError, match="are exchanged, as the board's markers show: swap them"):
+        calibrate(base, seen, nominal, BOARD)
+
+
 def grey(level: int) -> Grey:
     return np.full((48, 64), level, np.uint8)
 

@@ -65,6 +65,8 @@ GOOD = list(range(8)), np.full((8, 2), 100.0)
         (0, (range(8), [[-3.0, 1.0]] * 8), r"pixel \(-3, 1\), expected one in the picture of 1920 x 1080"),
         (0, (range(7), GOOD[1]), r"7 numbers, 8 pixels"),
         (0, (range(8), np.ones((8, 3))), r"pixels: shape \(8, 3\), expected \(n, 2\)"),
+        (0, (range(8), [[1.0, 2.0], [3.0]]), r"pixels: rows of different lengths, expected \(n, 2\)"),
+        (0, (range(8), np.full((8, 2), np.nan)), r"pixels: holds a value that is NaN or infinite"),
         (0, (*GOOD, [0.0] * 8), r"sigma 0, expected positive"),
         (0, GOOD[1], r"expected a pair of numbers"),
     ],

@@ -23,6 +23,7 @@ from mirrorcam.optics.geometry.calibrated_camera import CalibratedCamera
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_library import read_camera
 from mirrorcam.optics.geometry.layout import Layout
+from tests.nightly import a_few
 from tests.optics.calibration.synthetic_corners import direct_corners
 from tests.optics.synthetic import posed
 
@@ -163,6 +164,36 @@ def test_a_picture_with_another_zoom_is_named() -> None:
     assert calibration.diagnostics is not None
     assert calibration.diagnostics.causes[0].kind == "picture"
     assert calibration.diagnostics.causes[0].frame == 4
+
+
+def with_own_errors(frames: list[Observations], size_px: float, seed: int) -> list[Observations]:
+    """Each picture with a smooth field of errors of its own, as of a board that bends or a camera that moves."""
+    random = np.random.default_rng([seed, 5])
+    changed = []
+    for rows in frames:
+        x, y = (rows.pixels - rows.pixels.mean(axis=0)).T / 300.0
+        field = np.column_stack([x * x, x * y, y * y]) @ random.standard_normal((3, 2))
+        changed.append(replace(rows, pixels=rows.pixels + size_px * field))
+    return changed
+
+
+@pytest.mark.parametrize("seed", [2, 5])
+def test_errors_of_six_single_pictures_are_not_called_a_change_of_focus(seed: int) -> None:
+    calibration = calibrated(with_own_errors(pictures(WEBCAM, 6, seed=seed), 0.3, seed), WEBCAM)
+    diagnostics = calibration.diagnostics
+    assert diagnostics is not None
+    assert not {"focus", "picture", "board changed", "size"} & {cause.kind for cause in diagnostics.causes}
+    verdict = check_solution(calibration, view_figures(calibration))
+    assert verdict.state == "stop"
+    assert "6 pictures are too few to find the cause" in verdict.reasons
+
+
+@pytest.mark.parametrize("first", a_few(1, [3, 2, 4]))
+def test_a_change_of_focus_is_named_in_six_pictures(first: int) -> None:
+    frames = pictures(WEBCAM, first) + pictures(WEBCAM.replaced(fx_px=940.0, fy_px=943.0), 6 - first, seed=9)
+    calibration = calibrated(frames, WEBCAM)
+    assert calibration.diagnostics is not None
+    assert [(cause.kind, cause.frame) for cause in calibration.diagnostics.causes[:1]] == [("focus", first)]
 
 
 def test_views_without_a_board_and_outliers_are_left_out() -> None:

@@ -11,10 +11,10 @@ import pytest
 
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.calibration.detection import other_boards as module
-from mirrorcam.optics.calibration.detection.charuco import find_marked_boards
+from mirrorcam.optics.calibration.detection.charuco import find_any_markers, find_marked_boards, find_markers
 from mirrorcam.optics.calibration.detection.checkerboard import Grey
 from mirrorcam.optics.calibration.detection.marker_layout import MarkerPairs
-from mirrorcam.optics.calibration.detection.other_boards import other_board, other_markers
+from mirrorcam.optics.calibration.detection.other_boards import other_board, other_markers, surely_other_board
 from mirrorcam.optics.geometry.boards import CalibrationBoard, Charuco, Checkerboard, load_board
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.design_spec import DesignSpec
@@ -57,7 +57,7 @@ def flipped(board: Checkerboard | Charuco, *, mirrored: bool) -> list[Grey]:
 @pytest.mark.parametrize(("stated", "mirrored"), [((6, 6), True), ((8, 6), False), ((7, 5), False), ((8, 7), False)])
 def test_a_checkerboard_of_another_size_is_named(stated: tuple[int, int], *, mirrored: bool) -> None:
     board = PLAIN.replaced(cols=stated[0], rows=stated[1])
-    said = f"the pictures show a checkerboard of 7 x 6 squares, board.toml says {stated[0]} x {stated[1]}"
+    said = f"the pictures show a checkerboard of 7 x 6 squares, board says {stated[0]} x {stated[1]}"
     assert other_board(pictures(PLAIN, mirrored=mirrored), board, mirrored=mirrored, found=False) == said
 
 
@@ -67,7 +67,7 @@ def test_a_checkerboard_that_was_found_is_not_taken_for_a_smaller_one() -> None:
     assert other_board(shown, higher, mirrored=False, found=True) is None
     assert other_board(shown, higher, mirrored=False, found=True, fits=False) is None
     lower = PLAIN.replaced(rows=5)
-    said = "the pictures show a checkerboard of 7 x 6 squares, board.toml says 7 x 5"
+    said = "the pictures show a checkerboard of 7 x 6 squares, board says 7 x 5"
     assert other_board(shown, lower, mirrored=False, found=True, fits=False) == said
 
 
@@ -78,7 +78,7 @@ def test_a_charuco_board_of_another_size_is_named(stated: tuple[int, int], *, mi
     found = other_board(pictures(MARKED, mirrored=mirrored), board, mirrored=mirrored, found=True)
     assert found is not None
     said = "10 columns of squares" if stated[0] != 10 else "more rows of squares"
-    assert f"show a ChArUco board of {said}, board.toml says {stated[0]} x {stated[1]}" in found
+    assert f"show a ChArUco board of {said}, board says {stated[0]} x {stated[1]}" in found
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -87,7 +87,7 @@ def test_exchanged_columns_and_rows_of_a_charuco_board_are_named(*, mirrored: bo
         pictures(WIDE, mirrored=mirrored), WIDE.replaced(cols=9, rows=14), mirrored=mirrored, found=False
     )
     assert said == (
-        "the pictures show a ChArUco board of 14 columns of squares, board.toml says 9 x 14 squares: are cols and rows "
+        "the pictures show a ChArUco board of 14 columns of squares, board says 9 x 14 squares: are cols and rows "
         "exchanged?"
     )
 
@@ -107,11 +107,11 @@ def tags(*, mirrored: bool) -> tuple[Grey, ...]:
 @pytest.mark.parametrize(
     ("stated", "said"),
     [
-        ((5, 4), "6 columns of tags, board.toml says 5 x 4 tags"),
-        ((8, 3), "6 columns of tags, board.toml says 8 x 3 tags"),
-        ((12, 7), "6 columns of tags, board.toml says 12 x 7 tags"),
-        ((4, 6), "6 columns of tags, board.toml says 4 x 6 tags: are cols and rows exchanged?"),
-        ((6, 3), "more rows of tags, board.toml says 6 x 3 tags"),
+        ((5, 4), "6 columns of tags, board says 5 x 4 tags"),
+        ((8, 3), "6 columns of tags, board says 8 x 3 tags"),
+        ((12, 7), "6 columns of tags, board says 12 x 7 tags"),
+        ((4, 6), "6 columns of tags, board says 4 x 6 tags: are cols and rows exchanged?"),
+        ((6, 3), "more rows of tags, board says 6 x 3 tags"),
     ],
 )
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -181,7 +181,7 @@ def test_another_dictionary_is_named(*, mirrored: bool) -> None:
     shown = pictures(MARKED.replaced(dictionary="DICT_5X5_100"), mirrored=mirrored)
     said = other_board(shown, MARKED, mirrored=mirrored, found=False)
     assert said == (
-        "the pictures show markers of DICT_5X5_50, board.toml says dictionary DICT_4X4_250: "
+        "the pictures show markers of DICT_5X5_50, board says dictionary DICT_4X4_250: "
         'set dictionary = "DICT_5X5_50" there'
     )
 
@@ -217,7 +217,7 @@ def sized(cols: int, rows: int) -> Charuco:
 def test_the_other_pattern_is_named(cols: int, rows: int, *, mirrored: bool) -> None:
     new = sized(cols, rows)
     old = new.replaced(legacy=True)
-    for board, other, said in ((new, old, "4.6 and later"), (old, new, "add legacy = true to board.toml")):
+    for board, other, said in ((new, old, "4.6 and later"), (old, new, "set legacy = true in board")):
         shown = marked_pictures(board, mirrored=mirrored, aside_mm=80.0 * mirrored)
         assert other_markers(shown, board, mirrored=mirrored, found=True) is None
         assert said in (other_markers(shown, other, mirrored=mirrored, found=True) or "")
@@ -280,8 +280,7 @@ def test_another_side_of_the_markers_is_measured(stated: float, *, found: bool, 
     shown = marked_pictures(BOARD, mirrored=mirrored)
     said = other_markers(shown, BOARD.replaced(marker_mm=32.0 * stated), mirrored=mirrored, found=found)
     assert said == (
-        "the markers in the pictures look like 24 mm on squares of 32 mm, "
-        f"board.toml says marker_mm = {32.0 * stated:g}"
+        f"the markers in the pictures look like 24 mm on squares of 32 mm, board says marker_mm = {32.0 * stated:g}"
     )
 
 
@@ -289,7 +288,7 @@ def test_another_side_of_the_markers_is_measured(stated: float, *, found: bool, 
 def test_a_print_in_white_on_black_is_named(*, mirrored: bool) -> None:
     negatives = [np.asarray(255 - shown, dtype=np.uint8) for shown in marked_pictures(BOARD, mirrored=mirrored)]
     said = other_markers(negatives, BOARD, mirrored=mirrored, found=False)
-    assert said == "the ChArUco board in the pictures is printed white on black: add inverted = true to board.toml"
+    assert said == "the ChArUco board in the pictures is printed white on black: set inverted = true in board"
     assert other_markers(negatives, BOARD.replaced(inverted=True), mirrored=mirrored, found=True) is None
 
 
@@ -321,17 +320,17 @@ def test_a_stated_inversion_that_is_not_there_is_named(*, mirrored: bool) -> Non
         marked_pictures(BOARD, mirrored=mirrored), BOARD.replaced(inverted=True), mirrored=mirrored, found=False
     )
     assert said is not None
-    assert said.endswith("printed black on white, board.toml says inverted = true: remove that")
+    assert said.endswith("printed black on white, board says inverted = true: remove that")
 
 
 @pytest.mark.parametrize(
     ("shown", "stated", "said"),
     [
-        (BOARD, PLAIN, 'ChArUco board of 8 columns of squares, board.toml says kind = "checkerboard"'),
+        (BOARD, PLAIN, 'ChArUco board of 8 columns of squares, board says kind = "checkerboard"'),
         (BOARD, GRID, 'set kind = "charuco" there, dictionary = "DICT_4X4_50"'),
-        (PLAIN, BOARD, 'plain checkerboard of 7 x 6 squares, board.toml says kind = "charuco"'),
+        (PLAIN, BOARD, 'plain checkerboard of 7 x 6 squares, board says kind = "charuco"'),
         (PLAIN, GRID, 'set kind = "checkerboard" there'),
-        (GRID, BOARD, 'AprilGrid of 6 columns of tags, board.toml says kind = "charuco"'),
+        (GRID, BOARD, 'AprilGrid of 6 columns of tags, board says kind = "charuco"'),
         (GRID, PLAIN, 'set kind = "aprilgrid" there, spacing = 0.2,'),
     ],
     ids=lambda value: getattr(value, "name", ""),
@@ -349,7 +348,7 @@ def test_another_kind_of_board_is_named(shown: CalibrationBoard, stated: Calibra
 def test_another_spacing_of_tags_is_measured(stated: float, *, mirrored: bool) -> None:
     said = other_board(tags(mirrored=mirrored), GRID.replaced(spacing=stated), mirrored=mirrored, found=stated == 0.185)
     assert said is not None
-    assert f"look like 0.2 sides of a tag, board.toml says spacing = {stated:g} (Kalibr's tagSpacing)" in said
+    assert f"look like 0.2 sides of a tag, board says spacing = {stated:g} (Kalibr's tagSpacing)" in said
 
 
 @DIRECT_OR_MIRRORED
@@ -358,14 +357,14 @@ def test_another_dictionary_of_any_kind_is_named(name: str, *, mirrored: bool) -
     shown = marked_pictures(BOARD.replaced(dictionary=name), mirrored=mirrored)
     said = other_markers(shown, BOARD, mirrored=mirrored, found=False)
     assert said is not None
-    assert said.endswith(f'board.toml says dictionary DICT_4X4_50: set dictionary = "{name}" there')
+    assert said.endswith(f'board says dictionary DICT_4X4_50: set dictionary = "{name}" there')
 
 
 def test_a_dictionary_with_the_same_markers_is_not_another_board(monkeypatch: pytest.MonkeyPatch) -> None:
     """A board of 24 markers is the same from DICT_4X4_50 and from DICT_4X4_250; pictures too poor once named either."""
     tried: set[str] = set()
 
-    def counted(grey: Grey, names: list[str], first: int, *, mirrored: bool) -> np.ndarray:
+    def counted(grey: Grey, names: list[str], *, mirrored: bool) -> np.ndarray:
         tried.update(names)
         return np.zeros(len(names), dtype=int)
 
@@ -378,3 +377,47 @@ def test_a_dictionary_with_the_same_markers_is_not_another_board(monkeypatch: py
     assert other_markers([np.zeros((9, 9), np.uint8)], BOARD, mirrored=False, found=False) is None
     assert {"DICT_4X4_50", "DICT_5X5_1000"} < tried
     assert not tried & {"DICT_4X4_100", "DICT_4X4_250", "DICT_4X4_1000"}
+
+
+WRONG = [
+    (PLAIN, PLAIN.replaced(cols=8)),
+    (PLAIN, PLAIN.replaced(rows=5)),
+    (PLAIN, MARKED),
+    (PLAIN, GRID),
+    (MARKED, MARKED.replaced(cols=9)),
+    (MARKED, MARKED.replaced(rows=5)),
+    (MARKED, MARKED.replaced(cols=7, rows=10)),
+    (MARKED, MARKED.replaced(dictionary="DICT_5X5_250")),
+    (MARKED, PLAIN),
+    (MARKED, GRID),
+]
+
+
+@DIRECT_OR_MIRRORED
+@pytest.mark.parametrize(("shown", "stated"), a_few(5, WRONG))
+def test_a_sample_names_a_wrong_board_though_its_first_picture_is_empty(
+    shown: Checkerboard | Charuco, stated: CalibrationBoard, *, mirrored: bool
+) -> None:
+    sample = pictures(shown, mirrored=mirrored)
+    empty = np.full_like(sample[0], 60)
+    assert surely_other_board([empty, *sample, empty], stated, mirrored=mirrored) is not None
+    assert surely_other_board([empty, *sample, empty], shown, mirrored=mirrored) is None
+    assert surely_other_board([empty, empty], stated, mirrored=mirrored) is None
+
+
+def test_more_rows_are_not_taken_for_the_old_pattern_with_other_numbers() -> None:
+    """Eight rows of markers among inner corners belong to ten rows or more."""
+    board = Charuco(cols=14, rows=10, square_mm=19.0, marker_mm=14.0)
+    said = other_markers(marked_pictures(board, mirrored=False), board.replaced(rows=8), mirrored=False, found=True)
+    assert said == "the pictures show a ChArUco board of more rows of squares, board says 14 x 8 squares"
+
+
+@DIRECT_OR_MIRRORED
+def test_markers_of_a_family_are_read_as_by_opencv(*, mirrored: bool) -> None:
+    for board in (BOARD, BOARD.replaced(dictionary="DICT_APRILTAG_36h11", first_marker=500)):
+        shown = marked_pictures(board, mirrored=mirrored)[0]
+        numbers, quads = find_markers(shown, board, mirrored=mirrored)
+        ids, corners = find_any_markers(shown, board, mirrored=mirrored)
+        assert len(ids) >= len(numbers) > 0.8 * len(board.markers)
+        for number, quad in zip(numbers + board.first_marker, quads, strict=True):
+            assert np.abs(corners[ids == number] - quad).max(axis=(1, 2)).min() < 1.0

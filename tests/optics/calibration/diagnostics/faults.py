@@ -10,8 +10,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.calibration.diagnostics.causes import Cause, CauseKind, ranked_causes
+from mirrorcam.optics.calibration.diagnostics.causes import ranked_causes
 from mirrorcam.optics.calibration.diagnostics.nested_models import Fitted, fit_as
+from mirrorcam.optics.calibration.diagnostics.score_test import Cause, CauseKind
 from mirrorcam.optics.calibration.solver.observations import Observations
 from mirrorcam.optics.calibration.solver.residuals import Estimate
 from mirrorcam.optics.geometry.boards import Charuco

@@ -55,8 +55,7 @@ def test_another_unit_is_named(pictures: list[Grey]) -> None:
         board = BOARD.replaced(square_mm=11.0 * factor)
         said = wrong_size_message(pictures, LAYOUT, board)
         assert said == (
-            f"board.toml says squares of {11.0 * factor:g} mm, the pictures fit about 11 mm: "
-            f"were they measured in {unit}?"
+            f"board says squares of {11.0 * factor:g} mm, the pictures fit about 11 mm: were they measured in {unit}?"
         )
     with pytest.raises(InputError, match="were they measured in inches"):
         calibrate(pictures, [], LAYOUT, board)
@@ -155,8 +154,8 @@ def test_the_scale_is_noted_then_an_alarm_then_refused(fold_90_layout: Layout) -
     alarms, notes = scale_doubt(fold_90_layout, 0.95 * centres, [], 20.0)
     assert notes == ()
     assert alarms[0].startswith("the board's squares look like 21.0")
-    assert "board.toml says square_mm = 20: all lengths come out 0.9" in alarms[0]
-    with pytest.raises(InputError, match=r"squares look like 16\.\d+ ± \S+ mm, board.toml says square_mm = 20"):
+    assert "board says square_mm = 20: all lengths come out 0.9" in alarms[0]
+    with pytest.raises(InputError, match=r"squares look like 16\.\d+ ± \S+ mm, board says square_mm = 20"):
         scale_doubt(fold_90_layout, 1.2 * centres, [], 20.0)
 
 

@@ -7,8 +7,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from mirrorcam.optics.calibration.diagnostics.causes import CauseKind, ranked_causes
+from mirrorcam.optics.calibration.diagnostics.causes import ranked_causes
 from mirrorcam.optics.calibration.diagnostics.nested_models import fit_with
+from mirrorcam.optics.calibration.diagnostics.score_test import CauseKind
 from tests.nightly import a_few
 from tests.optics.calibration.diagnostics.faults import FAULTS, KINDS, NOISE_PX, causes_of, fitted_with
 

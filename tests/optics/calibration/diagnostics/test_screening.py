@@ -153,7 +153,7 @@ def test_a_wrong_square_size_is_an_alarm_that_names_the_right_one(good: Views, f
     (alarm,) = found.diagnostics.mismatches
     assert found.diagnostics.alarms[0] == alarm
     assert float(alarm.removeprefix("the board's squares look like ").split()[0]) == pytest.approx(square_mm, rel=0.03)
-    assert f"board.toml says square_mm = {1.05 * square_mm:g}" in alarm
+    assert f"board says square_mm = {1.05 * square_mm:g}" in alarm
     assert check_solution(found, view_figures(found)).advice[0].startswith("Correct the board or layout")
 
 

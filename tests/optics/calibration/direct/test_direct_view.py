@@ -139,7 +139,7 @@ def test_aprilgrids_are_seen_directly_and_in_mirrors() -> None:
     assert max(found.metrics[f"rms_{axis}_px"].value for axis in "xy") < 0.1
     for a, b, (tilt, _) in zip(found.layout.mirrors, truth.mirrors, mirror_sigmas(found.layout), strict=True):
         assert np.linalg.norm(np.cross(a.normal_in_rig, b.normal_in_rig)) < 5 * np.sqrt(2) * tilt
-    with pytest.raises(InputError, match=r"show an AprilGrid of 6 columns of tags, board\.toml says 4 x 6 tags: are"):
+    with pytest.raises(InputError, match=r"show an AprilGrid of 6 columns of tags, board says 4 x 6 tags: are"):
         calibrate_with_direct_view(pictures, GRID.replaced(cols=4, rows=6), mirrors=2, names=list("abcde"))
 
 

@@ -84,6 +84,17 @@ def test_views_without_any_texture_have_no_confidence(level: int, quality: Any) 
     assert found.confidence.max() < 1e-4
 
 
+@pytest.mark.parametrize("quality", ["best", "fast"])
+def test_brightened_rims_of_a_grey_frame_are_no_texture(quality: Any) -> None:
+    views = grid_views()
+    x = np.abs(np.linspace(-1.0, 1.0, views.width_px))
+    rim = np.clip(1.0 - 6.0 * (x - 0.8), 0.4, 1.0).astype(np.float32)
+    weights = np.broadcast_to(rim, (views.rows, views.cols, views.height_px, views.width_px)).copy()
+    samples = np.rint(100.0 / weights)[..., None].astype(np.uint8)  # as decoding brightens them
+    light_field = LightField.of(views, samples, weights)
+    assert DepthEstimator(light_field, quality=quality).estimate(light_field).confidence.max() < 1e-2
+
+
 def test_saturated_pixels_have_no_confidence_beyond_the_reach_of_texture() -> None:
     light_field, _, _ = photograph(grid_views(), [Surface(500.0)])
     samples: Any = light_field.samples.copy()
