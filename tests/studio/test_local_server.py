@@ -30,7 +30,6 @@ from mirrorcam.studio.local_server import (
     BodyTooLarge,
     LocalAccess,
     ServedFiles,
-    _SentFile,
     listening_socket,
     posted,
     run_server,
@@ -285,23 +284,3 @@ def test_what_is_no_file_is_not_found(make: Callable[[Path], None], serving: Tes
 def test_there_are_no_files_without_their_folder(tmp_path: Path) -> None:
     serving = TestClient(Starlette(routes=[Mount("/files", ServedFiles(tmp_path / "none"))]))
     assert serving.get("/files/a.txt").status_code == 404
-
-
-@pytest.mark.parametrize("change", [lambda path: path.unlink(), lambda path: path.write_text("short"), None])
-def test_a_file_that_changes_meanwhile_is_never_longer_than_stated(
-    change: Callable[[Path], Any] | None, serving: TestClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """None: it grows. The answer has begun when it changes; it breaks off, and nothing is raised."""
-    path, original = tmp_path / "a.txt", _SentFile._handle_simple
-
-    async def late(self: _SentFile, *arguments: Any) -> None:
-        if change is None:
-            path.write_text(TEXT + TEXT)
-        else:
-            change(path)
-        await original(self, *arguments)
-
-    monkeypatch.setattr(_SentFile, "_handle_simple", late)
-    answer = serving.get("/files/a.txt")
-    assert answer.headers["content-length"] == str(len(TEXT))
-    assert (answer.text == TEXT) if change is None else len(answer.text) < len(TEXT)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import secrets
 import socket
 import webbrowser
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,7 +17,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, HTTPExceptionHandler, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -267,46 +266,3 @@ class ServedFiles(StaticFiles):
             return await super().get_response(path, scope)
         except OSError:  # for example, a link to itself
             raise HTTPException(404) from None
-
-    def file_response(
-        self,
-        full_path: str | os.PathLike[str],
-        stat_result: os.stat_result,
-        scope: MutableMapping[str, Any],
-        status_code: int = 200,
-    ) -> Response:
-        """Return the response that sends a file."""
-        try:
-            with Path(full_path).open("rb"):
-                pass
-        except OSError:
-            raise HTTPException(404) from None
-        response = super().file_response(full_path, stat_result, scope, status_code)
-        return _SentFile(full_path, status_code, stat_result=stat_result) if response.status_code == 200 else response
-
-
-class _SentFile(FileResponse):
-    """Sends as many bytes as Content-Length states; if the file has become shorter, the connection breaks."""
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        remaining, ended = 0, False
-
-        async def send_stated(message: Message) -> None:
-            nonlocal remaining, ended
-            if message["type"] == "http.response.start":
-                remaining = int(Headers(raw=message["headers"]).get("content-length", "0"))
-                await send(message)
-            elif scope["method"] == "HEAD":
-                await send(message)
-            elif not ended:
-                body = message["body"][:remaining]
-                remaining -= len(body)
-                if remaining and not message.get("more_body", False):
-                    raise OSError("the file has become shorter")
-                ended = not remaining
-                await send({**message, "body": body, "more_body": not ended})
-
-        try:
-            await super().__call__(scope, receive, send_stated)
-        except OSError:
-            return

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import write_image
 from mirrorcam.optics.alignment.alignment import Alignment
 from mirrorcam.optics.geometry.layout import Layout
@@ -55,8 +54,3 @@ def test_a_picture_without_the_board_gives_the_first_hint(tmp_path: Path, layout
     assert (hint.picture, hint.views, hint.corners, hint.enough) == ("a.png", 0, 0, False)
     assert hint.sentence.startswith("next: the board at about")
     assert BOARD.cols == 8
-
-
-def test_hints_want_a_board(tmp_path: Path, layout: Path) -> None:
-    with pytest.raises(InputError, match="no board is stated"):
-        LiveSetup(layout, None).add_picture(tmp_path / "a.png")

@@ -175,7 +175,7 @@
     allowButtons(status, calibrating);
     at("record").classList.toggle("on", status.recording !== null);
     at("record").textContent = status.recording ? "Stop recording" : "Record";
-    if (status.recording) at("recorded").textContent = `recording ${status.recording[0]}: ${status.recording[1]} frames${status.recording[2] ? `, ${status.recording[2]} lost` : ""}`;
+    if (status.recording) at("recorded").textContent = `recording ${status.recording}: ${status.recorded} frames${status.not_recorded ? `, ${status.not_recorded} lost` : ""}`;
     else if (status.lines.length) at("recorded").textContent = status.lines[status.lines.length - 1];
     if (session.board) showHint(status);
   };
