@@ -22,7 +22,7 @@
 
   const row = (control, ...parts) => {
     const help = element("p", { class: "help", id: `${control.name}-help` }, control.help);
-    const next = STEPPED.includes(control.name) && document.getElementById("tabs") ? [element("div", { class: "next", id: `${control.name}-next` })] : [];
+    const next = STEPPED.includes(control.name) && Studio.byId("tabs") ? [element("div", { class: "next", id: `${control.name}-next` })] : [];
     return element("div", { class: `control ${control.kind}`, "data-name": control.name }, ...parts, help, ...next);
   };
 

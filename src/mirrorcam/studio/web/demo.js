@@ -5,8 +5,8 @@
   const EASE_MS = 60; // time in which a change is done but for a third, also where a picture takes long
   const NEAR_PX = 18; // distance at which a feature is chosen
 
-  const about = JSON.parse(document.getElementById("start").textContent);
-  const byId = (id) => document.getElementById(id);
+  const { byId } = Studio;
+  const about = JSON.parse(byId("start").textContent);
   const [width, height] = about.size_px;
   const [rows, cols] = about.grid;
 
