@@ -51,21 +51,13 @@ def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None
     parabola
         The start of the optimisation, in the left column; without it, the optimised layout fills the figure.
     optimised
-        The result, in the right column. The depths are its spec's, else the parabola's.
+        The result, in the right column, at whose working depths both are drawn.
     path
         The file, which is written atomically.
-
-    Raises
-    ------
-    ValueError
-        If neither layout has a spec.
     """
-    spec = optimised.spec or (parabola.spec if parabola else None)
-    if spec is None:
-        raise ValueError("neither layout has a spec, expected one with depths")
     sides = {"Faceted parabola": parabola} if parabola else {}
     sides["Optimised" if parabola else "Optimised (no parabola fits)"] = optimised
-    side_by_side(sides, sorted(spec.depths_mm), path)
+    side_by_side(sides, sorted(optimised.designed_spec.depths_mm), path)
 
 
 def side_by_side(

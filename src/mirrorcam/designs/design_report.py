@@ -35,13 +35,8 @@ class ReportPicture:
 
 
 def design_pictures(layout: Layout, parabola: Layout | None, study: Study | None = None) -> list[ReportPicture]:
-    """Draw sensor, mirrors and coverage; focus, unless the camera is a pinhole; with a study, devices as built.
-
-    Raises ValueError for a layout without a spec.
-    """
-    if layout.spec is None:
-        raise ValueError("a layout without a spec, expected one that was designed")
-    depths_mm = sorted(layout.spec.depths_mm)
+    """Draw sensor, mirrors and coverage; focus, unless the camera is a pinhole; with a study, devices as built."""
+    depths_mm = sorted(layout.designed_spec.depths_mm)
     pictures = []
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "picture.png"
@@ -65,12 +60,9 @@ def design_report(
 ) -> str:
     """Render the page of a designed layout, compared with its faceted parabola.
 
-    `not_built` is the reason why the picture of devices as built is missing; "" if it is not. Raises ValueError for a
-    layout without a spec.
+    `not_built` is the reason why the picture of devices as built is missing; "" if it is not.
     """
-    spec = layout.spec
-    if spec is None:
-        raise ValueError("a layout without a spec, expected one that was designed")
+    spec = layout.designed_spec
     checks = FigureTable.of(layout.verdict)
     count = len(layout.verdict)
     return render(
@@ -117,8 +109,7 @@ def _figures(layout: Layout, parabola: Layout | None) -> Table:
 
 
 def _request(layout: Layout) -> Table:
-    assert layout.spec is not None
-    fields = layout.spec.model_dump(mode="json")
+    fields = layout.designed_spec.model_dump(mode="json")
     fields |= {"camera": layout.camera.name}
     rows = [(name, ", ".join(map(str, v)) if isinstance(v, list) else str(v)) for name, v in fields.items()]
     return Table(("Field of design.toml", "Value"), rows)

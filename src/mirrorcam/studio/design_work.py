@@ -69,8 +69,7 @@ def solved_design(layout: Layout) -> SolvedDesign:
     """Return a solved layout with its drawing."""
     from mirrorcam.studio.drawing import compared_values, design_drawing
 
-    assert layout.spec is not None
-    drawing = design_drawing(layout, layout.spec, "exact")
+    drawing = design_drawing(layout, layout.designed_spec, "exact")
     return SolvedDesign(layout, drawing, compared_values(drawing.figures))
 
 
@@ -113,13 +112,13 @@ def report(layout: Layout) -> str:
     from mirrorcam.optics.design.assess.monte_carlo import study
     from mirrorcam.optics.design.optimise import assessed_parabola
 
-    assert layout.spec is not None
+    spec = layout.designed_spec
     try:
-        parabola = assessed_parabola(layout.spec)
+        parabola = assessed_parabola(spec)
     except InputError:  # the request has none
         parabola = None
     try:
-        built, not_built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm)), ""
+        built, not_built = study(layout, Tolerances.hobby(), sorted(spec.depths_mm)), ""
     except InputError as error:  # the report is written without the study
         built, not_built = None, str(error)
     return design_report(layout, parabola, design_pictures(layout, parabola, built), not_built=not_built)
@@ -204,7 +203,6 @@ def misses(terms: str, layouts: Sequence[Layout]) -> list[list[str]]:
 def _found_design(solved: SolvedDesign, found: TargetDesign, target: Target) -> FoundDesign:
     from mirrorcam.optics.geometry.mirror_stock import mirrors_text
 
-    assert solved.layout.spec is not None
     terms = [
         FigureText(
             name=term.kind,
@@ -222,7 +220,7 @@ def _found_design(solved: SolvedDesign, found: TargetDesign, target: Target) -> 
         title=solved.drawing.title,
         spec=solved.drawing.spec,
         terms=terms,
-        mirrors=mirrors_text(solved.layout.spec),
+        mirrors=mirrors_text(solved.layout.designed_spec),
         device=found.estimate.text,
     )
 

@@ -276,10 +276,8 @@ def compared_values(figures: Mapping[str, Sequence[FigureText]]) -> dict[str, fl
 
 def tolerance_bars(layout: Layout) -> ToleranceBars:
     """Return figures of devices built by hand, at the depths of the layout's spec. Raises InputError as `study`."""
-    if layout.spec is None:
-        raise ValueError("the layout has no spec, expected one that was designed")
     tolerances = Tolerances.hobby()
-    results = study(layout, tolerances, sorted(layout.spec.depths_mm))
+    results = study(layout, tolerances, sorted(layout.designed_spec.depths_mm))
     bars = []
     for name, spread in results.spreads[1.0].items():
         ends = [value_text(Metric(value=value, unit=spread.unit)) for value in (spread.low, spread.high)]

@@ -33,12 +33,10 @@ def write_folder(root: Path, layout: Layout) -> str:
     """Write layout.json and design.toml of a design below `root` if missing; return the folder's name."""
     name = folder_name(layout)
     folder = root / name
-    if layout.spec is None:
-        raise ValueError("the layout has no spec, expected one that was designed")
     if not (folder / "layout.json").is_file():
         layout.save(folder / "layout.json")
     if not (folder / DESIGN_FILE).is_file():
-        write_text(folder / DESIGN_FILE, request_toml(layout.spec))
+        write_text(folder / DESIGN_FILE, request_toml(layout.designed_spec))
     return name
 
 

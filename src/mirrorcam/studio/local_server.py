@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 import secrets
 import socket
 import webbrowser
@@ -12,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import uvicorn
+from pydantic_core import to_json
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
@@ -219,24 +218,13 @@ def _value(model: type[Body], body: bytes) -> Body:
 
 
 def as_json(value: Any) -> Response:
-    """Return a JSON response."""
-    return Response(json_text(value), media_type="application/json")
+    """Return a JSON response of values and dataclasses: NaN and infinity as null."""
+    return Response(json_line(value), media_type="application/json")
 
 
-def json_text(value: Any) -> str:
-    """Convert a value to JSON on one line: paths as text, NaN and infinity as null."""
-    return json.dumps(plain(value), allow_nan=False)
-
-
-def plain(value: Any) -> Any:
-    """Convert a value to JSON types."""
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path) else value
+def json_line(value: Any) -> bytes:
+    """Convert values and dataclasses to JSON on one line: NaN and infinity as null."""
+    return to_json(value, inf_nan_mode="null")
 
 
 async def _refused(request: Request, error: Exception) -> Response:

@@ -31,7 +31,7 @@ from mirrorcam.studio.designer import Designer
 from mirrorcam.studio.jobs import Jobs, plan, write_folder, zipped
 from mirrorcam.studio.live.answers import CameraAnswers, CameraHost
 from mirrorcam.studio.live.values import LiveRequest
-from mirrorcam.studio.local_server import FILES, REFUSALS, Body, LocalAccess, ServedFiles, as_json, json_text, posted
+from mirrorcam.studio.local_server import FILES, REFUSALS, Body, LocalAccess, ServedFiles, as_json, json_line, posted
 from mirrorcam.studio.page import studio_page
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.studio.turns import PageRequest, Superseded
@@ -78,7 +78,7 @@ def _values(model: type[Body], work: Callable[[Body], Value]) -> Handler:
 
     async def answer(request: Request) -> Response:
         result = await run_in_threadpool(work, await posted(model, request))
-        return as_json(result.model_dump(mode="json"))
+        return as_json(result)
 
     return answer
 
@@ -114,7 +114,7 @@ class DesignAnswers:
     async def suggestions(self, request: Request) -> Response:
         page_request = _page_request(request)
         suggestions = self._designer.suggestions(await posted(DesignSpec, request), page_request)
-        return self._lines(request, page_request, suggestions, lambda each: each.model_dump(mode="json"))
+        return self._lines(request, page_request, suggestions)
 
     async def target(self, request: Request) -> Response:
         page_request = _page_request(request)
@@ -123,14 +123,18 @@ class DesignAnswers:
         return self._lines(request, page_request, search, _target_answer)
 
     def _lines(
-        self, request: Request, page_request: PageRequest, found: Iterable[Any], answer: Callable[[Any], dict[str, Any]]
+        self,
+        request: Request,
+        page_request: PageRequest,
+        found: Iterable[Any],
+        answer: Callable[[Any], Any] = lambda item: item,
     ) -> Response:
         """Stream the progress of work, from 0 to 1, and its results, one per line as they come."""
 
-        def line(item: Any) -> str:
-            return json_text({"progress": item} if isinstance(item, float) else answer(item)) + "\n"
+        def line(item: Any) -> bytes:
+            return json_line({"progress": item} if isinstance(item, float) else answer(item)) + b"\n"
 
-        async def lines() -> AsyncIterator[str]:
+        async def lines() -> AsyncIterator[bytes]:
             async with self._cancelled_on_disconnect(request, page_request):
                 async for text in iterate_in_threadpool(map(line, found)):
                     yield text
@@ -138,8 +142,7 @@ class DesignAnswers:
         return StreamingResponse(lines(), media_type="application/x-ndjson")
 
     async def tolerance(self, request: Request) -> Response:
-        bars = await self._studied(request, design_work.tolerance)
-        return as_json(bars.model_dump(mode="json"))
+        return as_json(await self._studied(request, design_work.tolerance))
 
     async def report(self, request: Request) -> Response:
         return PlainTextResponse(await self._studied(request, design_work.report))
@@ -210,15 +213,15 @@ class JobAnswers:
     async def start(self, request: Request) -> Response:
         message = await posted(JobRequest, request)
         name = await run_in_threadpool(self._folder, message.spec)
-        return as_json(self._jobs.start(plan(self._jobs.root, message.kind, name, message.adapter)).model_dump())
+        return as_json(self._jobs.start(plan(self._jobs.root, message.kind, name, message.adapter)))
 
     def _folder(self, spec: DesignSpec) -> str:
         return write_folder(self._jobs.root, self._designer.solved(spec).layout)
 
     async def state(self, request: Request) -> Response:
         """Return the jobs, and the state of the camera: everything that the page polls."""
-        jobs = [report.model_dump() for report in self._jobs.reports()]
-        return as_json({"jobs": jobs, "camera": await run_in_threadpool(lambda: self._camera.status)})
+        camera = await run_in_threadpool(lambda: self._camera.status)
+        return as_json({"jobs": self._jobs.reports(), "camera": camera})
 
     async def open_camera(self, request: Request) -> Response:
         message = await posted(CameraRequest, request)
@@ -279,13 +282,12 @@ def _page_request(request: Request) -> PageRequest:
 
 def _design_answer(result: DesignResult) -> dict[str, Any]:
     if isinstance(result, SolvedDesign):
-        return {"status": "solved", "drawing": result.drawing.model_dump(mode="json")}
-    where = result.drawing and result.drawing.model_dump(mode="json")
-    return {"status": "refused", "constraint": result.constraint, "finding": result.finding, "where": where}
+        return {"status": "solved", "drawing": result.drawing}
+    return {"status": "refused", "constraint": result.constraint, "finding": result.finding, "where": result.drawing}
 
 
 def _target_answer(result: TargetResult) -> dict[str, Any]:
-    return {"refusal": result.refusal, "designs": [design.model_dump(mode="json") for design in result.designs]}
+    return {"refusal": result.refusal, "designs": result.designs}
 
 
 async def _superseded(request: Request, error: Exception) -> Response:
