@@ -20,7 +20,7 @@ TEMPLATES = Path(__file__).parent
 HEADLINES = {
     "usable_efficiency": "of the sensor is usable",
     "grid_error": "grid error",
-    "fov_x": "horizontal field of view",
+    "fov_x_deg": "horizontal field of view",
     "depth_sigma": "sigma of depth",
 }
 
@@ -85,14 +85,10 @@ def design_report(
 def _tiles(layout: Layout) -> list[Tile]:
     tiles = []
     for name, metric in layout.metrics.items():
-        for beginning, text in HEADLINES.items():
-            if name.startswith(beginning):
-                last = name.rpartition("_")[2]
-                depth = f" at {last.removesuffix('mm')} mm" if last[0].isdigit() else ""
-                if metric.known:
-                    tiles.append(Tile(value_text(metric, digits=3), text + depth))
-                else:
-                    tiles.append(Tile(NONE, f"{text}{depth}: {metric.reason}"))
+        if name.startswith(tuple(HEADLINES)):
+            label = label_text(name, HEADLINES)
+            known = Tile(value_text(metric, digits=3), label)
+            tiles.append(known if metric.known else Tile(NONE, f"{label}: {metric.reason}"))
     return tiles
 
 

@@ -75,7 +75,6 @@ class DesignDrawing(Value):
     neighbours: list[tuple[int, int]]
     central: int
     curves: Curves
-    range_mm: tuple[float, float] | None
     figures: dict[str, list[FigureText]]
     verdict: list[FigureText]
 

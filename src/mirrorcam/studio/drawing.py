@@ -67,7 +67,6 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
     metrics = layout.metrics or evaluate(layout, depths_mm, views)
     verdict = layout.verdict or ({} if kind != "exact" else verify(layout, spec))
     grid, spacings = fitted_grid(layout)
-    nearest, farthest = metrics.get("depth_nearest_mm"), metrics.get("depth_farthest_mm")
     return DesignDrawing(
         kind=kind,
         title=f"{layout.arrangement.text}, {spec.scale_mm:g} mm",
@@ -91,7 +90,6 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
         neighbours=layout.arrangement.neighbours,
         central=layout.central_index,
         curves=_curves(layout, views, spacings, depths_mm, coarse=kind != "exact"),
-        range_mm=(nearest.value, farthest.value) if nearest and farthest else None,
         figures=_with_fields(grouped_figures(metrics), views, depths_mm) | {DEVICE: device_figures(layout)},
         verdict=[_figure(name, metric) for name, metric in verdict.items()],
     )

@@ -157,7 +157,7 @@ class LocalAccess:
             await send(message)
 
         try:
-            await self._app(scope, _limited(receive), with_policy)
+            await self._app(scope, receive, with_policy)
         except ClientDisconnect:
             if not started:
                 await PlainTextResponse("the request was cut off", status_code=400)(scope, receive, send)
@@ -174,32 +174,14 @@ class LocalAccess:
             return "the request comes from a page of another site"
         if method == "POST" and not headers.get("content-type", "").startswith("application/json"):
             return "expected application/json"
-        length = headers.get("content-length", "0") or "0"
-        if not (length.isascii() and length.isdigit()):
+        length = headers.get("content-length", "0")
+        if "transfer-encoding" in headers or not (length.isascii() and length.isdigit()):
             return "Content-Length: expected a number of bytes"
         too_large = len(length) > MAX_LENGTH_DIGITS or int(length) > LARGEST_BODY_BYTES
         return "the request is too large" if too_large else ""
 
     def _is_own(self, origin: str) -> bool:
         return origin.lower() in {f"http://{host}" for host in self._hosts}
-
-
-class BodyTooLarge(Exception):
-    """A request body larger than allowed, whatever its stated length."""
-
-
-def _limited(receive: Receive) -> Receive:
-    received = 0
-
-    async def limited() -> Message:
-        nonlocal received
-        message = await receive()
-        received += len(message.get("body", b""))
-        if received > LARGEST_BODY_BYTES:
-            raise BodyTooLarge(f"the request is longer than {LARGEST_BODY_BYTES} bytes")
-        return message
-
-    return limited
 
 
 Body = TypeVar("Body", bound=Value)
@@ -210,11 +192,8 @@ async def posted(model: type[Body], request: Request) -> Body:
 
     It is parsed in a thread, so that other requests are not delayed; `LocalAccess` limits the size of the body.
     """
-    return await run_in_threadpool(_value, model, await request.body())
-
-
-def _value(model: type[Body], body: bytes) -> Body:
-    return validated(model, json_value(body))
+    body = await request.body()
+    return await run_in_threadpool(lambda: validated(model, json_value(body)))
 
 
 def as_json(value: Any) -> Response:
@@ -231,11 +210,7 @@ async def _refused(request: Request, error: Exception) -> Response:
     return PlainTextResponse(str(error), status_code=422)
 
 
-async def _too_large(request: Request, error: Exception) -> Response:
-    return PlainTextResponse(str(error), status_code=413)
-
-
-REFUSALS: dict[type[Exception], HTTPExceptionHandler] = {InputError: _refused, BodyTooLarge: _too_large}
+REFUSALS: dict[type[Exception], HTTPExceptionHandler] = {InputError: _refused}
 """Responses to a bad request: one line of text."""
 
 

@@ -27,11 +27,9 @@ FRAMES = 3
 
 @dataclass(frozen=True)
 class TiltWords:
-    """The estimate of a mirror by one source: in words and, where available, degrees right and down, with sigmas."""
+    """The tilt of a mirror by one source in words, and its standard deviations to the right and down."""
 
     words: str
-    right_deg: float | None
-    down_deg: float | None
     sigma_deg: tuple[float, float]
 
 
@@ -76,8 +74,6 @@ class PoseHint:
         The pose of the board in the next picture, in words.
     sigma_deg
         Standard deviation of the least certain mirror's normal so far.
-    enough
-        Whether the pictures suffice.
     """
 
     picture: str
@@ -85,7 +81,6 @@ class PoseHint:
     corners: int
     sentence: str
     sigma_deg: float
-    enough: bool
 
 
 class LiveSetup:
@@ -143,18 +138,11 @@ class LiveSetup:
             corners=len(corners),
             sentence=next_pose.sentence,
             sigma_deg=float(next_pose.sigma_deg.max()),
-            enough=next_pose.enough,
         )
 
 
 def _words(alignment: Alignment) -> tuple[TiltWords, ...]:
-    def finite(value: float) -> float | None:
-        return float(value) if np.isfinite(value) else None
-
-    return tuple(
-        TiltWords(tilt.words, finite(tilt.right_deg), finite(tilt.down_deg), tilt.sigma_deg)
-        for tilt in alignment.mirrors
-    )
+    return tuple(TiltWords(tilt.words, tilt.sigma_deg) for tilt in alignment.mirrors)
 
 
 def camera_words(alignment: Alignment) -> str:

@@ -15,9 +15,7 @@
     return byId(id).getContext("2d");
   };
 
-  const fail = (text) => {
-    Object.assign(byId("failed"), { hidden: false, textContent: text });
-  };
+  const fail = (text) => Object.assign(byId("failed"), { hidden: false, textContent: text });
 
   let field;
   try {
@@ -30,8 +28,8 @@
 
   // A position on a picture, in pixels of a view.
   const pixelAt = (event) => {
-    const box = event.currentTarget.getBoundingClientRect();
-    return [((event.clientX - box.left) / box.width) * width - 0.5, ((event.clientY - box.top) / box.height) * height - 0.5];
+    const [right, down] = Studio.placeOf(event);
+    return [right * width - 0.5, down * height - 0.5];
   };
   const levelAt = ([x, y]) => {
     const column = Math.min(Math.max(Math.round(x), 0), width - 1);

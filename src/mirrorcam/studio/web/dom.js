@@ -32,6 +32,12 @@ Studio.table = (kind, heads, rows) => {
 Studio.row = (label, cells, kind) =>
   Studio.element("tr", {}, Studio.element("th", { scope: "row" }, label), ...cells.map((cell) => Studio.element("td", { class: kind }, ...[cell].flat())));
 
+// The place of the pointer on an element, as fractions of its width and height.
+Studio.placeOf = ({ currentTarget, clientX, clientY }) => {
+  const { left, top, width, height } = currentTarget.getBoundingClientRect();
+  return [(clientX - left) / width, (clientY - top) / height];
+};
+
 Studio.path = (points, closed = true) =>
   points.length ? `M${points.map(([x, y]) => `${+x.toFixed(2)} ${+y.toFixed(2)}`).join("L")}${closed ? "Z" : ""}` : "";
 

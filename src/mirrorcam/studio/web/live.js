@@ -80,19 +80,15 @@
 
   let pointer = null;
   let [hasMoved, resting] = [false, false];
-  const placeOf = ({ target, clientX, clientY }) => {
-    const box = target.getBoundingClientRect();
-    return [(clientX - box.left) / box.width, (clientY - box.top) / box.height];
-  };
   at("depth").addEventListener("pointermove", (event) => {
-    pointer = placeOf(event);
+    pointer = Studio.placeOf(event);
     hasMoved = true;
     if (resting) Studio.poll();
     resting = false;
   });
   at("depth").addEventListener("pointerleave", () => { pointer = null; });
   at("depth").addEventListener("click", async (event) => {
-    const depth = await depthAt(...placeOf(event));
+    const depth = await depthAt(...Studio.placeOf(event));
     if (depth === null) return;
     focus.value = valueOf(depth);
     focusText();
