@@ -6,11 +6,9 @@ one aligns and detects boards; a thread of the engine serves each.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -77,7 +75,6 @@ class LiveEngine:
             request, pictures=self._pictures, meters=self._meters, depth=self._depth, setup=self._setup, hold=hold
         )
         self._workers = (self._depth, self._setup, self._decoding)
-        self._closed = threading.Event()
         try:
             self.about: SessionAbout = self._decoding.open()
             self.focus_mm = self.about.reference_mm
@@ -90,16 +87,11 @@ class LiveEngine:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
         """Finish the recording and end all processes."""
-        if self._closed.is_set():
-            return
-        self._closed.set()
         self._pictures.end()
         for worker in self._workers:
             worker.close()
