@@ -32,6 +32,8 @@ from mirrorcam.studio.live.session import JPEG_QUALITY
 from mirrorcam.studio.live.values import DECODED, FRAME_WIDTH_PX, LiveRequest, PictureKind
 
 MIN_HZ, MIN_DEPTH_HZ = 15.0, 8.0
+IDLE_S = 1.0
+"""Time after which pictures that are not requested are no longer made."""
 TIMES = 5
 """Number of repetitions of the generated video."""
 POLL_S = 0.004
@@ -49,8 +51,8 @@ class Arrivals:
     moments: list[float] | None = None
 
     def note(self, engine: LiveEngine) -> None:
-        picture = engine.latest(self.kind)
-        if picture is not None and picture.serial > self.serial:
+        picture = engine.wait_for(self.kind, self.serial, 0.0)
+        if picture is not None:
             self.serial = picture.serial
             self.moments = [*(self.moments or []), time.perf_counter()]
 
@@ -95,15 +97,18 @@ def limit(video: Path) -> float:
 
 def session(name: str, request: LiveRequest, kinds: tuple[PictureKind, ...], seconds: float) -> tuple[str, ...]:
     """Print the figures of a session that shows some kinds, and return its row of the table."""
-    with tempfile.TemporaryDirectory() as out, LiveEngine(request, out=Path(out)) as engine:
-        engine.show(kinds)
-        if "depth" in kinds:
-            engine.wait_for("depth", 0, 30.0)
-        time.sleep(SETTLED_S)
-        start, steps = time.perf_counter(), [Arrivals(kind) for kind in ("views", "depth")]
+    with tempfile.TemporaryDirectory() as out, LiveEngine(request, out=Path(out), idle_s=IDLE_S) as engine:
+        shown = {kind: Arrivals(kind) for kind in kinds}
+        settled = time.perf_counter() + SETTLED_S
+        while time.perf_counter() < settled or ("depth" in kinds and engine.latest("depth") is None):
+            for arrivals in shown.values():
+                arrivals.note(engine)
+            time.sleep(POLL_S)
+        shown = {kind: Arrivals(kind) for kind in kinds}
+        start, steps = time.perf_counter(), [shown.get(kind, Arrivals(kind)) for kind in ("views", "depth")]
         dropped = engine.status().dropped
         while time.perf_counter() - start < seconds:
-            for arrivals in steps:
+            for arrivals in shown.values():
                 arrivals.note(engine)
             time.sleep(POLL_S)
         status = engine.status()

@@ -114,7 +114,7 @@ def preview(spec: DesignSpec, solved: Sequence[Layout]) -> Layout | None:
     if not near:
         return None
     if spec.fold_deg == "auto":
-        spec = spec.replaced(fold_deg=_spec_of(near[0][0]).fold_deg)
+        spec = spec.replaced(fold_deg=near[0][0].designed_spec.fold_deg)
     weights = _mixture([change for _, change in near])
     parts = [(layout, weight) for (layout, _), weight in zip(near, weights, strict=True) if weight]
     if len(parts) > 1:
@@ -155,12 +155,6 @@ def _sold_share(mirror: Mirror, sizes_mm: FloatArray) -> FloatArray:
     return np.asarray(fitting[fitting.prod(axis=1).argmax()] / own_mm)
 
 
-def _spec_of(layout: Layout) -> DesignSpec:
-    if layout.spec is None:
-        raise ValueError("the layout has no spec, expected a design")
-    return layout.spec
-
-
 def _length(difference: dict[str, float]) -> float:
     return float(np.linalg.norm(list(difference.values())))
 
@@ -193,7 +187,7 @@ def _mixed(spec: DesignSpec, parts: Sequence[tuple[Layout, float]]) -> Layout | 
     low, high = sensor_rectangle(spec.camera)
     centres, corners = np.zeros((len(parts[0][0].mirrors), 3)), np.zeros(())
     for layout, weight in parts:
-        solved = _spec_of(layout)
+        solved = layout.designed_spec
         at_fold = spec if solved.fold_deg == spec.fold_deg else spec.replaced(fold_deg=solved.fold_deg)
         shift = converging_seed(at_fold).centres - converging_seed(solved).centres
         centres += weight * (layout.virtual_centres_in_view_mm.reshape(-1, 3) / solved.scale_mm + shift)
@@ -233,7 +227,7 @@ def _separated_on_sensor(spec: DesignSpec, corners: FloatArray) -> FloatArray:
 
 def _cost(layout: Layout) -> float:
     """The objective of a layout, for a pinhole camera; from its figures if it has them."""
-    spec = _spec_of(layout)
+    spec = layout.designed_spec
     if layout.metrics:
         efficiencies = [layout.metrics[f"pixel_efficiency_{depth_mm:g}mm"].value for depth_mm in spec.depths_mm]
     else:

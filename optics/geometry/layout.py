@@ -156,6 +156,13 @@ class Layout(Value):
         return Arrangement(self.rows, self.cols, self.pattern)
 
     @property
+    def designed_spec(self) -> DesignSpec:
+        """The specification. Raises ValueError for a layout without one."""
+        if self.spec is None:
+            raise ValueError("the layout has no spec, expected one that was designed")
+        return self.spec
+
+    @property
     def mirror_names(self) -> tuple[str, ...]:
         """Name of each mirror for display: "0-2" for row 0, column 2 of a grid, "2" in a pattern."""
         return self.arrangement.names

@@ -9,8 +9,7 @@ from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.processes.worker_pool import Died
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import Metric
-from mirrorcam.designs.design_sweep import Runner, sweep
-from mirrorcam.designs.sweep_work import Answer, file_text
+from mirrorcam.designs.design_sweep import Answer, Runner, file_text, sweep
 from mirrorcam.optics.design.spec_grid import Outcome, grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 

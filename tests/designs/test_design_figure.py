@@ -91,12 +91,6 @@ def test_a_layout_that_shares_nothing_is_drawn_all_the_same(default_layout: Layo
     assert greenish(image[:, : image.shape[1] // 2]) < 0.002 * image[..., 0].size
 
 
-def test_layouts_without_a_spec_say_so(default_layout: Layout, tmp_path: Path) -> None:
-    bare = default_layout.replaced(spec=None)
-    with pytest.raises(ValueError, match="expected one with depths"):
-        before_after(bare, bare, tmp_path / "figure.png")
-
-
 def test_an_optimum_without_a_parabola_stands_alone(picture: Path, default_layout: Layout, tmp_path: Path) -> None:
     before_after(None, default_layout, tmp_path / "alone.png")
     both, alone = read_image(picture), read_image(tmp_path / "alone.png")

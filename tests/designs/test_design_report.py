@@ -63,11 +63,6 @@ def test_names_are_escaped(layout: Layout) -> None:
     assert "<script>alert" not in design_report(named, None, [])
 
 
-def test_a_layout_without_a_request_has_no_report(layout: Layout) -> None:
-    with pytest.raises(ValueError, match="without a spec"):
-        design_report(layout.replaced(spec=None), None, [])
-
-
 @pytest.mark.slow
 def test_each_thing_has_its_picture(default_layout: Layout) -> None:
     layout = default_layout.replaced(spec=DesignSpec())
@@ -79,8 +74,3 @@ def test_each_thing_has_its_picture(default_layout: Layout) -> None:
     assert len(set(contents)) == 3
     pinhole = layout.replaced(camera=layout.camera.replaced(aperture_mm=0.0))
     assert [picture.title for picture in design_pictures(pinhole, None)] == ["Sensor, mirrors and coverage"]
-
-
-def test_a_layout_without_a_request_has_none(default_layout: Layout) -> None:
-    with pytest.raises(ValueError, match="without a spec"):
-        design_pictures(default_layout.replaced(spec=None), None)

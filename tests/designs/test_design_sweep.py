@@ -21,10 +21,9 @@ from mirrorcam.core.disk.output_folder import HIDDEN
 from mirrorcam.core.disk.program import program_of
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_pool import Died
-from mirrorcam.designs import design_sweep, sweep_work
-from mirrorcam.designs.design_sweep import layout_name, table_of, write_table
+from mirrorcam.designs import design_sweep
+from mirrorcam.designs.design_sweep import Answer, file_text, layout_name, table_of, write_table
 from mirrorcam.designs.sweep_files import design_locally
-from mirrorcam.designs.sweep_work import Answer, answer, file_text
 from mirrorcam.optics.design.spec_grid import Outcome
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
@@ -85,8 +84,7 @@ def test_designs_of_another_program_are_made_again_and_one_that_has_become_infea
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sweep_into(SPECS, tmp_path, Counting(solved))
-    for module in (design_sweep, sweep_work):
-        monkeypatch.setattr(module, "program_of", lambda code: {"code": "0" * 64})
+    monkeypatch.setattr(design_sweep, "program_of", lambda code: {"code": "0" * 64})
     runner = Counting()
     sweep_into(SPECS[1:], tmp_path, runner)
     assert len(runner.asked) == 3
@@ -106,7 +104,7 @@ def test_a_failure_is_reported_and_retried(tmp_path: Path) -> None:
 
 def test_a_worker_of_other_versions_is_refused_and_nothing_of_it_kept(tmp_path: Path) -> None:
     def foreign(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        yield 0, Answer(file_text(solved(specs[0])), "{}", program_of(sweep_work.CODE) | {"scipy": "1.0"})
+        yield 0, Answer(file_text(solved(specs[0])), "{}", program_of(design_sweep.CODE) | {"scipy": "1.0"})
 
     with pytest.raises(InputError, match=r"^scipy of a worker differs from this machine's"):
         sweep_into(SPECS, tmp_path, foreign)
@@ -138,7 +136,7 @@ def test_a_killed_worker_costs_no_finished_design_and_changes_none(
     kept: list[list[str]] = []
 
     def with_a_kill(specs: Sequence[DesignSpec]) -> Iterator[tuple[int, Answer | Died]]:
-        for number, got in design_locally(specs, 2, answer):
+        for number, got in design_locally(specs, 2):
             if not kept:
                 victims = multiprocessing.active_children()
                 assert len(victims) == 2

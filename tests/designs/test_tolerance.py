@@ -70,11 +70,6 @@ def test_the_same_layout_gives_the_same_bytes(pair: Layout, tmp_path: Path) -> N
     assert read_metrics(tmp_path / "one" / "tolerance.json") == tolerance_metrics(studies[0])
 
 
-def test_a_layout_without_a_spec_says_so(default_layout: Layout, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="expected one with depths"):
-        write_tolerance(default_layout.replaced(spec=None), Tolerances.none(), tmp_path)
-
-
 @pytest.fixture
 def command(
     monkeypatch: pytest.MonkeyPatch, pair: Layout, tmp_path: Path, capfd: pytest.CaptureFixture[str]

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from mirrorcam import cli
+from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 from tests.command_line import assert_refused_here
@@ -47,6 +48,41 @@ def test_bad_options_are_refused_in_one_line(
     default_layout.save(tmp_path / "layout.json")
     assert_refused_here(["cad", "layout.json", *arguments.split()], capfd, expected)
     assert [path.name for path in tmp_path.iterdir()] == ["layout.json"]
+
+
+@pytest.mark.parametrize(
+    ("name", "adapter"),
+    [
+        *((name, "none") for name in ("parts/mount.stl", "drawings/camera_clip.pdf", "pictures", "bom.csv/x")),
+        ("pictures/exploded.png", "none"),
+        *(("robot", "gen2"), ("robot/meshes/mirror_holder_hull.stl", "gen2"), ("robot/meshes/mirrors.stl", "iso9409")),
+        *(("robot", "none"), ("elasticity.md", "none")),
+    ],
+)
+@pytest.mark.parametrize("force", [False, True])
+def test_files_of_others_are_refused_before_the_work(
+    name: str,
+    adapter: str,
+    force: bool,
+    small_layout: Layout,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    def build_parts(*arguments: object, **options: object) -> None:
+        raise InputError("the work begins")
+
+    monkeypatch.setattr("mirrorcam.cad.build.build_parts", build_parts)
+    small_layout.save(tmp_path / "layout.json")
+    other = tmp_path / "out" / name
+    other.parent.mkdir(parents=True)
+    other.write_text("mine")
+    arguments = ["cad", str(tmp_path / "layout.json"), "--adapter", adapter, "--out", str(tmp_path / "out")]
+    assert cli.main([*arguments, *(["--force"] if force else [])]) == 2
+    is_own = adapter == "none" and name in ("robot", "elasticity.md")  # files of another device
+    can_be_forced = force and "/" in name and not name.startswith("bom")
+    assert ("the work begins" in capfd.readouterr().err) == (is_own or can_be_forced)
+    assert other.read_text() == "mine"
 
 
 def test_a_missing_extra_is_named_with_the_command_that_installs_it(

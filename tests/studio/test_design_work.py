@@ -60,6 +60,6 @@ def test_the_report_holds_figures_and_pictures(small: SolvedDesign) -> None:
 
 
 def test_a_layout_that_was_solved_before_keeps_its_figures(default_layout: Layout) -> None:
-    found = design_work.solved_design(DesignSpec(), default_layout.replaced(spec=DesignSpec()))
+    found = design_work.solved_design(default_layout.replaced(spec=DesignSpec()))
     assert found.drawing.identity == default_layout.identity
     assert {figure.name for figure in found.drawing.verdict} >= {"smallest_gap_mm", "blocked_light"}

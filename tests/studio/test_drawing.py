@@ -107,8 +107,3 @@ def test_bars_lie_around_their_median(default_layout: Layout) -> None:
     for bar in found.bars:
         assert bar.low <= bar.median <= bar.high
         assert " to " in bar.text
-
-
-def test_a_layout_without_depths_cannot_be_studied(default_layout: Layout) -> None:
-    with pytest.raises(ValueError, match="has no spec"):
-        tolerance_bars(default_layout.replaced(spec=None))

@@ -187,7 +187,7 @@ def test_a_point_of_the_map_is_a_design_to_open(page: Watched, studio: tuple[str
     page.page.focus("#map circle.here")
     page.page.keyboard.press("ArrowLeft")  # smaller
     page.page.keyboard.press("Enter")
-    page.page.wait_for_function("Studio.designer.state.drawing.spec.scale_mm === 71")
+    page.page.wait_for_function("() => Studio.designer.state.drawing.spec.scale_mm === 71")
     page.settled()
     assert "scale_mm=71" in page.page.url
 

@@ -201,8 +201,8 @@ def print_target(answer: TargetDesigns) -> None:
     from mirrorcam.core.console.progress import print_table
     from mirrorcam.optics.geometry.mirror_stock import mirrors_text
 
-    specs = [design.layout.spec for design in answer.designs]
-    heads = [f"{s.arrangement.text}, {s.scale_mm:g} mm, {s.fold_deg:g}°" for s in specs if s is not None]
+    specs = [design.layout.designed_spec for design in answer.designs]
+    heads = [f"{s.arrangement.text}, {s.scale_mm:g} mm, {s.fold_deg:g}°" for s in specs]
     rows = [
         (
             term.text,
@@ -212,8 +212,7 @@ def print_target(answer: TargetDesigns) -> None:
     ]
     print_table(("target", *heads), rows)
     for head, design in zip(heads, answer.designs, strict=True):
-        assert design.layout.spec is not None
-        say("design", f"{head}: {mirrors_text(design.layout.spec)}; {design.estimate.text}")
+        say("design", f"{head}: {mirrors_text(design.layout.designed_spec)}; {design.estimate.text}")
         if not design.meets:
             say("design", f"{head}: {', '.join(design.gives_way)} gives way")
     if answer.met:
@@ -230,8 +229,8 @@ def print_design(comparison: DesignComparison, *, best_fold: bool) -> None:
     from mirrorcam.optics.design.assess.focus import focus_figures, out_of_focus
     from mirrorcam.optics.geometry.mirror_stock import too_narrow
 
-    spec = comparison.optimised.spec
-    if best_fold and spec is not None:
+    spec = comparison.optimised.designed_spec
+    if best_fold:
         unlimited = "" if spec.camera.body_mm else ", not limited by the camera, whose body is unknown"
         say("design", f"best fold: {spec.fold_deg:g}°{unlimited}")
     columns = {} if comparison.parabola is None else {"parabola": comparison.parabola}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import Any, Literal
@@ -19,6 +19,7 @@ from shapely import Polygon, union_all
 
 from mirrorcam.core.disk.files import atomic
 from mirrorcam.core.values import FloatArray
+from mirrorcam.designs.placed_axes import axes_at
 from mirrorcam.optics.design.assess.focus import CIRCLE_LIMIT_PX, best_focus_mm, circles_px, inverse_depths_per_mm
 from mirrorcam.optics.design.assess.layout_metrics import fitted_grid, grid_error
 from mirrorcam.optics.geometry.layout import Layout
@@ -51,27 +52,13 @@ def before_after(parabola: Layout | None, optimised: Layout, path: Path) -> None
     parabola
         The start of the optimisation, in the left column; without it, the optimised layout fills the figure.
     optimised
-        The result, in the right column. The depths are its spec's, else the parabola's.
+        The result, in the right column, at whose working depths both are drawn.
     path
         The file, which is written atomically.
-
-    Raises
-    ------
-    ValueError
-        If neither layout has a spec.
     """
-    spec = optimised.spec or (parabola.spec if parabola else None)
-    if spec is None:
-        raise ValueError("neither layout has a spec, expected one with depths")
     sides = {"Faceted parabola": parabola} if parabola else {}
     sides["Optimised" if parabola else "Optimised (no parabola fits)"] = optimised
-    side_by_side(sides, sorted(spec.depths_mm), path)
-
-
-def side_by_side(
-    sides: Mapping[str, Layout], depths_mm: Sequence[float], path: Path, *, dots_per_inch: float = 110.0
-) -> None:
-    """Write a PNG of layouts side by side, each under its title, as `before_after` does, for increasing depths."""
+    depths_mm = sorted(optimised.designed_spec.depths_mm)
     overlap_rows = [depths_mm[k : k + DEPTHS_PER_ROW] for k in range(0, len(depths_mm), DEPTHS_PER_ROW)]
     height_in = HEAD_IN + SENSOR_IN + ROW_IN * (1 + len(overlap_rows))
     figure = Figure(figsize=(len(sides) * SIDE_IN, height_in))
@@ -95,19 +82,15 @@ def side_by_side(
     for column in zip(*axes_by_layout, strict=True):
         _share_limits(column)
     with atomic(path) as temporary:
-        figure.savefig(temporary, dpi=dots_per_inch)
+        figure.savefig(temporary, dpi=110)
 
 
 def _row(figure: Figure, left_in: float, top_in: float, height_in: float, widths: Sequence[float]) -> list[Axes]:
-    """Add a row of axes to a column; placed explicitly, since matplotlib's layout engines vary from run to run."""
-    width_in, figure_height_in = figure.get_size_inches()
+    """Add a row of axes to a column of the figure."""
     panels = []
     for width in widths:
         cell_in = SIDE_IN * width / sum(widths)
-        size = (cell_in - MARGIN_IN["left"] - MARGIN_IN["right"], height_in - MARGIN_IN["top"] - MARGIN_IN["bottom"])
-        corner = (left_in + MARGIN_IN["left"], top_in - height_in + MARGIN_IN["bottom"])
-        rectangle = (corner[0] / width_in, corner[1] / figure_height_in, size[0] / width_in, size[1] / figure_height_in)
-        panels.append(figure.add_axes(rectangle))
+        panels.append(axes_at(figure, left_in, top_in - height_in, cell_in, height_in, MARGIN_IN))
         left_in += cell_in
     return panels
 

@@ -121,9 +121,7 @@ def write_layout(optimised: Layout, folder: Path) -> DesignComparison:
     """
     from mirrorcam.designs.design_figure import before_after, focus_figure
 
-    spec = optimised.spec
-    if spec is None:
-        raise ValueError("the layout has no spec, expected a design")
+    spec = optimised.designed_spec
     try:
         comparison = DesignComparison(optimised, assessed_parabola(spec))
     except InputError as error:

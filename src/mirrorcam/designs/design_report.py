@@ -20,7 +20,7 @@ TEMPLATES = Path(__file__).parent
 HEADLINES = {
     "usable_efficiency": "of the sensor is usable",
     "grid_error": "grid error",
-    "fov_x": "horizontal field of view",
+    "fov_x_deg": "horizontal field of view",
     "depth_sigma": "sigma of depth",
 }
 
@@ -35,13 +35,8 @@ class ReportPicture:
 
 
 def design_pictures(layout: Layout, parabola: Layout | None, study: Study | None = None) -> list[ReportPicture]:
-    """Draw sensor, mirrors and coverage; focus, unless the camera is a pinhole; with a study, devices as built.
-
-    Raises ValueError for a layout without a spec.
-    """
-    if layout.spec is None:
-        raise ValueError("a layout without a spec, expected one that was designed")
-    depths_mm = sorted(layout.spec.depths_mm)
+    """Draw sensor, mirrors and coverage; focus, unless the camera is a pinhole; with a study, devices as built."""
+    depths_mm = sorted(layout.designed_spec.depths_mm)
     pictures = []
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "picture.png"
@@ -65,12 +60,9 @@ def design_report(
 ) -> str:
     """Render the page of a designed layout, compared with its faceted parabola.
 
-    `not_built` is the reason why the picture of devices as built is missing; "" if it is not. Raises ValueError for a
-    layout without a spec.
+    `not_built` is the reason why the picture of devices as built is missing; "" if it is not.
     """
-    spec = layout.spec
-    if spec is None:
-        raise ValueError("a layout without a spec, expected one that was designed")
+    spec = layout.designed_spec
     checks = FigureTable.of(layout.verdict)
     count = len(layout.verdict)
     return render(
@@ -93,14 +85,10 @@ def design_report(
 def _tiles(layout: Layout) -> list[Tile]:
     tiles = []
     for name, metric in layout.metrics.items():
-        for beginning, text in HEADLINES.items():
-            if name.startswith(beginning):
-                last = name.rpartition("_")[2]
-                depth = f" at {last.removesuffix('mm')} mm" if last[0].isdigit() else ""
-                if metric.known:
-                    tiles.append(Tile(value_text(metric, digits=3), text + depth))
-                else:
-                    tiles.append(Tile(NONE, f"{text}{depth}: {metric.reason}"))
+        if name.startswith(tuple(HEADLINES)):
+            label = label_text(name, HEADLINES)
+            known = Tile(value_text(metric, digits=3), label)
+            tiles.append(known if metric.known else Tile(NONE, f"{label}: {metric.reason}"))
     return tiles
 
 
@@ -117,8 +105,7 @@ def _figures(layout: Layout, parabola: Layout | None) -> Table:
 
 
 def _request(layout: Layout) -> Table:
-    assert layout.spec is not None
-    fields = layout.spec.model_dump(mode="json")
+    fields = layout.designed_spec.model_dump(mode="json")
     fields |= {"camera": layout.camera.name}
     rows = [(name, ", ".join(map(str, v)) if isinstance(v, list) else str(v)) for name, v in fields.items()]
     return Table(("Field of design.toml", "Value"), rows)

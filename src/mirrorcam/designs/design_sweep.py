@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,16 +18,46 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.names import spreadsheet_text
 from mirrorcam.core.processes.worker_pool import Died
 from mirrorcam.core.progress import Progress, no_progress
-from mirrorcam.designs.sweep_work import CODE, Answer, file_text
-from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of
+from mirrorcam.core.values import Value
+from mirrorcam.optics.design.spec_grid import Cell, Outcome, rows_of, solve
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 
 if TYPE_CHECKING:
     import pyarrow
 
-Runner = Callable[[Sequence[DesignSpec]], Iterator[tuple[int, Answer | Died]]]
+CODE = "mirrorcam.optics.design.spec_grid"
 _OUTCOME, _LAYOUT = "outcome.json", "layout.json"
+
+# MUMPS, IPOPT's linear solver, keeps its state in globals: two designs at once in one process crash.
+_one_at_a_time = threading.Lock()
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A worker's answer: the outcome and, if the spec was solved, the layout as JSON texts.
+
+    `made_with` holds the versions of the worker's code and libraries.
+    """
+
+    outcome: str
+    layout: str = ""
+    made_with: Mapping[str, str] = field(default_factory=lambda: program_of(CODE))
+
+
+Runner = Callable[[Sequence[DesignSpec]], Iterator[tuple[int, Answer | Died]]]
+
+
+def answer(spec_json: str) -> Answer:
+    """Design one spec, in a worker."""
+    with _one_at_a_time:
+        outcome, layout = solve(DesignSpec.model_validate_json(spec_json))
+    return Answer(file_text(outcome), "" if layout is None else file_text(layout))
+
+
+def file_text(value: Value) -> str:
+    """The content of a value's file."""
+    return value.model_dump_json(indent=1, by_alias=True, exclude_none=True) + "\n"
 
 
 def layout_name(spec: DesignSpec) -> str:
@@ -43,13 +75,6 @@ def finished_designs(folder: Path) -> dict[DesignSpec, Path]:
     if not designs:
         raise InputError(f"{folder}: holds no solved design, expected the folder of a `mirrorcam sweep`")
     return designs
-
-
-def outcome_of(spec: DesignSpec, answer: Answer | Died) -> Outcome:
-    """The outcome of a spec, from a worker's answer or the death of every worker that tried it."""
-    if isinstance(answer, Died):
-        return Outcome(spec=spec, status="failed", finding=answer.reason)
-    return Outcome.model_validate_json(answer.outcome)
 
 
 def _key(spec: DesignSpec) -> str:
@@ -89,9 +114,9 @@ def _finished(spec: DesignSpec, output: OutputFolder) -> Outcome | None:
 
 def _store(spec: DesignSpec, answer: Answer | Died, output: OutputFolder) -> Outcome:
     """Store an answer and write its layout; a failure is not stored, so that the next sweep tries again."""
-    outcome = outcome_of(spec, answer)
     if isinstance(answer, Died):
-        answer = Answer(file_text(outcome))
+        answer = Answer(file_text(Outcome(spec=spec, status="failed", finding=answer.reason)))
+    outcome = Outcome.model_validate_json(answer.outcome)
     if differences := differing_keys(answer.made_with, program_of(CODE)):
         raise InputError(f"{differences[0]} of a worker differs from this machine's, expected the same on all workers")
     if outcome.status != "failed":

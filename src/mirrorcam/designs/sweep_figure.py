@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from mirrorcam.core.disk.files import atomic
+from mirrorcam.designs.placed_axes import axes_at
 from mirrorcam.optics.design.assess.layout_metrics import MAX_DEPTH_MM
 from mirrorcam.optics.design.spec_grid import Outcome, pareto_front, summary_figures
 
@@ -80,24 +81,16 @@ def pareto(outcomes: Sequence[Outcome], path: Path) -> None:
     columns = -(-len(colours) // LEGEND_ROWS)
     width_in = WIDTH_IN - LEGEND_IN - LEGEND_COLUMN_IN * columns
     figure = Figure(figsize=(WIDTH_IN, HEIGHT_IN))
-    above, below = HEIGHT_IN * 0.42, 0.0
+    above = HEIGHT_IN * 0.42
     for column, (x, y) in enumerate(((FIELD_OF_VIEW, DEPTH_OF_FIELD), (GRID_ERROR, EFFICIENCY))):
-        axes = _panel(figure, column * width_in / 2.0, above, width_in / 2.0, HEIGHT_IN - above)
+        axes = axes_at(figure, column * width_in / 2.0, above, width_in / 2.0, HEIGHT_IN - above, MARGIN_IN)
         _trade_off(axes, solved, x, y, colours)
     for column, axis in enumerate((FIELD_OF_VIEW, DEPTH_OF_FIELD, GRID_ERROR, EFFICIENCY)):
-        axes = _panel(figure, column * width_in / 4.0, below, width_in / 4.0, above)
+        axes = axes_at(figure, column * width_in / 4.0, 0.0, width_in / 4.0, above, MARGIN_IN)
         _against_count(axes, solved, axis, colours)
     _legend(figure, colours, columns, endless=any(_reaches_infinity(outcome) for outcome in solved))
     with atomic(path) as temporary:
         figure.savefig(temporary, dpi=110)
-
-
-def _panel(figure: Figure, left_in: float, bottom_in: float, width_in: float, height_in: float) -> Axes:
-    """Add axes to a cell of the figure; placed explicitly, since matplotlib's layout engines vary from run to run."""
-    left, bottom = left_in + MARGIN_IN["left"], bottom_in + MARGIN_IN["bottom"]
-    width = width_in - MARGIN_IN["left"] - MARGIN_IN["right"]
-    height = height_in - MARGIN_IN["bottom"] - MARGIN_IN["top"]
-    return figure.add_axes((left / WIDTH_IN, bottom / HEIGHT_IN, width / WIDTH_IN, height / HEIGHT_IN))
 
 
 def _finish(axes: Axes, title: str, x: str, y: str) -> None:

@@ -13,12 +13,11 @@ from mirrorcam.core.bounds import LENGTH_MM
 from mirrorcam.core.disk.files import LARGEST_TEXT_BYTES, model_from, read_bytes, tables_of
 from mirrorcam.core.disk.output_folder import output_folder
 from mirrorcam.core.processes.cluster import run_cluster
-from mirrorcam.core.processes.worker_pool import Died, Work, run_local
+from mirrorcam.core.processes.worker_pool import Died, run_local
 from mirrorcam.core.progress import Progress, no_progress
 from mirrorcam.core.values import Value
 from mirrorcam.designs.design_files import with_camera
-from mirrorcam.designs.design_sweep import Runner, sweep, table_of, write_table
-from mirrorcam.designs.sweep_work import Answer, answer
+from mirrorcam.designs.design_sweep import Answer, Runner, answer, sweep, table_of, write_table
 from mirrorcam.optics.design.spec_grid import Outcome, grid, structure
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 
@@ -134,17 +133,13 @@ def grouped(specs: Sequence[DesignSpec]) -> list[list[int]]:
     return sorted(groups.values(), key=lambda group: -specs[group[0]].rows * specs[group[0]].cols)
 
 
-def design_locally(
-    specs: Sequence[DesignSpec], workers: int, work: Work[str, Answer] = answer
-) -> Generator[tuple[int, Answer | Died], None, None]:
+def design_locally(specs: Sequence[DesignSpec], workers: int) -> Generator[tuple[int, Answer | Died], None, None]:
     """Yield index and answer of each spec as processes of this machine finish it."""
-    yield from run_local([spec.model_dump_json() for spec in specs], workers, work, grouped(specs))
+    yield from run_local([spec.model_dump_json() for spec in specs], workers, answer, grouped(specs))
 
 
-def design_on_cluster(
-    specs: Sequence[DesignSpec], address: str, work: Work[str, Answer] = answer
-) -> Generator[tuple[int, Answer | Died], None, None]:
+def design_on_cluster(specs: Sequence[DesignSpec], address: str) -> Generator[tuple[int, Answer | Died], None, None]:
     """Yield index and answer of each spec as workers of the scheduler at `address` finish it."""
     order = [number for group in grouped(specs) for number in group]
-    for index, outcome in run_cluster([specs[number].model_dump_json() for number in order], address, work):
+    for index, outcome in run_cluster([specs[number].model_dump_json() for number in order], address, answer):
         yield order[index], outcome

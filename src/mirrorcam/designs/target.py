@@ -231,9 +231,9 @@ def measure(layout: Layout, target: Target, hardware: Hardware = HARDWARE) -> Ta
     reached = {}
     for term in target.terms:
         if term.kind == "depth_sigma":
-            metric = _depth_sigma(unvignetted, term, front_mm(layout))
+            metric = _depth_sigma(unvignetted, term)
         elif term.kind == "field":
-            metric = _field(views, term, front_mm(layout))
+            metric = _field(views, term)
         else:
             metric = Metric(value=device[term.kind], unit=_UNIT_OF[term.kind], limit=term.limits[0])
         reached[term.text] = metric
@@ -247,24 +247,22 @@ def front_mm(layout: Layout) -> float:
     return float((np.vstack([*body, *mirrors]) @ layout.view_from_rig[2]).max())
 
 
-def _depth_sigma(views: FieldsOfView, term: Term, nearest_mm: float) -> Metric:
+def _depth_sigma(views: FieldsOfView, term: Term) -> Metric:
     assert term.distance_mm is not None
-    is_nearer = term.distance_mm <= nearest_mm
+    is_nearer = term.distance_mm <= front_mm(views.layout)
     sigma = None if is_nearer else mean_depth_sigma_mm(views, term.distance_mm)
-    if sigma is None or not math.isfinite(sigma):
-        no_region = "this is nearer than the device" if is_nearer else "the views share no region there"
-        reason = no_region if sigma is None else DEPTH_UNKNOWN
-        return Metric(value=math.nan, unit="mm", limit=term.limits[0], reason=reason)
-    return Metric(value=sigma, unit="mm", limit=term.limits[0])
+    if sigma is not None and math.isfinite(sigma):
+        return Metric(value=sigma, unit="mm", limit=term.limits[0])
+    reason = "this is nearer than the device" if is_nearer else "the views share no region there"
+    return Metric(value=math.nan, unit="mm", limit=term.limits[0], reason=reason if sigma is None else DEPTH_UNKNOWN)
 
 
-def _field(views: FieldsOfView, term: Term, nearest_mm: float) -> Metric:
+def _field(views: FieldsOfView, term: Term) -> Metric:
     assert term.distance_mm is not None
-    is_nearer = term.distance_mm <= nearest_mm
+    is_nearer = term.distance_mm <= front_mm(views.layout)
     region = Polygon() if is_nearer else views.common_region(term.distance_mm)[0]
-    width, height = term.limits
-    factor = largest_factor(region, width, height)
-    return Metric(value=factor * width, unit="mm", limit=width, lower_is_better=False)
+    factor = largest_factor(region, *term.limits)
+    return Metric(value=factor * term.limits[0], unit="mm", limit=term.limits[0], lower_is_better=False)
 
 
 def largest_factor(region: Polygon, width: float, height: float) -> float:

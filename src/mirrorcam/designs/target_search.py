@@ -319,7 +319,6 @@ class _Search:
 
     def take_in(self, layout: Layout, *, others: bool) -> None:
         """Take in a design made before, if it has the specification's mirrors or, of `others`, different ones."""
-        assert layout.spec is not None
         if self._is_other(layout) != others or narrowest(layout) < 1.0:
             return
         try:
@@ -328,8 +327,9 @@ class _Search:
             return  # no device stands like this
         self._designs.append(design)
         for family in self._families:
-            if family.spec.replaced(scale_mm=layout.spec.scale_mm) == layout.spec:
-                self._correct(family, layout.spec.scale_mm, design)
+            scale_mm = layout.designed_spec.scale_mm
+            if family.spec.replaced(scale_mm=scale_mm) == layout.spec:
+                self._correct(family, scale_mm, design)
 
     def _is_other(self, layout: Layout) -> bool:
         """Whether a design differs from the specification in more than the fields to choose first, such as mirrors."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
@@ -13,7 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from mirrorcam.core.disk.files import atomic, write_metrics
+from mirrorcam.core.figures.figure_texts import label_text
 from mirrorcam.core.values import Metric
+from mirrorcam.designs.placed_axes import axes_at
 from mirrorcam.optics.design.assess import monte_carlo
 from mirrorcam.optics.design.assess.monte_carlo import CAUSES, Spread, Study
 from mirrorcam.optics.geometry.layout import Layout
@@ -55,9 +56,7 @@ def tolerance_metrics(study: Study) -> dict[str, Metric]:
 
 def write_tolerance(layout: Layout, tolerances: Tolerances, out: Path) -> Study:
     """Study a layout at the depths of its spec; write tolerance.json and tolerance.png into `out`."""
-    if layout.spec is None:
-        raise ValueError("the layout has no spec, expected one with depths")
-    study = monte_carlo.study(layout, tolerances, sorted(layout.spec.depths_mm))
+    study = monte_carlo.study(layout, tolerances, sorted(layout.designed_spec.depths_mm))
     write_metrics(out / "tolerance.json", tolerance_metrics(study))
     tolerance_figure(study, out / "tolerance.png")
     return study
@@ -98,36 +97,16 @@ def tolerance_figure(study: Study, path: Path) -> None:
         row, column = divmod(number, PANELS_PER_ROW)
         width_in = WIDTH_IN / PANELS_PER_ROW
         left_in, bottom_in = column * width_in, height_in - HEAD_IN - (row + 1) * PANEL_IN
-        axes = _axes(figure, left_in, bottom_in, width_in, PANEL_IN, MARGIN_IN)
+        axes = axes_at(figure, left_in, bottom_in, width_in, PANEL_IN, MARGIN_IN)
         _over_accuracy(axes, study, title, unit, names)
         axes_by_unit.setdefault(unit, []).append(axes)
     for same_unit in axes_by_unit.values():
         highest = max(axes.get_ylim()[1] for axes in same_unit)
         for axes in same_unit:
             axes.set_ylim(top=highest)
-    _shares(_axes(figure, 0.0, 0.0, WIDTH_IN, bars_in, BARS_IN), study, figures)
+    _shares(axes_at(figure, 0.0, 0.0, WIDTH_IN, bars_in, BARS_IN), study, figures)
     with atomic(path) as temporary:
         figure.savefig(temporary, dpi=110)
-
-
-def _axes(
-    figure: Figure, left_in: float, bottom_in: float, width_in: float, height_in: float, margin_in: dict[str, float]
-) -> Axes:
-    """Add axes to a cell of the figure; placed explicitly, since matplotlib's layout engines vary from run to run."""
-    total_width_in, total_height_in = figure.get_size_inches()
-    size = width_in - margin_in["left"] - margin_in["right"], height_in - margin_in["top"] - margin_in["bottom"]
-    corner = left_in + margin_in["left"], bottom_in + margin_in["bottom"]
-    return figure.add_axes(
-        (corner[0] / total_width_in, corner[1] / total_height_in, size[0] / total_width_in, size[1] / total_height_in)
-    )
-
-
-def _label(name: str) -> str:
-    """Label of a figure of merit, with its depth at the end: "overlap IoU, 300 mm"."""
-    text = re.sub(r"_([0-9.e+]+)mm$", r", \1 mm", name.removesuffix("_deg").removesuffix("_mm"))
-    for short, long in (("fov_x", "horizontal field of view"), ("fov_y", "vertical field of view"), ("iou", "IoU")):
-        text = text.replace(short, long)
-    return text.replace("_", " ")
 
 
 def _over_accuracy(axes: Axes, study: Study, title: str, unit: str, names: Sequence[str]) -> None:
@@ -140,7 +119,7 @@ def _over_accuracy(axes: Axes, study: Study, title: str, unit: str, names: Seque
             [design, *(getattr(spread, end) for spread in spreads)] for end in ("low", "median", "high")
         )
         axes.fill_between(accuracies, low, high, color=colour, alpha=0.15, linewidth=0)
-        axes.plot(accuracies, median, "o-", color=colour, markersize=4, label=_label(name))
+        axes.plot(accuracies, median, "o-", color=colour, markersize=4, label=label_text(name))
     axes.set(title=title, xlabel="tolerances, times those below the title", ylabel=unit)
     axes.set_xlim(0.0, accuracies[-1])
     axes.set_xticks(accuracies)
@@ -163,7 +142,7 @@ def _shares(axes: Axes, study: Study, figures: Sequence[str]) -> None:
             axes.barh(rows, parts, left=start, color=colour, height=0.75, label=cause)
             start += parts
     axes.set(xlim=(0.0, 1.0), ylim=(len(figures) - 0.4, -0.6))
-    axes.set_yticks(rows, [_label(name) for name in figures], fontsize=9)
+    axes.set_yticks(rows, [label_text(name) for name in figures], fontsize=9)
     axes.xaxis.set_major_formatter(PercentFormatter(1.0))
     axes.set_title("Share of each tolerance in the mean square deviation from the design, one at a time")
     if study.cause_fractions:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -149,46 +148,20 @@ def write_adjustment(adjustment: Adjustment, folder: Path) -> None:
         for mirror, screws in zip(adjustment.mirrors, adjustment.screws_mm, strict=True)
     ]
     write_json(folder / "turns.json", rows)
-    turns_figure(
-        [mirror.name for mirror in adjustment.mirrors],
-        [mirror.turns for mirror in adjustment.mirrors],
-        adjustment.outlines_mm,
-        adjustment.screws_mm,
-        folder / "turns.png",
-    )
+    turns_figure(adjustment, folder / "turns.png")
 
 
-def turns_figure(
-    names: Sequence[str],
-    turns: Sequence[FloatArray],
-    outlines_mm: Sequence[FloatArray],
-    screws_mm: FloatArray,
-    path: Path,
-) -> None:
-    """Draw mirrors from behind, with the turns of their screws.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the mirrors.
-    turns : sequence of (3,)
-        Clockwise turns of each mirror's screws.
-    outlines_mm : sequence of (n, 2)
-        Outlines of the mirrors, right and up as seen from behind, mm.
-    screws_mm : (m, 3, 2)
-        Screws of each mirror, in the same axes.
-    path : Path
-        PNG file to write.
-    """
-    corners = np.vstack(outlines_mm)
+def turns_figure(adjustment: Adjustment, path: Path) -> None:
+    """Write a PNG of the mirrors from behind, with the turns of their screws."""
+    corners = np.vstack(adjustment.outlines_mm)
     width, height = np.ptp(corners, axis=0)
     figure = Figure(figsize=(10.0, 10.0 * height / width + 1.2), layout="constrained")
     axes = figure.add_subplot()
-    for name, mirror_turns, outline, screws in zip(names, turns, outlines_mm, screws_mm, strict=True):
+    for mirror, outline, screws in zip(adjustment.mirrors, adjustment.outlines_mm, adjustment.screws_mm, strict=True):
         axes.fill(*outline.T, facecolor="#eef2f6", edgecolor="#7a8896", linewidth=1.0)
         x, y = outline.mean(axis=0)
-        axes.text(x, y, name, ha="center", va="center", color="#9aa6b2", fontsize=13)
-        for letter, turn, position in zip(LETTERS, mirror_turns, screws, strict=True):
+        axes.text(x, y, mirror.name, ha="center", va="center", color="#9aa6b2", fontsize=13)
+        for letter, turn, position in zip(LETTERS, mirror.turns, screws, strict=True):
             axes.plot(*position, marker="o", color="#c8412c" if abs(turn) >= 0.005 else "#5f6b76", markersize=5)
             text = f"{letter} {turn:+.2f}"
             axes.annotate(text, position, (0.0, 5.0), textcoords="offset points", ha="center", fontsize=9)

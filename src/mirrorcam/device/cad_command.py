@@ -56,10 +56,10 @@ def cad(
         mirrorcam cad layout.json --body d435 --adapter tripod --mounting screws
         mirrorcam cad picture layout.json output/cad
     """
+    from mirrorcam.cad.plan.device_names import files_of
     from mirrorcam.cad.plan.hardware import field_of_view
-    from mirrorcam.core.disk.output_folder import results_folder
+    from mirrorcam.core.disk.output_folder import output_folder, results_folder
     from mirrorcam.core.processes.worker_pool import cores
-    from mirrorcam.device.device_folder import device_folder
     from mirrorcam.optics.geometry.layout import Layout
 
     device = Layout.load(layout)
@@ -71,19 +71,19 @@ def cad(
     from mirrorcam.cad.build import build_parts
 
     task = f"a device of {count_text(len(device.mirrors), 'mirror')}"
-    with (
-        long_work("cad", task, "steps") as advance,
-        device_folder(out, hardware, elastic=elastic, force=force) as folder,
-    ):
-        checks = build_parts(
-            device,
-            folder,
-            hardware,
-            results=results_folder(out),
-            workers=workers or cores(),
-            progress=advance,
-            elastic=elastic,
-        )
+    with long_work("cad", task, "steps") as advance, output_folder(out, "cad", force=force) as output:
+        output.refuse_changed()
+        output.refuse_others(*files_of(hardware, elastic=elastic))
+        with output.staged(result="checks.json") as folder:
+            checks = build_parts(
+                device,
+                folder,
+                hardware,
+                results=results_folder(out),
+                workers=workers or cores(),
+                progress=advance,
+                elastic=elastic,
+            )
     from mirrorcam.cad.plan.prices import summary_of
 
     failed = {name for name, check in checks.items() if not check.passed}

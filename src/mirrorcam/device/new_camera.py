@@ -12,7 +12,6 @@ from pydantic import TypeAdapter, ValidationError
 
 from mirrorcam.core.disk.files import write_text
 from mirrorcam.core.errors import InputError
-from mirrorcam.core.names import Name
 from mirrorcam.core.values import InvalidValue, Value
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.camera_body import BoardHoles, CameraBody, Lips, Threads
@@ -25,10 +24,16 @@ Ask = Callable[[str], str]
 Say = Callable[[str], None]
 
 
-class _Title(Value):
-    """The name of a new camera, validated like names in files."""
-
-    name: Name
+MOUNTING_QUESTIONS = {
+    "lips": {"lip_mm": "how far pads may extend over the front from its long edges, mm"},
+    "threads": {"thread_depth_mm": "depth of the threads in its side, mm"},
+    "board": {
+        "hole_mm": "diameter of the holes, mm",
+        "post_mm": "height of the parts on the board's back, mm",
+        "screw_mm": "thread of the screws, mm",
+    },
+}
+"""Questions about the dimensions by which the clip holds a camera, by `held_by.kind` and field."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +68,6 @@ class Interview:
                 raise InputError(f"camera new: no answer to {question!r}, expected a line for each question") from None
             try:
                 value = read(default if text in ("", UNKNOWN) else text)
-            except InvalidValue as error:
-                self.say(f"{text[:40]}: {error.reason.lower()}")
             except ValueError as error:
                 self.say(f"{text[:40]}: {error}")
             else:
@@ -97,12 +100,12 @@ def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
 
     body: dict[str, Any] = {name: getattr(like.body, name) for name in CameraBody.model_fields}
     guessed: set[str] = set()
-    name = interview.answer("name of the camera", like.name, lambda text: _Title(name=text).name).value
+    name = interview.answer("name of the camera", like.name, _reader(CameraBody, "name")).value
     for measurement in MEASUREMENTS:
         unit = "" if measurement.description.endswith(", g") else ", mm"
         question = f"{measurement.letter}: {measurement.description}{unit}"
         guesses = like.body.guessed
-        answer = interview.answer(question, body[measurement.field], _number_of(CameraBody, measurement.field))
+        answer = interview.answer(question, body[measurement.field], _reader(CameraBody, measurement.field))
         body[measurement.field] = answer.value
         if answer.guessed or (answer.value == getattr(like.body, measurement.field) and measurement.field in guesses):
             guessed.add(measurement.field)
@@ -125,30 +128,15 @@ def ask_profile(like: CameraProfile, interview: Interview) -> CameraProfile:
 def _ask_mounting(held_by: Lips | BoardHoles | Threads, interview: Interview) -> dict[str, Any]:
     """Ask how the clip holds the camera: in the same way as the similar one, with its own dimensions."""
     table = held_by.model_dump()
-    if isinstance(held_by, Lips):
-        text = "how far pads may extend over the front from its long edges, mm"
-        table["lip_mm"] = interview.answer(text, held_by.lip_mm, _number_of(Lips, "lip_mm")).value
-        return table
-    if isinstance(held_by, Threads):
-        text = "depth of the threads in its side, mm"
-        table["thread_depth_mm"] = interview.answer(
-            text, held_by.thread_depth_mm, _number_of(Threads, "thread_depth_mm")
-        ).value
-        return table
-    x_distance, y_distance = (max(abs(hole[axis]) for hole in held_by.holes_mm) * 2.0 for axis in (0, 1))
-    x_distance = interview.answer(
-        "distance of the board's holes along the picture's width, mm", x_distance, _positive
-    ).value
-    y_distance = interview.answer(
-        "distance of the board's holes along the picture's height, mm", y_distance, _positive
-    ).value
-    table["holes_mm"] = tuple((x * x_distance / 2.0, y * y_distance / 2.0) for x in (-1.0, 1.0) for y in (-1.0, 1.0))
-    for key, text in (
-        ("hole_mm", "diameter of the holes, mm"),
-        ("post_mm", "height of the parts on the board's back, mm"),
-        ("screw_mm", "thread of the screws, mm"),
-    ):
-        table[key] = interview.answer(text, table[key], _number_of(BoardHoles, key)).value
+    if isinstance(held_by, BoardHoles):
+        halves = []
+        for axis, side in enumerate(("width", "height")):
+            question = f"distance of the board's holes along the picture's {side}, mm"
+            offered_mm = 2.0 * max(abs(hole[axis]) for hole in held_by.holes_mm)
+            halves.append(interview.answer(question, offered_mm, _positive).value / 2.0)
+        table["holes_mm"] = tuple((x * halves[0], y * halves[1]) for x in (-1.0, 1.0) for y in (-1.0, 1.0))
+    for name, question in MOUNTING_QUESTIONS[held_by.kind].items():
+        table[name] = interview.answer(question, table[name], _reader(type(held_by), name)).value
     return table
 
 
@@ -160,8 +148,8 @@ def _ask_optics(
     if similar is None:
         return None
     sizes = [
-        interview.answer(f"{text} of the picture, px", getattr(similar, side), _pixels).value
-        for side, text in (("width_px", "width"), ("height_px", "height"))
+        interview.answer(f"{side} of the picture, px", getattr(similar, f"{side}_px"), _reader(Camera, f"{side}_px"))
+        for side in ("width", "height")
     ]
     degrees = round(math.degrees(2.0 * math.atan(similar.width_px / similar.fx_px / 2.0)), 2)
     view = interview.answer(
@@ -170,15 +158,15 @@ def _ask_optics(
         f"{degrees:g}",
         lambda text: _half_tangent(text, body["pupil_behind_front_mm"]),
     )
-    pupil = interview.answer("diameter of the pupil (focal length / f-number), mm", similar.aperture_mm, _not_negative)
-    focus = interview.answer("distance at which its focus is locked, mm", similar.focus_mm, _positive).value
-    tangent = view.value if not isinstance(view.value, str) else _half_tangent(view.value, 0.0)
+    question = "diameter of the pupil (focal length / f-number), mm"
+    pupil = interview.answer(question, similar.aperture_mm, _reader(Camera, "aperture_mm"))
+    focus = interview.answer("distance at which its focus is locked, mm", similar.focus_mm, _reader(Camera, "focus_mm"))
     optics = {
-        "width_px": sizes[0],
-        "height_px": sizes[1],
-        "fx_px": round(sizes[0] / 2.0 / tangent, 2),
+        "width_px": int(sizes[0].value),
+        "height_px": int(sizes[1].value),
+        "fx_px": round(sizes[0].value / 2.0 / view.value, 2),
         "aperture_mm": pupil.value,
-        "focus_mm": focus,
+        "focus_mm": focus.value,
     }
     guesses = {"fx_px": view.guessed, "aperture_mm": pupil.guessed or "aperture_mm" in like.guessed}
     return optics, [name for name, guess in guesses.items() if guess]
@@ -196,16 +184,17 @@ def _half_tangent(text: str, pupil_mm: float) -> float:
     return tangent
 
 
-def _number_of(model: type[Value], name: str) -> Callable[[str], float]:
-    """Return a parser of numbers that validates them as a field of a model."""
+def _reader(model: type[Value], name: str) -> Callable[[str], Any]:
+    """Return a parser of an answer, validated as a field of a model: its name or a number."""
     info = model.model_fields[name]
     adapter: Any = TypeAdapter(Annotated[(info.annotation, *info.metadata)])  # type: ignore[arg-type]
 
-    def read(text: str) -> float:
+    def read(text: str) -> Any:
         try:
-            return float(adapter.validate_python(_number(text)))
+            return adapter.validate_python(text if name == "name" else _number(text))
         except ValidationError as error:
-            raise ValueError(error.errors()[0]["msg"].lower()) from None
+            message = error.errors()[0]["msg"].removeprefix("Value error, ").lower()
+            raise ValueError(message.replace("input should be", "expected")) from None
 
     return read
 
@@ -221,28 +210,6 @@ def _positive(text: str) -> float:
     if (number := _number(text)) <= 0.0 or not math.isfinite(number):
         raise ValueError("expected a number above 0")
     return number
-
-
-def _not_negative(text: str) -> float:
-    if (number := _number(text)) < 0.0 or not math.isfinite(number):
-        raise ValueError("expected a number of 0 or more")
-    return number
-
-
-def _pixels(text: str) -> int:
-    number = _positive(text)
-    if number != int(number):
-        raise ValueError("expected an integer number of pixels")
-    return int(_number_of(Camera, "width_px")(f"{number:.0f}"))
-
-
-def _once(like: CameraProfile, interview: Interview) -> CameraProfile | None:
-    """Ask all questions once; None, with a printed reason, if answers contradict each other."""
-    try:
-        return ask_profile(like, interview)
-    except InvalidValue as error:
-        interview.say(f"{error.reason}; please answer again, with your earlier answers in brackets")
-        return None
 
 
 def write_new_camera(path: Path, like: CameraProfile, ask: Ask, say: Say) -> CameraProfile:
@@ -264,9 +231,13 @@ def write_new_camera(path: Path, like: CameraProfile, ask: Ask, say: Say) -> Cam
     draw_camera(like.body).write(path.with_suffix(""), f"{like.name}: where to measure")
     say(f"{files[1]} shows where to measure, with the figures of {like.name}")
     interview = Interview(ask, say)
+    profile: CameraProfile | None = None
     try:
-        while (profile := _once(like, interview)) is None:
-            pass
+        while profile is None:
+            try:
+                profile = ask_profile(like, interview)
+            except InvalidValue as error:  # answers contradict each other
+                say(f"{error.reason}; please answer again, with your earlier answers in brackets")
     except BaseException:
         # Remove the drawing, so that the command can be repeated with this name.
         for file in files[1:]:

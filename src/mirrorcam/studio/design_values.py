@@ -48,10 +48,10 @@ class FigureText(Value):
     label: str
     text: str
     value: float | None
-    reason: str
-    limit: str
-    passed: bool
-    lower_is_better: bool | None
+    reason: str = ""
+    limit: str = ""
+    passed: bool = True
+    lower_is_better: bool | None = True
     """None if neither is better."""
 
 
@@ -75,7 +75,6 @@ class DesignDrawing(Value):
     neighbours: list[tuple[int, int]]
     central: int
     curves: Curves
-    range_mm: tuple[float, float] | None
     figures: dict[str, list[FigureText]]
     verdict: list[FigureText]
 
@@ -164,11 +163,11 @@ class RefusedDesign:
     drawing: ViolationDrawing | None = None
 
 
-@dataclass(frozen=True)
-class FoundDesign:
-    """A design found for a target, its figure for each term, and its mirrors and device in words."""
+class FoundDesign(Value):
+    """A design found for a target: its request, its figure for each term, and its mirrors and device in words."""
 
-    solved: SolvedDesign
+    title: str
+    spec: dict[str, Any]
     terms: list[FigureText]
     mirrors: str
     device: str
@@ -179,6 +178,7 @@ class TargetResult:
     """The designs that a search for a target found, or why there is none."""
 
     designs: tuple[FoundDesign, ...] = ()
+    solved: tuple[SolvedDesign, ...] = ()
     refusal: str = ""
 
 

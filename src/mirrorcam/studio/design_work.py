@@ -62,14 +62,14 @@ def solve(spec: DesignSpec, calls: Calls = in_turn, progress: Progress = no_prog
         return RefusedDesign(error.constraint, error.finding, drawing)
     except InputError as error:
         return RefusedDesign("", str(error))
-    return solved_design(layout.spec or spec, layout)
+    return solved_design(layout)
 
 
-def solved_design(spec: DesignSpec, layout: Layout) -> SolvedDesign:
+def solved_design(layout: Layout) -> SolvedDesign:
     """Return a solved layout with its drawing."""
     from mirrorcam.studio.drawing import compared_values, design_drawing
 
-    drawing = design_drawing(layout, spec, "exact")
+    drawing = design_drawing(layout, layout.designed_spec, "exact")
     return SolvedDesign(layout, drawing, compared_values(drawing.figures))
 
 
@@ -112,13 +112,13 @@ def report(layout: Layout) -> str:
     from mirrorcam.optics.design.assess.monte_carlo import study
     from mirrorcam.optics.design.optimise import assessed_parabola
 
-    assert layout.spec is not None
+    spec = layout.designed_spec
     try:
-        parabola = assessed_parabola(layout.spec)
+        parabola = assessed_parabola(spec)
     except InputError:  # the request has none
         parabola = None
     try:
-        built, not_built = study(layout, Tolerances.hobby(), sorted(layout.spec.depths_mm)), ""
+        built, not_built = study(layout, Tolerances.hobby(), sorted(spec.depths_mm)), ""
     except InputError as error:  # the report is written without the study
         built, not_built = None, str(error)
     return design_report(layout, parabola, design_pictures(layout, parabola, built), not_built=not_built)
@@ -166,7 +166,9 @@ def begin_target(terms: str, spec: DesignSpec, known: Sequence[Layout] = ()) -> 
             found = designs_for(terms, spec, known=known, calls=calls, progress=progress)
         except InputError as error:
             return TargetResult(refusal=str(error))
-        return TargetResult(tuple(_found_design(design, found.target) for design in found.designs))
+        solved = tuple(solved_design(design.layout) for design in found.designs)
+        designs = zip(solved, found.designs, strict=True)
+        return TargetResult(tuple(_found_design(each, design, found.target) for each, design in designs), solved)
 
     _search[:] = [_in_thread(search)]
 
@@ -198,11 +200,9 @@ def misses(terms: str, layouts: Sequence[Layout]) -> list[list[str]]:
     return [[term.kind for term in target.terms if not figures[term.text].passed] for figures in reached]
 
 
-def _found_design(found: TargetDesign, target: Target) -> FoundDesign:
+def _found_design(solved: SolvedDesign, found: TargetDesign, target: Target) -> FoundDesign:
     from mirrorcam.optics.geometry.mirror_stock import mirrors_text
 
-    layout = found.layout
-    assert layout.spec is not None
     terms = [
         FigureText(
             name=term.kind,
@@ -216,7 +216,13 @@ def _found_design(found: TargetDesign, target: Target) -> FoundDesign:
         )
         for term, metric in zip(target.terms, found.reached.values(), strict=True)
     ]
-    return FoundDesign(solved_design(layout.spec, layout), terms, mirrors_text(layout.spec), found.estimate.text)
+    return FoundDesign(
+        title=solved.drawing.title,
+        spec=solved.drawing.spec,
+        terms=terms,
+        mirrors=mirrors_text(solved.layout.designed_spec),
+        device=found.estimate.text,
+    )
 
 
 def tolerance(layout: Layout) -> ToleranceBars:

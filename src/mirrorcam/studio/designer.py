@@ -8,14 +8,14 @@ from collections.abc import Callable, Generator, Hashable, Iterator, Mapping
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.worker_process import WorkerDied, WorkerProcess
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror_stock import STOCK_FIELDS, mirrors_text
-from mirrorcam.studio import design_work, sight_work
+from mirrorcam.studio import design_work
 from mirrorcam.studio.controls import change_text, control_groups
 from mirrorcam.studio.design_values import (
     DesignPoint,
@@ -25,11 +25,11 @@ from mirrorcam.studio.design_values import (
     SolvedDesign,
     SuggestedRequest,
     TargetResult,
-    ToleranceBars,
 )
 from mirrorcam.studio.look_ahead import LookAhead, nearby_requests
-from mirrorcam.studio.sight_work import Decoded, Frame, Subject
 from mirrorcam.studio.turns import PageRequest, Superseded, Turns
+
+Result = TypeVar("Result")
 
 
 class Search:
@@ -61,10 +61,6 @@ class Search:
         except GeneratorExit:  # abandoned, but the process works ahead
             self.process.kill()
             raise
-
-    def close(self) -> None:
-        """End at once, for good."""
-        self.process.close()
 
 
 MAX_RESULTS = 300
@@ -107,13 +103,15 @@ class Designer:
         self._results: OrderedDict[DesignSpec, DesignResult] = OrderedDict()
         self._misses: dict[tuple[str, str], list[str]] = {}
         """The kinds of missed terms, by the identity of a layout and the newest target."""
-        self._previewer, self._analyst = (WorkerProcess(preload=design_work.PRELOAD) for _ in range(2))
-        self._painter = WorkerProcess()
-        self._solver, self._advisor, self._finder = Search(), Search(), Search()
+        self._previewer, self._painter = WorkerProcess(preload=design_work.PRELOAD), WorkerProcess()
+        self._solver, self._studies, self._advisor, self._finder = Search(), Search(), Search(), Search()
         self._look_ahead = LookAhead(self._results.__contains__, self._keep)
         self._lock = threading.Lock()
-        self._studies = Turns(self._analyst.kill)
         self._closed = False
+
+    @property
+    def _searches(self) -> tuple[Search, ...]:
+        return self._solver, self._studies, self._advisor, self._finder
 
     def start(self, *, at_once: bool = True) -> None:
         """Start; with `at_once`, start the processes for the first request in advance, others when needed."""
@@ -125,13 +123,13 @@ class Designer:
         """End all processes."""
         with self._lock:
             self._closed = True
-        processes = (self._previewer, self._analyst, self._painter)
-        for worker in (self._look_ahead, self._solver, self._advisor, self._finder, *processes):
-            worker.close()
+        self._look_ahead.close()
+        for process in (*(search.process for search in self._searches), self._previewer, self._painter):
+            process.close()
 
     def keep(self, spec: DesignSpec, layout: Layout) -> None:
         """Add a solved design, such as an opened file's."""
-        self._keep(spec, self._previewer.call(design_work.solved_design, spec, layout))
+        self._keep(spec, self._previewer.call(design_work.solved_design, layout))
 
     def offer(self, stored: Mapping[DesignSpec, Path]) -> None:
         """Add files of solved layouts, such as a sweep's; each is read when it is requested."""
@@ -161,8 +159,8 @@ class Designer:
 
     def leave(self, page_request: PageRequest) -> None:
         """Cancel a request that its page abandoned."""
-        for turns in (self._solver.turns, self._studies, self._advisor.turns, self._finder.turns):
-            turns.leave(page_request)
+        for search in self._searches:
+            search.turns.leave(page_request)
 
     def _solve_in_turn(
         self, spec: DesignSpec, page_request: PageRequest
@@ -209,22 +207,16 @@ class Designer:
             raise InputError("this design is not solved yet, expected a solved one")
         return result
 
-    def tolerance(self, spec: DesignSpec, page_request: PageRequest | None = None) -> ToleranceBars:
-        """Expected figures of devices as built, for a solved design; takes seconds.
+    def studied(self, work: Callable[[Layout], Result], spec: DesignSpec, page_request: PageRequest) -> Result:
+        """The result of slow work on a solved design, such as `design_work.report`.
 
-        Raises InputError for a design that is not solved, or cannot be built with these tolerances, and Superseded if
-        the page has requested another design meanwhile.
+        Raises InputError for a design that is not solved, and as the work does; Superseded or WorkerDied if the page
+        has another request meanwhile.
         """
-        page_request, layout = page_request or PageRequest(), self.solved(spec).layout
-        with self._studies.turn(page_request, spec):
-            bars: ToleranceBars = self._analysed(page_request, design_work.tolerance, layout)
-        return bars
-
-    def report(self, spec: DesignSpec, page_request: PageRequest | None = None) -> str:
-        """The report of a solved design; takes seconds. Raises InputError and Superseded as `tolerance` does."""
-        layout, page_request = self.solved(spec).layout, page_request or PageRequest()
-        with self._studies.turn(page_request, ("report", spec)):
-            return str(self._analysed(page_request, design_work.report, layout))
+        layout = self.solved(spec).layout
+        with self._studies.turns.turn(page_request, (work, spec)):
+            result: Result = self._studies.process.call(work, layout)
+            return result
 
     def nearby(self, spec: DesignSpec, terms: str = "") -> Neighbourhood:
         """All solved designs for the camera and the depths of a request, such as those one step of a control away.
@@ -234,7 +226,7 @@ class Designer:
         steps = nearby_requests(spec)
         with self._reading:
             if self._stored and not self._stored_values:
-                found = self._analyst.call(design_work.stored_values, list(self._stored.values()))
+                found = self._studies.process.call(design_work.stored_values, list(self._stored.values()))
                 self._stored_values = dict(zip(self._stored, found, strict=True))
         with self._lock:
             results = {other: result for other, result in self._results.items() if isinstance(result, SolvedDesign)}
@@ -269,14 +261,6 @@ class Designer:
             self._misses |= {(layout.identity, terms): kinds for layout, kinds in zip(new, found, strict=True)}
             return {spec: self._misses[layout.identity, terms] for spec, layout in layouts.items()}
 
-    def _analysed(self, page_request: PageRequest, work: Callable[..., Any], *arguments: Any) -> Any:
-        try:
-            return self._analyst.call(work, *arguments)
-        except WorkerDied:
-            if page_request.dropped:
-                raise Superseded from None
-            raise
-
     def suggestions(self, spec: DesignSpec, page_request: PageRequest | None = None) -> Iterator[SuggestedRequest]:
         """Yield feasible requests near a refused one until its page has a new request.
 
@@ -296,29 +280,19 @@ class Designer:
         Designs solved before for the same camera are candidates, too.
         """
         with self._lock:
-            solved = [result for result in self._results.values() if isinstance(result, SolvedDesign)]
-        known = [result.layout for result in solved if result.layout.camera == spec.camera]
+            layouts = [result.layout for result in self._results.values() if isinstance(result, SolvedDesign)]
+        known = [layout for layout in layouts if layout.camera == spec.camera]
         begin = partial(design_work.begin_target, known=known)
         with (
             self._look_ahead.paused(),
             closing(self._finder.results(page_request or PageRequest(), begin, terms, spec)) as results,
         ):
             for found in results:
-                for design in found.designs if isinstance(found, TargetResult) else ():
-                    self._keep(DesignSpec.model_validate(design.solved.drawing.spec), design.solved)
+                for solved in found.solved if isinstance(found, TargetResult) else ():
+                    self._keep(DesignSpec.model_validate(solved.drawing.spec), solved)
                 yield found
 
-    def frame(self, spec: DesignSpec, subject: Subject) -> Frame:
-        """A simulated frame of a solved design. Raises InputError if there is no room for the subject."""
-        picture: Frame = self._painter.call(sight_work.frame, self.solved(spec).layout, subject)
-        return picture
-
-    def decoded(self, spec: DesignSpec, subject: Subject) -> Decoded:
-        """Views, a refocused picture and depth of such a frame. Raises InputError if the views have no common field."""
-        pictures: Decoded = self._painter.call(sight_work.decoded, self.solved(spec).layout, subject)
-        return pictures
-
-    def refocused(self, spec: DesignSpec, subject: Subject, depth_mm: float) -> Frame:
-        """The picture focused at a depth. Raises InputError unless this design was `decoded` recently."""
-        picture: Frame = self._painter.call(sight_work.refocused, self.solved(spec).layout, subject, depth_mm)
-        return picture
+    def sight(self, work: Callable[..., Result], spec: DesignSpec, *arguments: Any) -> Result:
+        """The result of a function of `sight_work` for a solved design. Raises InputError as it does."""
+        result: Result = self._painter.call(work, self.solved(spec).layout, *arguments)
+        return result

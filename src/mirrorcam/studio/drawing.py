@@ -67,7 +67,6 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
     metrics = layout.metrics or evaluate(layout, depths_mm, views)
     verdict = layout.verdict or ({} if kind != "exact" else verify(layout, spec))
     grid, spacings = fitted_grid(layout)
-    nearest, farthest = metrics.get("depth_nearest_mm"), metrics.get("depth_farthest_mm")
     return DesignDrawing(
         kind=kind,
         title=f"{layout.arrangement.text}, {spec.scale_mm:g} mm",
@@ -77,7 +76,13 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
         view_from_rig=_rounded(layout.view_from_rig, RAY_DECIMALS + 3),
         sensor_px=(layout.camera.width_px, layout.camera.height_px),
         body_mm=_rounded(_body(layout) @ layout.view_from_rig.T, MM_DECIMALS),
-        mirrors=_mirrors(views),
+        mirrors=_mirrors(
+            layout.mirrors,
+            layout.mirror_names,
+            layout.view_from_rig.T,
+            [_outline_px(layout, k) for k in range(len(layout.mirrors))],
+            [layout.camera.pixels_from_normalized(vertices(part)) for part in views.sub_images],
+        ),
         rays=_rays(views),
         common_px=[_common_px(layout, views, depth) for depth in depths_mm],
         centres_mm=_rounded(layout.virtual_centres_in_view_mm.reshape(-1, 3), MM_DECIMALS),
@@ -85,7 +90,6 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
         neighbours=layout.arrangement.neighbours,
         central=layout.central_index,
         curves=_curves(layout, views, spacings, depths_mm, coarse=kind != "exact"),
-        range_mm=(nearest.value, farthest.value) if nearest and farthest else None,
         figures=_with_fields(grouped_figures(metrics), views, depths_mm) | {DEVICE: device_figures(layout)},
         verdict=[_figure(name, metric) for name, metric in verdict.items()],
     )
@@ -94,21 +98,12 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
 def violation_drawing(spec: DesignSpec, where: LeastViolation) -> ViolationDrawing:
     """Return the drawing of an infeasible request: its mirrors, whose sub-images may overlap, and the violations."""
     rotation, camera = spec.view_from_rig.T, spec.camera
-    beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in where.mirrors)
+    outlines = [camera.pixels_from_normalized(mirror.apparent.outline_normalized) for mirror in where.mirrors]
     body = next(iter(spec.keep_outs_in_rig_mm), np.zeros((0, 3)))
     return ViolationDrawing(
         sensor_px=(camera.width_px, camera.height_px),
         body_mm=_rounded(body @ rotation, MM_DECIMALS),
-        mirrors=[
-            MirrorDrawing(
-                name=name,
-                solid_mm=_rounded(mirror.solid.corners_in_rig_mm @ rotation, MM_DECIMALS),
-                chief_mm=_rounded(_chief(mirror, beyond_mm) @ rotation, MM_DECIMALS),
-                outline_px=_rounded(camera.pixels_from_normalized(mirror.apparent.outline_normalized), PX_DECIMALS),
-                usable_px=[],
-            )
-            for name, mirror in zip(spec.arrangement.names, where.mirrors, strict=True)
-        ],
+        mirrors=_mirrors(where.mirrors, spec.arrangement.names, rotation, outlines, [np.zeros((0, 2))] * len(outlines)),
         concerned=sorted({number for violation in where.violations for number in violation.mirrors}),
         places_mm=[_rounded(violation.place_in_rig_mm @ rotation, MM_DECIMALS) for violation in where.violations],
     )
@@ -124,24 +119,25 @@ def _body(layout: Layout) -> FloatArray:
     return np.zeros((0, 3)) if layout.camera.body_mm is None else box_corners(*layout.camera.body_mm)
 
 
-def _mirrors(views: FieldsOfView) -> list[MirrorDrawing]:
+def _mirrors(
+    mirrors: Sequence[Mirror],
+    names: Sequence[str],
+    rig_from_view: FloatArray,
+    outlines_px: Sequence[FloatArray],
+    usable_px: Sequence[FloatArray],
+) -> list[MirrorDrawing]:
     """Return the drawing of each mirror; its chief ray extends as far beyond it as the farthest mirror is away."""
-    layout = views.layout
-    rotation = layout.view_from_rig.T
-    beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in layout.mirrors)
-    usable = [vertices(part) for part in views.sub_images]
-    drawings = []
-    for k, (mirror, name) in enumerate(zip(layout.mirrors, layout.mirror_names, strict=True)):
-        drawings.append(
-            MirrorDrawing(
-                name=name,
-                solid_mm=_rounded(mirror.solid.corners_in_rig_mm @ rotation, MM_DECIMALS),
-                chief_mm=_rounded(_chief(mirror, beyond_mm) @ rotation, MM_DECIMALS),
-                outline_px=_rounded(_outline_px(layout, k), PX_DECIMALS),
-                usable_px=_rounded(layout.camera.pixels_from_normalized(usable[k]), PX_DECIMALS),
-            )
+    beyond_mm = max(float(np.linalg.norm(mirror.outline_in_rig_mm.mean(axis=0))) for mirror in mirrors)
+    return [
+        MirrorDrawing(
+            name=name,
+            solid_mm=_rounded(mirror.solid.corners_in_rig_mm @ rig_from_view, MM_DECIMALS),
+            chief_mm=_rounded(_chief(mirror, beyond_mm) @ rig_from_view, MM_DECIMALS),
+            outline_px=_rounded(outline, PX_DECIMALS),
+            usable_px=_rounded(usable, PX_DECIMALS),
         )
-    return drawings
+        for mirror, name, outline, usable in zip(mirrors, names, outlines_px, usable_px, strict=True)
+    ]
 
 
 def _outline_px(layout: Layout, index: int) -> FloatArray:
@@ -236,9 +232,6 @@ def _with_fields(
                 label=f"Field of all views at {depth_mm:g} mm",
                 text=f"{right - left:.0f} x {bottom - top:.0f} mm",
                 value=right - left,
-                reason="",
-                limit="",
-                passed=True,
                 lower_is_better=False,
             )
         )
@@ -247,36 +240,25 @@ def _with_fields(
 
 def device_figures(layout: Layout) -> list[FigureText]:
     """Return price, size, mass and printing time of a device, with the standard deviations of their errors."""
+    labels = ("Price with the camera", "Width, height and depth", "Mass with the camera", "Printing time")
+    names = ("device_price", "device_size", "device_mass", "device_print")
+    reason, found = "", list[tuple[str, float | None]]([(NONE, None)] * len(names))
     try:
-        estimate = estimate_device(layout)
+        device = estimate_device(layout)
+        sides = " x ".join(f"{side:.0f}" for side in device.size_mm)
+        price = f"{device.price_eur:.0f} EUR ± {device.price_error_eur:.1f} ({device.price_text})"
+        found = [
+            (price, device.price_eur),
+            (f"{sides} mm ± {device.size_error_mm:.0f}", max(device.size_mm)),
+            (f"{device.mass_g:.0f} g ± {device.mass_error_g:.0f}", device.mass_g),
+            (f"{device.print_h:.1f} h ± {device.print_error_h:.1f}", device.print_h),
+        ]
     except InputError as error:  # no device stands like this
-        return [_device_figure(name, NONE, None, str(error)) for name in DEVICE_LABELS]
-    sides = " x ".join(f"{side:.0f}" for side in estimate.size_mm)
+        reason = str(error)
     return [
-        _device_figure(
-            "device_price",
-            f"{estimate.price_eur:.0f} EUR ± {estimate.price_error_eur:.1f} ({estimate.price_text})",
-            estimate.price_eur,
-        ),
-        _device_figure("device_size", f"{sides} mm ± {estimate.size_error_mm:.0f}", max(estimate.size_mm)),
-        _device_figure("device_mass", f"{estimate.mass_g:.0f} g ± {estimate.mass_error_g:.0f}", estimate.mass_g),
-        _device_figure("device_print", f"{estimate.print_h:.1f} h ± {estimate.print_error_h:.1f}", estimate.print_h),
+        FigureText(name=name, label=label, text=text, value=value, reason=reason)
+        for name, label, (text, value) in zip(names, labels, found, strict=True)
     ]
-
-
-DEVICE_LABELS = {
-    "device_price": "Price with the camera",
-    "device_size": "Width, height and depth",
-    "device_mass": "Mass with the camera",
-    "device_print": "Printing time",
-}
-
-
-def _device_figure(name: str, text: str, value: float | None, reason: str = "") -> FigureText:
-    label = DEVICE_LABELS[name]
-    return FigureText(
-        name=name, label=label, text=text, value=value, reason=reason, limit="", passed=True, lower_is_better=True
-    )
 
 
 def compared_values(figures: Mapping[str, Sequence[FigureText]]) -> dict[str, float | None]:
@@ -292,10 +274,8 @@ def compared_values(figures: Mapping[str, Sequence[FigureText]]) -> dict[str, fl
 
 def tolerance_bars(layout: Layout) -> ToleranceBars:
     """Return figures of devices built by hand, at the depths of the layout's spec. Raises InputError as `study`."""
-    if layout.spec is None:
-        raise ValueError("the layout has no spec, expected one that was designed")
     tolerances = Tolerances.hobby()
-    results = study(layout, tolerances, sorted(layout.spec.depths_mm))
+    results = study(layout, tolerances, sorted(layout.designed_spec.depths_mm))
     bars = []
     for name, spread in results.spreads[1.0].items():
         ends = [value_text(Metric(value=value, unit=spread.unit)) for value in (spread.low, spread.high)]

@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -33,12 +34,10 @@ def write_folder(root: Path, layout: Layout) -> str:
     """Write layout.json and design.toml of a design below `root` if missing; return the folder's name."""
     name = folder_name(layout)
     folder = root / name
-    if layout.spec is None:
-        raise ValueError("the layout has no spec, expected one that was designed")
     if not (folder / "layout.json").is_file():
         layout.save(folder / "layout.json")
     if not (folder / DESIGN_FILE).is_file():
-        write_text(folder / DESIGN_FILE, request_toml(layout.spec))
+        write_text(folder / DESIGN_FILE, request_toml(layout.designed_spec))
     return name
 
 
@@ -137,8 +136,13 @@ class _Job:
     number: int
     plan: Plan
     command: ChildCommand
-    page: Path
+    folder: Path
     started: float = field(default_factory=time.time)
+
+    @cached_property
+    def bytes(self) -> int:
+        """The size of its files, once it has ended."""
+        return bytes_of(self.folder)
 
     @property
     def state(self) -> State:
@@ -147,7 +151,8 @@ class _Job:
             return "running"
         if self.command.cancelled:
             return "cancelled"
-        if code == 1 and self.page.is_file() and self.page.stat().st_mtime >= self.started:
+        page = self.folder / self.plan.page
+        if code == 1 and page.is_file() and page.stat().st_mtime >= self.started:
             return "alarm"
         return "done" if code == 0 else "failed"
 
@@ -170,7 +175,6 @@ class Jobs:
     def __init__(self, root: Path) -> None:
         self.root = root
         self._jobs: dict[int, _Job] = {}
-        self._bytes: dict[int, int] = {}
         self._lock = threading.Lock()
 
     def start(self, plan: Plan) -> JobReport:
@@ -179,8 +183,7 @@ class Jobs:
             running = (job.plan for job in self._jobs.values() if job.state == "running")
             if any((other.kind, other.subject) == (plan.kind, plan.subject) for other in running):
                 raise InputError(f"{plan.subject}: such a job is running already, expected it to end first")
-            page = self.root / plan.folder / plan.page
-            job = _Job(len(self._jobs) + 1, plan, ChildCommand(plan.arguments), page)
+            job = _Job(len(self._jobs) + 1, plan, ChildCommand(plan.arguments), self.root / plan.folder)
             self._jobs[job.number] = job
         return self._report(job, is_newest=True)
 
@@ -211,8 +214,6 @@ class Jobs:
         step, share = progress(lines)
         offers, complete = is_newest and state != "running", state in ("done", "alarm")
         name = plan.page if complete else plan.step_page
-        if offers and job.number not in self._bytes:
-            self._bytes[job.number] = bytes_of(self.root / plan.folder)
         return JobReport(
             number=job.number,
             kind=plan.kind,
@@ -223,9 +224,9 @@ class Jobs:
             step=step,
             progress=1.0 if complete else share,
             lines=list(lines),
-            page=f"{plan.folder}/{name}" if offers and name and (self.root / plan.folder / name).is_file() else "",
+            page=f"{plan.folder}/{name}" if offers and name and (job.folder / name).is_file() else "",
             folder=plan.folder,
-            bytes=self._bytes[job.number] if offers else 0,
+            bytes=job.bytes if offers else 0,
         )
 
 

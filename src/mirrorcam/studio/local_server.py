@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import json
-import math
-import os
 import secrets
 import socket
 import webbrowser
-from collections.abc import Callable, MutableMapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import uvicorn
+from pydantic_core import to_json
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, HTTPExceptionHandler, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -159,7 +157,7 @@ class LocalAccess:
             await send(message)
 
         try:
-            await self._app(scope, _limited(receive), with_policy)
+            await self._app(scope, receive, with_policy)
         except ClientDisconnect:
             if not started:
                 await PlainTextResponse("the request was cut off", status_code=400)(scope, receive, send)
@@ -176,32 +174,14 @@ class LocalAccess:
             return "the request comes from a page of another site"
         if method == "POST" and not headers.get("content-type", "").startswith("application/json"):
             return "expected application/json"
-        length = headers.get("content-length", "0") or "0"
-        if not (length.isascii() and length.isdigit()):
+        length = headers.get("content-length", "0")
+        if "transfer-encoding" in headers or not (length.isascii() and length.isdigit()):
             return "Content-Length: expected a number of bytes"
         too_large = len(length) > MAX_LENGTH_DIGITS or int(length) > LARGEST_BODY_BYTES
         return "the request is too large" if too_large else ""
 
     def _is_own(self, origin: str) -> bool:
         return origin.lower() in {f"http://{host}" for host in self._hosts}
-
-
-class BodyTooLarge(Exception):
-    """A request body larger than allowed, whatever its stated length."""
-
-
-def _limited(receive: Receive) -> Receive:
-    received = 0
-
-    async def limited() -> Message:
-        nonlocal received
-        message = await receive()
-        received += len(message.get("body", b""))
-        if received > LARGEST_BODY_BYTES:
-            raise BodyTooLarge(f"the request is longer than {LARGEST_BODY_BYTES} bytes")
-        return message
-
-    return limited
 
 
 Body = TypeVar("Body", bound=Value)
@@ -212,43 +192,25 @@ async def posted(model: type[Body], request: Request) -> Body:
 
     It is parsed in a thread, so that other requests are not delayed; `LocalAccess` limits the size of the body.
     """
-    return await run_in_threadpool(_value, model, await request.body())
-
-
-def _value(model: type[Body], body: bytes) -> Body:
-    return validated(model, json_value(body))
+    body = await request.body()
+    return await run_in_threadpool(lambda: validated(model, json_value(body)))
 
 
 def as_json(value: Any) -> Response:
-    """Return a JSON response."""
-    return Response(json_text(value), media_type="application/json")
+    """Return a JSON response of values and dataclasses: NaN and infinity as null."""
+    return Response(json_line(value), media_type="application/json")
 
 
-def json_text(value: Any) -> str:
-    """Convert a value to JSON on one line: paths as text, NaN and infinity as null."""
-    return json.dumps(plain(value), allow_nan=False)
-
-
-def plain(value: Any) -> Any:
-    """Convert a value to JSON types."""
-    if isinstance(value, dict):
-        return {key: plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path) else value
+def json_line(value: Any) -> bytes:
+    """Convert values and dataclasses to JSON on one line: NaN and infinity as null."""
+    return to_json(value, inf_nan_mode="null")
 
 
 async def _refused(request: Request, error: Exception) -> Response:
     return PlainTextResponse(str(error), status_code=422)
 
 
-async def _too_large(request: Request, error: Exception) -> Response:
-    return PlainTextResponse(str(error), status_code=413)
-
-
-REFUSALS: dict[type[Exception], HTTPExceptionHandler] = {InputError: _refused, BodyTooLarge: _too_large}
+REFUSALS: dict[type[Exception], HTTPExceptionHandler] = {InputError: _refused}
 """Responses to a bad request: one line of text."""
 
 
@@ -267,46 +229,3 @@ class ServedFiles(StaticFiles):
             return await super().get_response(path, scope)
         except OSError:  # for example, a link to itself
             raise HTTPException(404) from None
-
-    def file_response(
-        self,
-        full_path: str | os.PathLike[str],
-        stat_result: os.stat_result,
-        scope: MutableMapping[str, Any],
-        status_code: int = 200,
-    ) -> Response:
-        """Return the response that sends a file."""
-        try:
-            with Path(full_path).open("rb"):
-                pass
-        except OSError:
-            raise HTTPException(404) from None
-        response = super().file_response(full_path, stat_result, scope, status_code)
-        return _SentFile(full_path, status_code, stat_result=stat_result) if response.status_code == 200 else response
-
-
-class _SentFile(FileResponse):
-    """Sends as many bytes as Content-Length states; if the file has become shorter, the connection breaks."""
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        remaining, ended = 0, False
-
-        async def send_stated(message: Message) -> None:
-            nonlocal remaining, ended
-            if message["type"] == "http.response.start":
-                remaining = int(Headers(raw=message["headers"]).get("content-length", "0"))
-                await send(message)
-            elif scope["method"] == "HEAD":
-                await send(message)
-            elif not ended:
-                body = message["body"][:remaining]
-                remaining -= len(body)
-                if remaining and not message.get("more_body", False):
-                    raise OSError("the file has become shorter")
-                ended = not remaining
-                await send({**message, "body": body, "more_body": not ended})
-
-        try:
-            await super().__call__(scope, receive, send_stated)
-        except OSError:
-            return

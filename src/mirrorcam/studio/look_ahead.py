@@ -6,7 +6,6 @@ import logging
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 from mirrorcam.core.processes.worker_process import WorkerProcess
 from mirrorcam.core.values import InvalidValue
@@ -18,22 +17,14 @@ MAX_MIRRORS = 25
 """Designs with more mirrors take too long to be solved speculatively."""
 
 
-def _add(step: float) -> Callable[[Any], Any]:
-    return lambda value: round(value + step, 3)
-
-
-def _multiply(factor: float) -> Callable[[Any], Any]:
-    return lambda value: round(value * factor)
-
-
-SCALES = (("scale_mm", _multiply(1.3)), ("scale_mm", _multiply(1 / 1.3)))
-STEPS: tuple[tuple[str, Callable[[Any], Any]], ...] = (
-    *((name, _add(step)) for step in (1, -1) for name in ("rows", "cols")),
+SCALES = (("scale_mm", 1.3, 0.0), ("scale_mm", 1 / 1.3, 0.0))
+STEPS = (
+    *((name, 1, step) for step in (1, -1) for name in ("rows", "cols")),
     *SCALES,
-    *(("tradeoff", _add(step)) for step in (0.2, -0.2)),
-    *(("fold_deg", _add(step)) for step in (10.0, -10.0)),
+    *(("tradeoff", 1, step) for step in (0.2, -0.2)),
+    *(("fold_deg", 1, step) for step in (10.0, -10.0)),
 )
-"""Steps of the controls, likeliest first."""
+"""Steps of the controls, likeliest first: a field, and what it is multiplied by and increased by."""
 
 
 def nearby_requests(spec: DesignSpec) -> dict[DesignSpec, str]:
@@ -41,17 +32,18 @@ def nearby_requests(spec: DesignSpec) -> dict[DesignSpec, str]:
 
     First those that are one step of a control away, with its name, then those that differ by a step of the scale, too.
     """
-    single = {other: name for name, change in STEPS for other in _changed(spec, name, change)}
-    double = [other for first in single for name, change in SCALES for other in _changed(first, name, change)]
+    single = {other: step[0] for step in STEPS for other in _changed(spec, *step)}
+    double = [other for first in single for step in SCALES for other in _changed(first, *step)]
     return {other: single.get(other, "") for other in (*single, *double) if other != spec}
 
 
-def _changed(spec: DesignSpec, name: str, change: Callable[[Any], Any]) -> Iterator[DesignSpec]:
+def _changed(spec: DesignSpec, name: str, factor: float, difference: float) -> Iterator[DesignSpec]:
     """Yield the request with a changed field, unless it has no such number or is outside the limits of a request."""
     if (spec.pattern is not None and name in ("rows", "cols")) or spec.fold_deg == "auto" == getattr(spec, name):
         return
+    value = getattr(spec, name) * factor + difference
     try:
-        other = spec.replaced(**{name: change(getattr(spec, name))})
+        other = spec.replaced(**{name: round(value) if name == "scale_mm" else round(value, 3)})
     except InvalidValue:
         return  # such as no rows
     if len(other.arrangement.steps) <= MAX_MIRRORS:

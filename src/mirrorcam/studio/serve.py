@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -59,44 +60,34 @@ def opened(design: Path | str | None) -> Opening:
 
 def serve(opening: Opening, *, port: int | None, out: Path, browser: bool, on_note: Callable[[str], None]) -> int:
     """Serve until Ctrl-C, and return 0. Raises InputError for a port in use, or a camera that cannot be opened."""
-    designer = Designer()
-    try:
+    with ExitStack() as ending:
+        designer = Designer()
+        ending.callback(designer.close)
         designer.start(at_once=opening.camera is None)
-        _serve(opening, designer, port, out, browser=browser, on_note=on_note)
-    finally:
-        designer.close()
-    return 0
+        # Imported while the designer's processes load their modules.
+        from mirrorcam.studio.jobs import Jobs
+        from mirrorcam.studio.live.answers import CameraHost
+        from mirrorcam.studio.local_server import DEFAULT_PORT, listening_socket, run_server
+        from mirrorcam.studio.server import studio_app
 
-
-def _serve(
-    opening: Opening, designer: Designer, port: int | None, out: Path, *, browser: bool, on_note: Callable[[str], None]
-) -> None:
-    # Imported while the designer's processes load their modules.
-    from mirrorcam.studio.jobs import Jobs
-    from mirrorcam.studio.live.answers import CameraHost
-    from mirrorcam.studio.local_server import DEFAULT_PORT, listening_socket, run_server
-    from mirrorcam.studio.server import studio_app
-
-    listening = listening_socket(port)
-    own_port = listening.getsockname()[1]
-    if opening.layout is not None:
-        designer.keep(opening.spec, opening.layout)
-    designer.offer(opening.sweep)
-    jobs = Jobs(out)
-    camera = CameraHost(jobs, on_note)
-
-    def end() -> None:
-        designer.close()
-        camera.close()
-
-    try:
+        listening = ending.enter_context(listening_socket(port))
+        own_port = listening.getsockname()[1]
+        if opening.layout is not None:
+            designer.keep(opening.spec, opening.layout)
+        designer.offer(opening.sweep)
+        jobs = Jobs(out)
+        ending.callback(jobs.close)
+        camera = CameraHost(jobs, on_note)
+        ending.callback(camera.close)
         if opening.camera is not None:
             camera.open(opening.camera, opening.board)
         if port is None and own_port != DEFAULT_PORT:
             on_note(f"port {DEFAULT_PORT} is in use, {own_port} is not")
+
+        def end() -> None:
+            designer.close()
+            camera.close()
+
         app = studio_app(opening.spec, designer, jobs, camera, own_port)
         run_server(app, listening, browser=browser, on_note=on_note, end=end, fragment=opening.fragment)
-    finally:
-        listening.close()
-        camera.close()
-        jobs.close()
+    return 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterable
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
 from contextlib import asynccontextmanager
 from pathlib import Path, PurePath
 from typing import Any, Literal, TypeVar
@@ -24,17 +24,20 @@ from mirrorcam.core.processes.worker_process import WorkerDied
 from mirrorcam.core.values import Value
 from mirrorcam.designs.design_files import request_of, request_toml
 from mirrorcam.optics.geometry.design_spec import DesignSpec
+from mirrorcam.optics.geometry.layout import Layout
+from mirrorcam.studio import design_work, sight_work
 from mirrorcam.studio.design_values import DesignResult, RefusedDesign, SolvedDesign, TargetResult
 from mirrorcam.studio.designer import Designer
 from mirrorcam.studio.jobs import Jobs, plan, write_folder, zipped
 from mirrorcam.studio.live.answers import CameraAnswers, CameraHost
 from mirrorcam.studio.live.values import LiveRequest
-from mirrorcam.studio.local_server import FILES, REFUSALS, LocalAccess, ServedFiles, as_json, json_text, posted
+from mirrorcam.studio.local_server import FILES, REFUSALS, Body, LocalAccess, ServedFiles, as_json, json_line, posted
 from mirrorcam.studio.page import studio_page
 from mirrorcam.studio.sight_work import Subject
 from mirrorcam.studio.turns import PageRequest, Superseded
 
 Result = TypeVar("Result")
+Handler = Callable[[Request], Awaitable[Response]]
 PAGE_HEADER = "x-page"
 """Header with the name of a page: its newest request replaces only its own earlier ones."""
 MAX_NAME_LENGTH, MAX_NUMBER_LENGTH, MAX_PATH_LENGTH = 64, 16, 1000
@@ -64,17 +67,29 @@ class SightRequest(Value):
 
 
 class TargetRequest(Value):
-    """The terms of a target, such as "0.3mm@400mm 90EUR", and the fields of the designs that it leaves open."""
-
-    terms: str = Field(max_length=300)
-    spec: DesignSpec
-
-
-class NearbyRequest(Value):
-    """The shown design, and the terms of the current target, empty without one."""
+    """The terms of a target, such as "0.3mm@400mm 90EUR", empty without one, and the request that it is for."""
 
     terms: str = Field(default="", max_length=300)
     spec: DesignSpec
+
+
+def _values(model: type[Body], work: Callable[[Body], Value]) -> Handler:
+    """Respond to a posted value with the result of work on it, as JSON."""
+
+    async def answer(request: Request) -> Response:
+        result = await run_in_threadpool(work, await posted(model, request))
+        return as_json(result)
+
+    return answer
+
+
+def _text(work: Callable[[DesignSpec], str]) -> Handler:
+    """Respond to the request for a design with a text."""
+
+    async def answer(request: Request) -> Response:
+        return PlainTextResponse(work(await posted(DesignSpec, request)))
+
+    return answer
 
 
 class DesignAnswers:
@@ -99,7 +114,7 @@ class DesignAnswers:
     async def suggestions(self, request: Request) -> Response:
         page_request = _page_request(request)
         suggestions = self._designer.suggestions(await posted(DesignSpec, request), page_request)
-        return self._lines(request, page_request, suggestions, lambda each: each.model_dump(mode="json"))
+        return self._lines(request, page_request, suggestions)
 
     async def target(self, request: Request) -> Response:
         page_request = _page_request(request)
@@ -108,14 +123,18 @@ class DesignAnswers:
         return self._lines(request, page_request, search, _target_answer)
 
     def _lines(
-        self, request: Request, page_request: PageRequest, found: Iterable[Any], answer: Callable[[Any], dict[str, Any]]
+        self,
+        request: Request,
+        page_request: PageRequest,
+        found: Iterable[Any],
+        answer: Callable[[Any], Any] = lambda item: item,
     ) -> Response:
         """Stream the progress of work, from 0 to 1, and its results, one per line as they come."""
 
-        def line(item: Any) -> str:
-            return json_text({"progress": item} if isinstance(item, float) else answer(item)) + "\n"
+        def line(item: Any) -> bytes:
+            return json_line({"progress": item} if isinstance(item, float) else answer(item)) + b"\n"
 
-        async def lines() -> AsyncIterator[str]:
+        async def lines() -> AsyncIterator[bytes]:
             async with self._cancelled_on_disconnect(request, page_request):
                 async for text in iterate_in_threadpool(map(line, found)):
                     yield text
@@ -123,49 +142,17 @@ class DesignAnswers:
         return StreamingResponse(lines(), media_type="application/x-ndjson")
 
     async def tolerance(self, request: Request) -> Response:
-        bars = await self._solved(request, self._designer.tolerance)
-        return as_json(bars.model_dump(mode="json"))
-
-    async def nearby(self, request: Request) -> Response:
-        message = await posted(NearbyRequest, request)
-        nearby = await run_in_threadpool(self._designer.nearby, message.spec, message.terms)
-        return as_json(nearby.model_dump(mode="json"))
-
-    async def frame(self, request: Request) -> Response:
-        message = await posted(SightRequest, request)
-        picture = await run_in_threadpool(self._designer.frame, message.spec, message.subject)
-        return as_json(picture.model_dump(mode="json"))
-
-    async def decoded(self, request: Request) -> Response:
-        message = await posted(SightRequest, request)
-        pictures = await run_in_threadpool(self._designer.decoded, message.spec, message.subject)
-        return as_json(pictures.model_dump(mode="json"))
-
-    async def refocused(self, request: Request) -> Response:
-        message = await posted(SightRequest, request)
-        picture = await run_in_threadpool(self._designer.refocused, message.spec, message.subject, message.depth_mm)
-        return as_json(picture.model_dump(mode="json"))
+        return as_json(await self._studied(request, design_work.tolerance))
 
     async def report(self, request: Request) -> Response:
-        return PlainTextResponse(await self._solved(request, self._designer.report))
+        return PlainTextResponse(await self._studied(request, design_work.report))
 
-    async def layout(self, request: Request) -> Response:
-        return PlainTextResponse(self._designer.solved(await posted(DesignSpec, request)).layout.text())
-
-    async def toml(self, request: Request) -> Response:
-        return PlainTextResponse(request_toml(await posted(DesignSpec, request)))
-
-    async def opened(self, request: Request) -> Response:
-        file = await posted(Opened, request)
-        opened = await run_in_threadpool(request_of, Path(PurePath(file.name).name), file.text.encode())
-        return as_json(opened.spec.model_dump(mode="json"))
-
-    async def _solved(self, request: Request, work: Callable[[DesignSpec, PageRequest], Result]) -> Result:
-        """Return the result of work on the design of a request."""
+    async def _studied(self, request: Request, work: Callable[[Layout], Result]) -> Result:
+        """Return the result of work on the solved design of a request."""
         page_request = _page_request(request)
         spec = await posted(DesignSpec, request)
         async with self._cancelled_on_disconnect(request, page_request):
-            return await run_in_threadpool(work, spec, page_request)
+            return await run_in_threadpool(self._designer.studied, work, spec, page_request)
 
     @asynccontextmanager
     async def _cancelled_on_disconnect(self, request: Request, page_request: PageRequest) -> AsyncIterator[None]:
@@ -184,20 +171,23 @@ class DesignAnswers:
 
     @property
     def routes(self) -> list[Route]:
-        answers = {
+        designer, sight = self._designer, self._designer.sight
+        answers: dict[str, Handler] = {
             "preview": self.preview,
             "design": self.design,
             "suggestions": self.suggestions,
             "target": self.target,
             "tolerance": self.tolerance,
-            "nearby": self.nearby,
-            "frame": self.frame,
-            "decoded": self.decoded,
-            "refocused": self.refocused,
             "report": self.report,
-            "layout": self.layout,
-            "request": self.toml,
-            "opened": self.opened,
+            "nearby": _values(TargetRequest, lambda sent: designer.nearby(sent.spec, sent.terms)),
+            "frame": _values(SightRequest, lambda sent: sight(sight_work.frame, sent.spec, sent.subject)),
+            "decoded": _values(SightRequest, lambda sent: sight(sight_work.decoded, sent.spec, sent.subject)),
+            "refocused": _values(
+                SightRequest, lambda sent: sight(sight_work.refocused, sent.spec, sent.subject, sent.depth_mm)
+            ),
+            "layout": _text(lambda spec: designer.solved(spec).layout.text()),
+            "request": _text(request_toml),
+            "opened": _values(Opened, lambda file: request_of(Path(PurePath(file.name).name), file.text.encode()).spec),
         }
         return [Route(f"/{name}", answer, methods=["POST"]) for name, answer in answers.items()]
 
@@ -223,15 +213,15 @@ class JobAnswers:
     async def start(self, request: Request) -> Response:
         message = await posted(JobRequest, request)
         name = await run_in_threadpool(self._folder, message.spec)
-        return as_json(self._jobs.start(plan(self._jobs.root, message.kind, name, message.adapter)).model_dump())
+        return as_json(self._jobs.start(plan(self._jobs.root, message.kind, name, message.adapter)))
 
     def _folder(self, spec: DesignSpec) -> str:
         return write_folder(self._jobs.root, self._designer.solved(spec).layout)
 
     async def state(self, request: Request) -> Response:
         """Return the jobs, and the state of the camera: everything that the page polls."""
-        jobs = [report.model_dump() for report in self._jobs.reports()]
-        return as_json({"jobs": jobs, "camera": await run_in_threadpool(lambda: self._camera.status)})
+        camera = await run_in_threadpool(lambda: self._camera.status)
+        return as_json({"jobs": self._jobs.reports(), "camera": camera})
 
     async def open_camera(self, request: Request) -> Response:
         message = await posted(CameraRequest, request)
@@ -292,23 +282,12 @@ def _page_request(request: Request) -> PageRequest:
 
 def _design_answer(result: DesignResult) -> dict[str, Any]:
     if isinstance(result, SolvedDesign):
-        return {"status": "solved", "drawing": result.drawing.model_dump(mode="json")}
-    where = result.drawing and result.drawing.model_dump(mode="json")
-    return {"status": "refused", "constraint": result.constraint, "finding": result.finding, "where": where}
+        return {"status": "solved", "drawing": result.drawing}
+    return {"status": "refused", "constraint": result.constraint, "finding": result.finding, "where": result.drawing}
 
 
 def _target_answer(result: TargetResult) -> dict[str, Any]:
-    designs = [
-        {
-            "title": found.solved.drawing.title,
-            "spec": found.solved.drawing.spec,
-            "mirrors": found.mirrors,
-            "device": found.device,
-            "terms": [term.model_dump(mode="json") for term in found.terms],
-        }
-        for found in result.designs
-    ]
-    return {"refusal": result.refusal, "designs": designs}
+    return {"refusal": result.refusal, "designs": result.designs}
 
 
 async def _superseded(request: Request, error: Exception) -> Response:

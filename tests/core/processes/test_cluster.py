@@ -15,8 +15,8 @@ from mirrorcam.core.disk.output_folder import HIDDEN, results_folder
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.processes.cluster import run_cluster
 from mirrorcam.core.processes.worker_pool import Died
+from mirrorcam.designs.design_sweep import Answer
 from mirrorcam.designs.sweep_files import design_locally, design_on_cluster
-from mirrorcam.designs.sweep_work import Answer
 from mirrorcam.optics.design.spec_grid import grid
 from mirrorcam.optics.geometry.design_spec import DesignSpec
 from tests.designs.made_up_designs import sweep_into

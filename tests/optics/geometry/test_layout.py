@@ -102,6 +102,12 @@ def test_identity_changes_with_light_and_with_nothing_else(crooked_layout: Layou
     assert len({other.identity for other in [layout, *different]}) == 1 + len(different)
 
 
+def test_only_a_designed_layout_has_its_spec(default_layout: Layout) -> None:
+    assert default_layout.replaced(spec=DesignSpec()).designed_spec == DesignSpec()
+    with pytest.raises(ValueError, match="expected one that was designed"):
+        _ = default_layout.replaced(spec=None).designed_spec
+
+
 def test_mirrors_stand_row_by_row_from_the_highest_and_left_to_right(parabola_layout: Layout) -> None:
     centres = parabola_layout.virtual_centres_in_rig_mm.reshape(3, 3, 3)
     assert (np.diff(centres[:, :, 2], axis=0) < 0).all()  # z_rig is up, t is down

@@ -86,18 +86,6 @@ def test_focus_changes_at_any_time_and_bad_ones_are_refused(engine: LiveEngine) 
 
 
 @pytest.mark.slow
-def test_what_nobody_looks_at_is_not_made(engine: LiveEngine) -> None:
-    engine.wait_for("depth", 0, LONG_S)
-    engine.show(("views",))
-    four_more(engine)
-    before = [engine.latest(kind) for kind in ("frame", "refocus", "depth")]
-    four_more(engine)
-    assert [engine.latest(kind) for kind in ("frame", "refocus", "depth")] == before
-    views = engine.latest("views")
-    assert views is not None and engine.wait_for("views", views.serial, LONG_S) is not None
-
-
-@pytest.mark.slow
 def test_pictures_that_nobody_waits_for_are_no_longer_made(live_set: tuple[Path, Path], tmp_path: Path) -> None:
     request = LiveRequest(live_set[0], str(live_set[1]), frame_width_px=240, view_width_px=100, depth_width_px=80)
     with LiveEngine(request, out=tmp_path, idle_s=0.5) as engine:
@@ -115,7 +103,7 @@ def test_pictures_that_nobody_waits_for_are_no_longer_made(live_set: tuple[Path,
 @pytest.mark.slow
 def test_recording_and_pictures_are_files_of_new_names(engine: LiveEngine) -> None:
     path = engine.record()
-    until(engine, lambda status: status.recording is not None and status.recording[1] >= 5)
+    until(engine, lambda status: status.recorded >= 5)
     engine.stop_recording()
     until(engine, lambda status: bool(status.lines))
     assert path.name == "recording_0001.mkv" and len(list(Video(path).frames())) >= 5

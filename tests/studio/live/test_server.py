@@ -26,7 +26,7 @@ from mirrorcam.studio.designer import Designer
 from mirrorcam.studio.jobs import Jobs
 from mirrorcam.studio.live.answers import CameraHost
 from mirrorcam.studio.live.values import LiveRequest
-from mirrorcam.studio.local_server import plain
+from mirrorcam.studio.local_server import json_line
 from mirrorcam.studio.server import studio_app
 from tests.nightly import a_few
 from tests.shared import built_once
@@ -116,7 +116,7 @@ def test_the_status_is_plain_json(client: TestClient) -> None:
     until(client, "frames")
     status = client.get("/state").json()["camera"]
     assert status["failed"] is None and status["exposure"]["advice"] and len(status["sharpness"]) == 9
-    assert plain({"a": (float("nan"), Path("b")), "c": [1, True, None]}) == {"a": [None, "b"], "c": [1, True, None]}
+    assert json_line({"a": (float("nan"), Path("b")), "c": [1, True, None]}) == b'{"a":[null,"b"],"c":[1,true,null]}'
 
 
 def test_orders_are_done_or_refused_in_one_line(client: TestClient, host: CameraHost) -> None:

@@ -41,7 +41,7 @@ def session(request_: LiveRequest) -> Iterator[LiveSession]:
 
 
 def test_pictures_have_the_sizes_that_the_session_states(session: LiveSession) -> None:
-    about, shown = session.about, session.next(Orders(depth=True)).results
+    about, shown = session.about(), session.next(Orders(depth=True)).results
     assert about.kind == "video" and about.grid == (3, 3) and about.camera_px == (WIDTH_PX, HEIGHT_PX)
     assert shown is not None and set(shown.jpegs) == {"frame", "views", "refocus"}
     for kind, jpeg in shown.jpegs.items():
@@ -189,15 +189,6 @@ def test_closing_finishes_the_recording(request_: LiveRequest, tmp_path: Path) -
     session.next(Orders(kinds=(), record=tmp_path / "a.mkv"))
     session.close()
     assert (tmp_path / "a.mkv").is_file()
-
-
-def test_a_process_has_one_session_which_another_replaces(request_: LiveRequest) -> None:
-    first = live_session.open_session(request_)
-    assert live_session.next_pictures(Orders()).results is not None
-    assert live_session.open_session(request_) == first
-    answer = live_session.next_pictures(Orders())
-    assert answer.results is not None and answer.results.number == 0
-    live_session.close_session()
 
 
 def test_a_camera_that_goes_is_waited_for_and_counted(request_: LiveRequest, monkeypatch: pytest.MonkeyPatch) -> None:

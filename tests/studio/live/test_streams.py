@@ -27,15 +27,9 @@ def test_a_video_and_a_folder_are_distinguished(tmp_path: Path) -> None:
     for number, picture in enumerate(shown):
         write_image(tmp_path / "frames" / f"{number}.png", picture)
     opened = open_source(str(video), CAMERA)
-    assert (
-        opened.kind == "video"
-        and opened.name == "a.avi"
-        and opened.paced
-        and opened.ends
-        and isinstance(opened.source, Video)
-    )
+    assert opened.kind == "video" and opened.name == "a.avi" and opened.ends and isinstance(opened.source, Video)
     opened = open_source(str(tmp_path / "frames"), CAMERA)
-    assert opened.kind == "folder" and opened.paced
+    assert opened.kind == "folder" and opened.ends
     read = [item for item in opened.source.frames() if isinstance(item, Frame)]
     assert all(np.array_equal(item.pixels, picture) for item, picture in zip(read, shown, strict=True))
     assert [item.time_s for item in read] == pytest.approx([0.0, 0.2, 0.4])

@@ -33,6 +33,19 @@ def refuse(text: str) -> None:
     raise InputError(text)
 
 
+class Worker(LiveWorker):
+    """One whose work is a function of it."""
+
+    def __init__(
+        self, work: Callable[[Worker], object], fail: Callable[[str], None] = lambda line: None, *, at_once: bool = True
+    ) -> None:
+        super().__init__("tests", fail, at_once=at_once)
+        self._function = work
+
+    def _work(self) -> None:
+        self._function(self)
+
+
 def failing(function: Callable[..., object], *arguments: object) -> str:
     """What is said of work that makes one call which fails."""
     said: list[str] = []
@@ -42,7 +55,7 @@ def failing(function: Callable[..., object], *arguments: object) -> str:
         said.append(line)
         told.set()
 
-    worker = LiveWorker("tests", lambda: worker.process.call(function, *arguments), on_note)
+    worker = Worker(lambda worker: worker._process.call(function, *arguments), on_note)
     worker.start()
     assert told.wait(LONG_S)
     worker.close()
@@ -61,17 +74,17 @@ def test_closing_ends_work_that_waits_and_the_process(at_once: bool) -> None:
     pids: list[int] = []
     begun = threading.Event()
 
-    def work() -> None:
-        pids.append(worker.process.call(os.getpid))
+    def work(worker: Worker) -> None:
+        pids.append(worker._process.call(os.getpid))
         begun.set()
-        with worker.changed:
-            worker.changed.wait_for(worker.ending.is_set)
+        with worker._changed:
+            worker._changed.wait_for(worker._ending.is_set)
         pids.append(-1)
 
-    worker = LiveWorker("tests", work, said.append)
+    worker = Worker(work, said.append, at_once=at_once)
     worker.start()
     assert begun.wait(LONG_S)
-    worker.close(at_once=at_once)
+    worker.close()
     assert ended(pids[0]) and pids[1:] == [-1] and said == []
 
 
@@ -82,31 +95,27 @@ def test_closing_ends_a_call_at_once_or_after_a_time(monkeypatch: pytest.MonkeyP
     pids: list[int] = []
     begun = threading.Event()
 
-    def work() -> None:
-        pids.append(worker.process.call(os.getpid))
+    def work(worker: Worker) -> None:
+        pids.append(worker._process.call(os.getpid))
         begun.set()
-        worker.process.call(time.sleep, 300.0)
+        worker._process.call(time.sleep, 300.0)
 
-    worker = LiveWorker("tests", work, said.append)
+    worker = Worker(work, said.append, at_once=at_once)
     worker.start()
     assert begun.wait(LONG_S)
-    worker.close(at_once=at_once)
+    worker.close()
     assert ended(pids[0]) and said == []
 
 
 def test_one_that_has_not_been_started_can_be_closed() -> None:
-    worker = LiveWorker("tests", lambda: None, lambda line: None)
-    pid = worker.process.call(os.getpid)
+    worker = Worker(lambda worker: None)
+    pid = worker._process.call(os.getpid)
     worker.close()
     assert ended(pid)
 
 
 LONG_S, WIDTH_PX = 60.0, 80
 FRAME = FrameResults(number=3, time_s=0.5, arrived_s=0.0, done_s=0.0, jpegs={})
-
-
-def status(meters: LiveMeters) -> LiveStatus:
-    return meters.status(alignment=None, hint=None, recording=None)
 
 
 @pytest.fixture
@@ -139,14 +148,11 @@ def test_depth_is_put_as_a_picture_and_counted(layout: Path, samples: NDArray[np
     finally:
         thread.close()
     assert found is not None and found.depth_mm is not None and (found.frame, found.time_s) == (3, 0.5)
-    assert status(meters).depth_median_mm == pytest.approx(420.0, rel=0.02) and status(meters).lines == ()
+    assert meters.status.depth_median_mm == pytest.approx(420.0, rel=0.02) and meters.status.lines == ()
 
 
-def test_samples_are_wanted_unless_some_wait_or_it_is_off(idle: DepthThread, samples: NDArray[np.uint8]) -> None:
+def test_samples_are_wanted_unless_some_wait(idle: DepthThread, samples: NDArray[np.uint8]) -> None:
     assert idle.wants_samples
-    idle.switch(False)
-    assert not idle.wants_samples
-    idle.switch(True)
     idle.give(FRAME, samples)
     assert not idle.wants_samples
 
@@ -162,11 +168,11 @@ def test_a_failure_is_reported_and_does_not_end_the_session(tmp_path: Path) -> N
     thread = DepthThread(tmp_path / "none.json", WIDTH_PX, LivePictures(None), meters)
     thread.start()
     end = time.monotonic() + LONG_S
-    while not status(meters).lines:
+    while not meters.status.lines:
         assert time.monotonic() < end
         time.sleep(0.01)
     thread.close()
-    assert "none.json" in status(meters).lines[0] and not meters.ended
+    assert "none.json" in meters.status.lines[0] and not meters.status.ended
 
 
 def until(done: Callable[[], bool]) -> None:
@@ -174,10 +180,6 @@ def until(done: Callable[[], bool]) -> None:
     while not done():
         assert time.monotonic() < end
         time.sleep(0.02)
-
-
-def lines(meters: LiveMeters) -> tuple[str, ...]:
-    return meters.status(alignment=None, hint=None, recording=None).lines
 
 
 @pytest.fixture
@@ -195,15 +197,14 @@ def thread(tmp_path: Path, device: Layout) -> Iterator[SetupThread]:
     thread.close()
 
 
-def test_frames_are_wanted_while_aligning_is_on_and_none_wait(thread: SetupThread, device: Layout) -> None:
-    assert not thread.wants_frames and thread.aligning == "off"
+def test_frames_are_waited_for_while_aligning_is_on(thread: SetupThread, device: Layout) -> None:
+    assert thread.aligning == "off"
     thread.align(True)
-    assert thread.wants_frames and thread.aligning == "waiting"
+    waiting = thread.aligning
     thread.give_frames((frame(device)[..., 0],))
-    assert not thread.wants_frames
-    assert thread.aligning == "measuring"
+    measuring = thread.aligning
     thread.align(False)
-    assert not thread.wants_frames and thread.aligning == "off"
+    assert [waiting, measuring, thread.aligning] == ["waiting", "measuring", "off"]
 
 
 @pytest.mark.slow
@@ -216,7 +217,7 @@ def test_a_report_and_a_hint_are_made_of_what_is_given(thread: SetupThread, devi
     thread.start()
     until(lambda: thread.report is not None)
     assert thread.hint is not None and thread.hint.picture == "a.png"
-    until(lambda: thread.wants_frames)
+    until(lambda: thread.aligning == "waiting")
     thread.align(False)
     assert thread.report is not None
     thread.align(True)
@@ -228,11 +229,10 @@ def test_a_picture_that_cannot_be_read_is_reported(thread: SetupThread, tmp_path
     other = SetupThread(tmp_path / "layout.json", tmp_path / "board.toml", meters)
     other.give_picture(tmp_path / "none.png")
     other.start()
-    until(lambda: bool(lines(meters)))
+    until(lambda: bool(meters.status.lines))
     other.close()
-    assert "none.png" in lines(meters)[0] and not meters.ended
-    failed = meters.status(alignment=None, hint=None, recording=None).failed_parts
-    assert failed == {"setup": lines(meters)[0]}
+    assert "none.png" in meters.status.lines[0] and not meters.status.ended
+    assert meters.status.failed_parts == {"setup": meters.status.lines[0]}
 
 
 class Parts:
@@ -249,7 +249,7 @@ class Parts:
 
     @property
     def status(self) -> LiveStatus:
-        return self.meters.status(alignment=None, hint=None, recording=self.decoding.recording)
+        return replace(self.meters.status, recording=self.decoding.recording)
 
     def until(self, done: Callable[[LiveStatus], bool]) -> LiveStatus:
         end = time.monotonic() + LONG_S
@@ -282,7 +282,7 @@ def test_frames_become_pictures_and_samples_for_depth_which_take_one_at_a_time(p
     parts.until(lambda status: status.frames > 3)
     assert parts.pictures.latest("views") is not None and not parts.depth.wants_samples
     parts.setup.align(True)
-    parts.until(lambda status: not parts.setup.wants_frames)
+    parts.until(lambda status: parts.setup.aligning == "measuring")
 
 
 def test_an_order_holds_from_the_next_frame_on(parts: Parts) -> None:
@@ -303,7 +303,7 @@ def test_pictures_taken_have_new_names_and_closing_finishes_the_recording(parts:
     assert (first.name, second.name) == ("picture_0001.png", "picture_0002.png")
     assert read_image(second).shape == (270, 480, 3)
     parts.decoding.order(record=tmp_path / "a.mkv")
-    parts.until(lambda status: status.recording is not None and status.recording[1] >= 2)
+    parts.until(lambda status: status.recorded >= 2)
     parts.decoding.close()
     assert (tmp_path / "a.mkv").is_file() and parts.status.failed is None
 
@@ -314,7 +314,7 @@ def test_a_file_that_cannot_be_written_ends_what_it_was_for_alone(parts: Parts, 
     status = parts.until(lambda status: bool(status.lines))
     assert "a.mkv" in status.lines[0]
     parts.until(lambda later: later.recording is None and later.frames > status.frames + 3)
-    assert parts.status.failed is None and not parts.meters.ended
+    assert parts.status.failed is None and not parts.status.ended
 
 
 @pytest.mark.slow

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -90,17 +89,15 @@ class CameraHost:
         """Properties of the session that do not change, with its `number`; None without one."""
         with self._lock:
             engine = self._engine
-            return (
-                None
-                if engine is None
-                else {
-                    "number": self._count,
-                    "about": asdict(engine.about),
-                    "outlines": engine.outlines_px(),
-                    "board": engine.board is not None,
-                    "min_pictures": MIN_FRAMES,
-                }
-            )
+            if engine is None:
+                return None
+            return {
+                "number": self._count,
+                "about": engine.about,
+                "outlines": engine.outlines_px(),
+                "board": engine.board is not None,
+                "min_pictures": MIN_FRAMES,
+            }
 
     @property
     def status(self) -> dict[str, Any] | None:
@@ -108,7 +105,7 @@ class CameraHost:
         engine = self._engine
         if engine is None:
             return None
-        return asdict(engine.status()) | {"number": self._count, "focus_mm": engine.focus_mm}
+        return vars(engine.status()) | {"number": self._count, "focus_mm": engine.focus_mm}
 
     @property
     def layouts(self) -> list[str]:
@@ -179,10 +176,10 @@ class CameraAnswers:
             "take_picture": engine.take_picture,
         }
         result = await run_in_threadpool(actions[order.action])
-        return as_json({"path": str(result) if isinstance(result, Path) else None})
+        return as_json({"path": result if isinstance(result, Path) else None})
 
     async def calibrate(self, request: Request) -> Response:
-        return as_json((await run_in_threadpool(self._host.calibrate)).model_dump(mode="json"))
+        return as_json(await run_in_threadpool(self._host.calibrate))
 
     @property
     def routes(self) -> list[Route]:

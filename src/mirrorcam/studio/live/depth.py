@@ -44,7 +44,10 @@ class DepthPicture:
 
 
 class LiveDepth:
-    """Measures depth in light fields of one layout, filtered in time."""
+    """Measures depth in light fields of one layout, filtered in time.
+
+    Raises InputError if the views have no common field.
+    """
 
     def __init__(self, layout: Path, width_px: int) -> None:
         cv2.setNumThreads(1)
@@ -56,8 +59,7 @@ class LiveDepth:
 
     def measure(self, samples: NDArray[np.uint8]) -> DepthPicture:
         """Estimate depth in the next samples (t, s, v, u, 3) of the session."""
-        depth = self._video.estimate(self._light_field(samples))
-        return self._picture(depth)
+        return self._picture(self._video.estimate(self._light_field(samples)))
 
     def _light_field(self, samples: NDArray[np.uint8]) -> LightField:
         return LightField.of(self._views, samples, self._weights)
@@ -77,16 +79,3 @@ class LiveDepth:
             np.where(valid, np.clip(np.nan_to_num(depth.depth_mm), 0.0, 65535.0), 0.0).round().astype(np.uint16),
             float(np.median(inner)) if len(inner) else float("nan"),
         )
-
-
-_DEPTHS: list[LiveDepth] = []
-
-
-def open_depth(layout: Path, width_px: int) -> None:
-    """Prepare this process to measure depth. Raises InputError if the views have no common field."""
-    _DEPTHS[:] = [LiveDepth(layout, width_px)]
-
-
-def measure_depth(samples: NDArray[np.uint8]) -> DepthPicture:
-    """Estimate depth in the next samples."""
-    return _DEPTHS[0].measure(samples)

@@ -6,10 +6,9 @@ one aligns and detects boards; a thread of the engine serves each.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -20,7 +19,7 @@ from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.studio.jobs import PICTURES
 from mirrorcam.studio.live.status import LiveMeters, LiveStatus
 from mirrorcam.studio.live.threads import DecodingThread, DepthThread, SetupThread
-from mirrorcam.studio.live.values import DECODED, LivePicture, LivePictures, LiveRequest, PictureKind, SessionAbout
+from mirrorcam.studio.live.values import LivePicture, LivePictures, LiveRequest, PictureKind, SessionAbout
 
 OUTLINE_POINTS = 8
 """Number of points on each edge of an outline."""
@@ -75,33 +74,27 @@ class LiveEngine:
         self._decoding = DecodingThread(
             request, pictures=self._pictures, meters=self._meters, depth=self._depth, setup=self._setup, hold=hold
         )
-        self._closed = threading.Event()
+        self._workers = (self._depth, self._setup, self._decoding)
         try:
             self.about: SessionAbout = self._decoding.open()
             self.focus_mm = self.about.reference_mm
         except BaseException:
             self.close()
             raise
-        for thread in (self._decoding, self._depth, self._setup):
-            thread.start()
+        for worker in self._workers:
+            worker.start()
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
         """Finish the recording and end all processes."""
-        if self._closed.is_set():
-            return
-        self._closed.set()
         self._pictures.end()
-        self._depth.close()
-        self._setup.close()
-        self._decoding.close()
+        for worker in self._workers:
+            worker.close()
 
     def outlines_px(self) -> dict[str, list[list[float]]]:
         """Outline (n, 2) of each mirror's sub-image as designed, in pixels of the camera, by the mirror's name."""
@@ -118,7 +111,7 @@ class LiveEngine:
 
     def play_again(self) -> None:
         """Restart a source that has ended. Raises InputError if it has not ended, or has failed."""
-        status = self.status()
+        status = self._meters.status
         if status.failed is not None or not status.over:
             raise InputError(f"{self.about.source} is playing or has failed, expected a source that has ended")
         self._decoding.play(again=True)
@@ -138,11 +131,6 @@ class LiveEngine:
             raise InputError(f"focus at {depth_mm:g} mm, expected a depth beyond the views, {limit}")
         self.focus_mm = depth_mm
         self._decoding.order(focus_mm=depth_mm)
-
-    def show(self, kinds: tuple[PictureKind, ...]) -> None:
-        """Make pictures of these kinds only."""
-        self._decoding.order(kinds=tuple(kind for kind in kinds if kind in DECODED))
-        self._depth.switch("depth" in kinds)
 
     def align(self, on: bool) -> None:
         """Switch the repeated comparison of mirrors with the layout on, from the start, or off."""
@@ -178,7 +166,8 @@ class LiveEngine:
 
     def status(self) -> LiveStatus:
         """The state of the session."""
-        return self._meters.status(
+        return replace(
+            self._meters.status,
             aligning=self._setup.aligning,
             alignment=self._setup.report,
             hint=self._setup.hint,
@@ -187,5 +176,5 @@ class LiveEngine:
         )
 
     def _refuse_ended(self) -> None:
-        if self._meters.ended:
+        if self._meters.status.ended:
             raise InputError(f"{self.about.source} has ended, expected a source with more frames")

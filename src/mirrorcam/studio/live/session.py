@@ -1,7 +1,4 @@
-"""A live session in its own process: converts frames to pictures for a page.
-
-The functions at the end are called in the process, which has one session.
-"""
+"""A live session in its own process: converts frames to pictures for a page."""
 
 from __future__ import annotations
 
@@ -99,7 +96,6 @@ class LiveSession:
         if not self.opened.ends:
             self._read()
 
-    @property
     def about(self) -> SessionAbout:
         """Properties of the session."""
         views, small = self._decoder.views, self._small.views
@@ -175,7 +171,7 @@ class LiveSession:
             self._lost += self._newest.lost
         self._newest = NewestFrame(
             self.opened.source,
-            paced=self.opened.paced and not self._every,
+            paced=self.opened.ends and not self._every,
             keep_all=self._every,
             on_arrival=self._recording.give,
         )
@@ -257,23 +253,3 @@ def resident_mb() -> float:
         return float("nan")
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-_SESSIONS: list[LiveSession] = []
-
-
-def open_session(request: LiveRequest) -> SessionAbout:
-    """Open this process's session, in place of the previous one. Raises InputError as `LiveSession`."""
-    close_session()
-    _SESSIONS.append(LiveSession(request))
-    return _SESSIONS[0].about
-
-
-def next_pictures(orders: Orders) -> Answer:
-    """Return the next pictures of this process's session."""
-    return _SESSIONS[0].next(orders)
-
-
-def close_session() -> tuple[str, ...]:
-    """Close this process's session, if any, and return its last messages."""
-    return _SESSIONS.pop().close() if _SESSIONS else ()

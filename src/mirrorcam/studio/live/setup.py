@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -10,7 +11,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from mirrorcam.core.errors import InputError
 from mirrorcam.core.images.pictures import read_image
 from mirrorcam.optics.alignment.alignment import Alignment, EdgeAligner, SceneAligner
 from mirrorcam.optics.calibration.detection.detect_boards import detect_sub_images
@@ -27,11 +27,9 @@ FRAMES = 3
 
 @dataclass(frozen=True)
 class TiltWords:
-    """The estimate of a mirror by one source: in words and, where available, degrees right and down, with sigmas."""
+    """The tilt of a mirror by one source in words, and its standard deviations to the right and down."""
 
     words: str
-    right_deg: float | None
-    down_deg: float | None
     sigma_deg: tuple[float, float]
 
 
@@ -76,8 +74,6 @@ class PoseHint:
         The pose of the board in the next picture, in words.
     sigma_deg
         Standard deviation of the least certain mirror's normal so far.
-    enough
-        Whether the pictures suffice.
     """
 
     picture: str
@@ -85,27 +81,35 @@ class PoseHint:
     corners: int
     sentence: str
     sigma_deg: float
-    enough: bool
 
 
 class LiveSetup:
-    """Aligns mirrors, and plans calibration pictures of one layout with a board."""
+    """Aligns mirrors, and plans calibration pictures of one layout with a board.
+
+    Raises InputError for files that cannot be read.
+    """
 
     def __init__(self, layout: Path, board: Path | None) -> None:
         cv2.setNumThreads(1)
         self.layout = Layout.load(layout)
-        self._edges: EdgeAligner | None = None
-        self._scene: SceneAligner | None = None
         self._previous: Alignment | None = None
         self._board = None if board is None else load_board(board)
-        self._planner: NextPosePlanner | None = None
+
+    @cached_property
+    def _edges(self) -> EdgeAligner:
+        return EdgeAligner(self.layout)
+
+    @cached_property
+    def _scene(self) -> SceneAligner | None:
+        return SceneAligner(self.layout) if len(self.layout.mirrors) >= MIN_MIRRORS else None
+
+    @cached_property
+    def _planner(self) -> NextPosePlanner:
+        assert self._board is not None
+        return NextPosePlanner.for_layout(self.layout, self._board)
 
     def align(self, frames: tuple[NDArray[np.uint8], ...], restart: bool) -> AlignmentReport:
         """Measure the alignment in frames (h, w); `restart` ignores earlier results."""
-        if self._edges is None:
-            self._edges = EdgeAligner(self.layout)
-        if self._scene is None and len(self.layout.mirrors) >= MIN_MIRRORS:
-            self._scene = SceneAligner(self.layout)
         edges = self._previous = self._edges.align(frames, None if restart else self._previous)
         scene = None if self._scene is None else self._scene.align(frames[-FRAMES:])
         assert edges.edges is not None
@@ -121,14 +125,8 @@ class LiveSetup:
         )
 
     def add_picture(self, path: Path) -> PoseHint:
-        """Find the board in a picture, and recommend its pose for the next one.
-
-        Raises InputError without a board.
-        """
-        if self._board is None:
-            raise InputError("no board is stated, expected --board board.toml to take calibration pictures")
-        if self._planner is None:
-            self._planner = NextPosePlanner.for_layout(self.layout, self._board)
+        """Find the board in a picture, and recommend its pose for the next one."""
+        assert self._board is not None
         corners = detect_sub_images(read_image(path, grey=True), self.layout, self._board).corners
         pose = board_pose(self.layout, self._board, corners) if len(corners) else None
         if pose is not None:
@@ -140,18 +138,11 @@ class LiveSetup:
             corners=len(corners),
             sentence=next_pose.sentence,
             sigma_deg=float(next_pose.sigma_deg.max()),
-            enough=next_pose.enough,
         )
 
 
 def _words(alignment: Alignment) -> tuple[TiltWords, ...]:
-    def finite(value: float) -> float | None:
-        return float(value) if np.isfinite(value) else None
-
-    return tuple(
-        TiltWords(tilt.words, finite(tilt.right_deg), finite(tilt.down_deg), tilt.sigma_deg)
-        for tilt in alignment.mirrors
-    )
+    return tuple(TiltWords(tilt.words, tilt.sigma_deg) for tilt in alignment.mirrors)
 
 
 def camera_words(alignment: Alignment) -> str:
@@ -164,21 +155,3 @@ def camera_words(alignment: Alignment) -> str:
     upwards = f"{abs(up):.1f}° {'up' if up >= 0 else 'down'} (±{sigma[0]:.1f}°)"
     rolled = f"{abs(roll):.1f}° {'clockwise' if roll >= 0 else 'anticlockwise'} (±{sigma[2]:.1f}°)"
     return f"camera turned {sideways}, {upwards}, rolled {rolled}"
-
-
-_SETUPS: list[LiveSetup] = []
-
-
-def open_setup(layout: Path, board: Path | None) -> None:
-    """Prepare this process. Raises InputError for files that cannot be read."""
-    _SETUPS[:] = [LiveSetup(layout, board)]
-
-
-def align_mirrors(frames: tuple[NDArray[np.uint8], ...], restart: bool) -> AlignmentReport:
-    """Measure the alignment in frames."""
-    return _SETUPS[0].align(frames, restart)
-
-
-def add_picture(path: Path) -> PoseHint:
-    """Evaluate a calibration picture, and recommend the next."""
-    return _SETUPS[0].add_picture(path)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +20,8 @@ RATE_FRAMES = 120
 """Frames over which rates and latencies are measured."""
 RECENT_S = 3.0
 LINES_KEPT = 50
+COUNTS = ("dropped", "lost", "outages", "recorded", "not_recorded", "memory_mb")
+"""Fields that `Answer` and `LiveStatus` share."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class LiveStatus:
         Number of calibration pictures taken, and the last of them.
     pictures_kept
         Number of pictures that a calibration would use, earlier sessions included.
-    recording
+    recording, recorded, not_recorded
         File of the recording, and numbers of recorded and lost frames.
     depth_median_mm
         Depth at the centre of the picture.
@@ -67,30 +70,37 @@ class LiveStatus:
         Why "depth" or "setup" ended, if so.
     """
 
-    frames: int
-    rate_hz: float
-    depth_hz: float
-    latency_ms: float | None
-    latency_p95_ms: float | None
-    depth_latency_ms: float | None
-    dropped: int
-    lost: int
-    outages: int
-    over: bool
-    memory_mb: float
-    sharpness: tuple[float, ...]
-    exposure: Exposure | None
-    aligning: Aligning
-    alignment: AlignmentReport | None
-    hint: PoseHint | None
-    pictures: int
-    taken: Path | None
-    pictures_kept: int
-    recording: tuple[Path, int, int] | None
-    depth_median_mm: float | None
-    lines: tuple[str, ...]
-    failed: str | None
-    failed_parts: dict[str, str]
+    frames: int = 0
+    rate_hz: float = 0.0
+    depth_hz: float = 0.0
+    latency_ms: float | None = None
+    latency_p95_ms: float | None = None
+    depth_latency_ms: float | None = None
+    dropped: int = 0
+    lost: int = 0
+    outages: int = 0
+    over: bool = False
+    memory_mb: float = 0.0
+    sharpness: tuple[float, ...] = ()
+    exposure: Exposure | None = None
+    aligning: Aligning = "off"
+    alignment: AlignmentReport | None = None
+    hint: PoseHint | None = None
+    pictures: int = 0
+    taken: Path | None = None
+    pictures_kept: int = 0
+    recording: Path | None = None
+    recorded: int = 0
+    not_recorded: int = 0
+    depth_median_mm: float | None = None
+    lines: tuple[str, ...] = ()
+    failed: str | None = None
+    failed_parts: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def ended(self) -> bool:
+        """Whether the source or the session has ended."""
+        return self.over or self.failed is not None
 
 
 class LiveMeters:
@@ -100,109 +110,71 @@ class LiveMeters:
     """
 
     def __init__(self, on_note: Callable[[str], None] = lambda line: None) -> None:
-        self._on_note, self._lock = on_note, threading.Lock()
+        self._on_note, self._lock = on_note, threading.RLock()
+        self._status = LiveStatus()
         self._arrivals: deque[float] = deque(maxlen=RATE_FRAMES)
         self._latencies: deque[float] = deque(maxlen=RATE_FRAMES)
         self._depths: deque[tuple[float, float]] = deque(maxlen=RATE_FRAMES)
-        self._answer: Answer | None = None
-        self._frames = self._pictures = 0
-        self._sharpness: tuple[float, ...] = ()
-        self._exposure: Exposure | None = None
-        self._depth_median_mm: float | None = None
-        self._lines: deque[str] = deque(maxlen=LINES_KEPT)
-        self._failed: str | None = None
-        self._taken: Path | None = None
-        self._failed_parts: dict[str, str] = {}
-
-    @property
-    def ended(self) -> bool:
-        """Whether the source or the session has ended."""
-        with self._lock:
-            return self._failed is not None or (self._answer is not None and self._answer.ended)
 
     def note(self, answer: Answer) -> None:
         """Count an answer of the decoding process."""
         for line in answer.lines:
             self.say(line)
+        counts: dict[str, Any] = {name: getattr(answer, name) for name in COUNTS}
         with self._lock:
-            self._answer = answer
             results = answer.results
-            if results is None:
-                return
-            if not results.repeated:
-                self._frames += 1
+            if results is not None and not results.repeated:
+                counts["frames"] = self._status.frames + 1
                 self._arrivals.append(results.done_s)
                 self._latencies.append(1e3 * (results.done_s - results.arrived_s))
-            self._sharpness = self._sharpness if results.sharpness is None else results.sharpness
-            self._exposure = self._exposure if results.exposure is None else results.exposure
-            if results.taken is not None:
-                self._pictures, self._taken = self._pictures + 1, results.taken
+            if results is not None:
+                measured = {"sharpness": results.sharpness, "exposure": results.exposure, "taken": results.taken}
+                counts |= {name: value for name, value in measured.items() if value is not None}
+                counts["pictures"] = self._status.pictures + (results.taken is not None)
+            self._change(over=answer.ended, **counts)
 
     def note_depth(self, results: FrameResults, median_mm: float) -> None:
         """Count a depth estimate of a frame; the median is NaN if unknown."""
         done_s = time.monotonic()
         with self._lock:
             self._depths.append((done_s, 1e3 * (done_s - results.arrived_s)))
-            self._depth_median_mm = median_mm if np.isfinite(median_mm) else None
+            self._change(depth_median_mm=median_mm if np.isfinite(median_mm) else None)
 
     def say(self, line: str) -> None:
         """Add a message."""
         self._on_note(line)
         with self._lock:
-            self._lines.append(line)
+            self._change(lines=(*self._status.lines, line)[-LINES_KEPT:])
 
     def fail(self, reason: str) -> None:
         """Report why the session has ended before its source."""
         self.say(reason)
-        with self._lock:
-            self._failed = reason
+        self._change(failed=reason)
 
     def fail_part(self, part: str, reason: str) -> None:
         """Report why "depth" or "setup" has ended; the session continues."""
         self.say(reason)
         with self._lock:
-            self._failed_parts[part] = reason
+            self._change(failed_parts={**self._status.failed_parts, part: reason})
 
-    def status(
-        self,
-        *,
-        alignment: AlignmentReport | None,
-        hint: PoseHint | None,
-        aligning: Aligning = "off",
-        pictures_kept: int = 0,
-        recording: Path | None,
-    ) -> LiveStatus:
-        """Return the state of the session; `recording` is the file of the recording."""
+    def _change(self, **changes: Any) -> None:
+        with self._lock:
+            self._status = replace(self._status, **changes)
+
+    @property
+    def status(self) -> LiveStatus:
+        """The state of the session, without alignment, hint and files."""
         now = time.monotonic()
         with self._lock:
-            answer, latencies = self._answer, sorted(self._latencies)
+            latencies = sorted(self._latencies)
             depths = [(done, latency) for done, latency in self._depths if now - done < RECENT_S]
-            recorded = (0, 0) if answer is None else (answer.recorded, answer.not_recorded)
-            return LiveStatus(
-                frames=self._frames,
+            return replace(
+                self._status,
                 rate_hz=rate([arrival for arrival in self._arrivals if now - arrival < RECENT_S]),
                 depth_hz=rate([done for done, _ in depths]),
                 latency_ms=quantile(latencies, 0.5),
                 latency_p95_ms=quantile(latencies, 0.95),
                 depth_latency_ms=quantile(sorted(latency for _, latency in depths), 0.5),
-                dropped=0 if answer is None else answer.dropped,
-                lost=0 if answer is None else answer.lost,
-                outages=0 if answer is None else answer.outages,
-                over=answer is not None and answer.ended,
-                memory_mb=0.0 if answer is None else answer.memory_mb,
-                sharpness=self._sharpness,
-                exposure=self._exposure,
-                aligning=aligning,
-                alignment=alignment,
-                hint=hint,
-                pictures=self._pictures,
-                taken=self._taken,
-                pictures_kept=pictures_kept,
-                recording=None if recording is None else (recording, *recorded),
-                depth_median_mm=self._depth_median_mm,
-                lines=tuple(self._lines),
-                failed=self._failed,
-                failed_parts=dict(self._failed_parts),
             )
 
 

@@ -56,7 +56,7 @@ class PictureFolder:
 
 @dataclass(frozen=True)
 class LiveSource:
-    """A source of frames, with its name and kind."""
+    """A source of frames, with its name and kind; all but cameras are read at their stated times."""
 
     source: Source
     name: str
@@ -66,11 +66,6 @@ class LiveSource:
     def ends(self) -> bool:
         """Whether it is finite, and can be read again from its start; a camera is not."""
         return self.kind != "camera"
-
-    @property
-    def paced(self) -> bool:
-        """Whether frames are shown at their stated times."""
-        return self.ends
 
 
 def open_source(text: str, expected: Camera, on_note: Callable[[str], None] = lambda line: None) -> LiveSource:

@@ -89,16 +89,15 @@
       const cards = designs.map((design, i) => this.card(design, this.pinned[i]));
       const specs = designs.map(({ drawing }) => Studio.whole(drawing.spec));
       const names = Object.keys(specs[0]).filter((name) => new Set(specs.map((spec) => JSON.stringify(spec[name]))).size > 1);
-      const line = (label, cells, kind) => element("tr", {}, element("th", { scope: "row" }, label), ...cells.map((text) => element("td", { class: kind }, text)));
       const title = (text) => element("tr", { class: "title" }, element("th", { scope: "rowgroup", colspan: designs.length + 1 }, text));
       const depths = (current ?? designs[0].drawing).depths_mm;
       const curves = depths.flatMap((depth) => CURVES.map(([name, label, format]) => {
         const values = designs.map(({ drawing }) => at(drawing, name, depth));
-        return line(`${label} at ${depth} mm`, values.map((value) => (value === null ? "none" : format(value))));
+        return Studio.row(`${label} at ${depth} mm`, values.map((value) => (value === null ? "none" : format(value))));
       }));
       const table = element("div", { class: "wide-table", tabindex: 0, role: "region", "aria-label": "Figures of the designs" });
       Studio.drawFigures(table, designs.map(({ name, drawing }) => [drawing === current ? `${name} (now)` : name, drawing]), { common: true });
-      const requests = names.length ? [title("Differences of the requests"), ...names.map((name) => line(NAMES[name] ?? this.labels[name] ?? name, specs.map((spec) => Studio.withUnit(spec[name], name)), "differs"))] : [];
+      const requests = names.length ? [title("Differences of the requests"), ...names.map((name) => Studio.row(NAMES[name] ?? this.labels[name] ?? name, specs.map((spec) => Studio.withUnit(spec[name], name)), "differs"))] : [];
       table.querySelector("tbody").prepend(...requests, title("At the working depths of the current design"), ...curves);
       host.replaceChildren(element("h2", {}, "Compare"), element("div", { class: "cards" }, ...cards), table, element("p", { class: "key" }, "Marks compare with the last column."));
     }

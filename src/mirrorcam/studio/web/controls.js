@@ -22,9 +22,14 @@
 
   const row = (control, ...parts) => {
     const help = element("p", { class: "help", id: `${control.name}-help` }, control.help);
-    const next = STEPPED.includes(control.name) && document.getElementById("tabs") ? [element("div", { class: "next", id: `${control.name}-next` })] : [];
+    const next = STEPPED.includes(control.name) && Studio.byId("tabs") ? [element("div", { class: "next", id: `${control.name}-next` })] : [];
     return element("div", { class: `control ${control.kind}`, "data-name": control.name }, ...parts, help, ...next);
   };
+
+  const unit = (text) => element("span", { class: "unit" }, text);
+  // The line above a control: its name and, at the right, its value.
+  const head = (label, ...value) =>
+    element("div", { class: "head" }, element("span", { class: "name" }, label), ...(value.length ? [element("span", { class: "value" }, ...value)] : []));
 
   const slider = (control, label, history, read, write) => {
     const [low, high] = ends(control);
@@ -62,16 +67,20 @@
     return [field, refresh];
   };
 
+  // A slider, a box for its number, and the function that sets both to a request.
+  const number = (control, label, history, read, write) => {
+    const [range, first] = slider(control, label, history, read, write);
+    const [field, second] = box(control, label, history, read, write);
+    return [range, field, (spec, exact) => [first, second].forEach((update) => update(spec, exact))];
+  };
+
   const SIZE = "[1-9]\\d*(\\.\\d+)?x[1-9]\\d*(\\.\\d+)?";
 
   const makers = {
     slider(control, history) {
       const [read, write] = [(spec) => spec[control.name], (value) => ({ [control.name]: value })];
-      const [range, first] = slider(control, control.label, history, read, write);
-      const [field, second] = box(control, control.label, history, read, write);
-      const title = element("span", { class: "name" }, control.label);
-      const value = element("span", { class: "value" }, field, element("span", { class: "unit" }, control.unit));
-      const parts = [element("div", { class: "head" }, title, value), range];
+      const [range, field, update] = number(control, control.label, history, read, write);
+      const parts = [head(control.label, field, unit(control.unit)), range];
       let auto = null;
       if (control.auto) {
         auto = element("input", { type: "checkbox" });
@@ -79,7 +88,7 @@
         parts.push(element("label", { class: "check" }, auto, control.auto));
       }
       const refresh = (spec, exact) => {
-        [first, second].forEach((update) => update(spec, exact));
+        update(spec, exact);
         if (auto) {
           auto.checked = spec[control.name] === "auto";
           range.disabled = auto.checked;
@@ -92,11 +101,9 @@
       const refreshes = [];
       const lines = [["rows", "Rows"], ["cols", "Columns"]].map(([name, label]) => {
         const [read, write] = [(spec) => spec[name], (value) => ({ [name]: value })];
-        const [range, first] = slider(control, label, history, read, write);
-        const [field, second] = box(control, label, history, read, write);
-        refreshes.push(first, second);
-        const head = element("div", { class: "head" }, element("span", { class: "name" }, label), element("span", { class: "value" }, field, element("span", { class: "unit" }, "")));
-        return [head, range];
+        const [range, field, update] = number(control, label, history, read, write);
+        refreshes.push(update);
+        return [head(label, field, unit("")), range];
       });
       const node = row(control, ...lines.flat());
       const refresh = (spec) => {
@@ -120,15 +127,12 @@
         const high = Math.max(value, near(history.spec));
         return { depths_mm: unique([near(history.spec), ...inner(history.spec, near(history.spec), high), high]) };
       };
-      const [first, a] = slider(control, "Nearest working depth", history, near, writeNear);
-      const [second, b] = slider(control, "Farthest working depth", history, far, writeFar);
-      const [nearBox, c] = box(control, "Nearest working depth", history, near, writeNear);
-      const [farBox, d] = box(control, "Farthest working depth", history, far, writeFar);
-      const head = element("div", { class: "head" }, element("span", { class: "name" }, control.label), element("span", { class: "value" }, nearBox, element("span", { class: "unit" }, "to"), farBox, element("span", { class: "unit" }, control.unit)));
+      const [first, nearBox, refreshNear] = number(control, "Nearest working depth", history, near, writeNear);
+      const [second, farBox, refreshFar] = number(control, "Farthest working depth", history, far, writeFar);
       const span = element("div", { class: "span" });
       const axis = element("div", { class: "axis" }, span, first, second);
       const refresh = (spec) => {
-        [a, b, c, d].forEach((update) => update(spec));
+        [refreshNear, refreshFar].forEach((update) => update(spec));
         const [low, high] = ends(control);
         const fraction = (depth) => Math.max(0, Math.min(1, (toSlider(control, depth) - low) / (high - low)));
         span.style.left = `${100 * fraction(near(spec))}%`;
@@ -138,7 +142,7 @@
         note.hidden = !between.length;
       };
       const note = element("p", { class: "help", hidden: true });
-      return [row(control, head, axis, note), refresh];
+      return [row(control, head(control.label, nearBox, unit("to"), farBox, unit(control.unit)), axis, note), refresh];
     },
 
     choice(control, history) {
@@ -152,7 +156,7 @@
       const refresh = (spec) => {
         for (const [radio] of buttons) radio.checked = String(spec[name]) === radio.value;
       };
-      return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), group), refresh];
+      return [row(control, head(control.label), group), refresh];
     },
 
     shape(control, history) {
@@ -172,21 +176,21 @@
         document.querySelector("[data-name=same_size]").hidden = of(spec) === "free";
         document.querySelector("[data-name=sides]").hidden = of(spec) !== "free";
       };
-      return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), select, sizes), refresh];
+      return [row(control, head(control.label), select, sizes), refresh];
     },
 
     // Values by name, each of which sets some fields; a camera has numbers of its own, too.
     named(control, history) {
       const select = element("select", { "aria-label": control.label, "aria-describedby": `${control.name}-help` }, ...control.named.map(({ text }, i) => element("option", { value: i }, text)), element("option", { value: "own" }, "Your own numbers"));
-      const fields = control.numbers.map(({ name, label, unit, allowed, preset }) => {
-        const field = element("input", { type: "number", step: "any", min: allowed[0], max: allowed[1], "aria-label": `${label}${unit ? `, ${unit}` : ""}` });
+      const fields = control.numbers.map(({ name, label, unit: symbol, allowed, preset }) => {
+        const field = element("input", { type: "number", step: "any", min: allowed[0], max: allowed[1], "aria-label": `${label}${symbol ? `, ${symbol}` : ""}` });
         field.addEventListener("change", () => {
           if (!Number.isFinite(field.valueAsNumber)) return refresh(history.spec);
           if (!field.reportValidity()) return;
           const size = name === "width_px" || name === "height_px";
           history.set({ camera: { ...history.spec.camera, name: "own camera", [name]: size ? Math.round(field.valueAsNumber) : field.valueAsNumber } });
         });
-        return [name, preset, field, element("label", { class: "number" }, element("span", {}, label), field, element("span", { class: "unit" }, unit))];
+        return [name, preset, field, element("label", { class: "number" }, element("span", {}, label), field, unit(symbol))];
       });
       const own = element("details", { class: "own", hidden: !fields.length }, element("summary", {}, "Its numbers"), ...fields.map(([, , , label]) => label));
       select.addEventListener("change", () => {
@@ -199,7 +203,7 @@
         select.lastChild.hidden = index >= 0 && !fields.length;
         for (const [name, preset, field] of fields) field.value = spec.camera[name] ?? preset;
       };
-      return [row(control, element("div", { class: "head" }, element("span", { class: "name" }, control.label)), select, own), refresh];
+      return [row(control, head(control.label), select, own), refresh];
     },
   };
 

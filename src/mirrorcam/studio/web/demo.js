@@ -5,8 +5,8 @@
   const EASE_MS = 60; // time in which a change is done but for a third, also where a picture takes long
   const NEAR_PX = 18; // distance at which a feature is chosen
 
-  const about = JSON.parse(document.getElementById("start").textContent);
-  const byId = (id) => document.getElementById(id);
+  const { byId } = Studio;
+  const about = JSON.parse(byId("start").textContent);
   const [width, height] = about.size_px;
   const [rows, cols] = about.grid;
 
@@ -15,9 +15,7 @@
     return byId(id).getContext("2d");
   };
 
-  const fail = (text) => {
-    Object.assign(byId("failed"), { hidden: false, textContent: text });
-  };
+  const fail = (text) => Object.assign(byId("failed"), { hidden: false, textContent: text });
 
   let field;
   try {
@@ -30,8 +28,8 @@
 
   // A position on a picture, in pixels of a view.
   const pixelAt = (event) => {
-    const box = event.currentTarget.getBoundingClientRect();
-    return [((event.clientX - box.left) / box.width) * width - 0.5, ((event.clientY - box.top) / box.height) * height - 0.5];
+    const [right, down] = Studio.placeOf(event);
+    return [right * width - 0.5, down * height - 0.5];
   };
   const levelAt = ([x, y]) => {
     const column = Math.min(Math.max(Math.round(x), 0), width - 1);

@@ -2,6 +2,8 @@
 // Elements, polygons and numbers for all panels.
 const Studio = {};
 
+Studio.byId = (id) => document.getElementById(id);
+
 Studio.element = (name, attributes = {}, ...children) => {
   const node = document.createElement(name);
   for (const [key, value] of Object.entries(attributes)) {
@@ -18,6 +20,22 @@ Studio.svg = (name, attributes = {}, ...children) => {
   for (const [key, value] of Object.entries(attributes)) if (value !== undefined) node.setAttribute(key, value);
   node.append(...children);
   return node;
+};
+
+// A table of rows below the texts of its heads.
+Studio.table = (kind, heads, rows) => {
+  const head = Studio.element("tr", {}, ...heads.map((text) => Studio.element("th", { scope: "col" }, text)));
+  return Studio.element("table", { class: kind }, Studio.element("thead", {}, head), Studio.element("tbody", {}, ...rows));
+};
+
+// A row of a table: a label, then texts or nodes.
+Studio.row = (label, cells, kind) =>
+  Studio.element("tr", {}, Studio.element("th", { scope: "row" }, label), ...cells.map((cell) => Studio.element("td", { class: kind }, ...[cell].flat())));
+
+// The place of the pointer on an element, as fractions of its width and height.
+Studio.placeOf = ({ currentTarget, clientX, clientY }) => {
+  const { left, top, width, height } = currentTarget.getBoundingClientRect();
+  return [(clientX - left) / width, (clientY - top) / height];
 };
 
 Studio.path = (points, closed = true) =>
@@ -107,4 +125,22 @@ Studio.working = (host, text, cancel) => {
     },
     end: () => clearInterval(timer),
   };
+};
+
+// An asynchronous function that works on one argument at a time: of those that come meanwhile, only the newest follows.
+Studio.newest = (work) => {
+  let [busy, next] = [false, null];
+  const call = async (...given) => {
+    if (busy) {
+      next = given;
+      return;
+    }
+    busy = true;
+    await work(...given).finally(() => (busy = false));
+    const waiting = next;
+    next = null;
+    if (waiting) call(...waiting);
+  };
+  call.forget = () => (next = null);
+  return call;
 };

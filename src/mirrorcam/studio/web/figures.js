@@ -65,7 +65,7 @@
       const text = isCount ? `${spec.rows} \u00d7 ${spec.cols}` : Studio.withUnit(spec[control], control);
       const side = spec[control] < drawing.spec[control] ? "less" : "more";
       const lines = effects.length ? effects.map(([change, label]) => element("span", {}, `${label} `, change)).flatMap((line) => [line, " "]) : ["the same"];
-      document.getElementById(`${isCount ? "rows" : control}-next`)?.append(
+      Studio.byId(`${isCount ? "rows" : control}-next`)?.append(
         element("button", { type: "button", class: `${control} ${side}`, title: "Take this step: changes of usable pixels, standard deviation of depth, size, mass and price", onclick: () => go(spec) }, element("b", {}, text), ...lines),
       );
     }
@@ -87,7 +87,6 @@
   Studio.drawFigures = (host, columns, { common = false } = {}) => {
     const [, first] = columns[0];
     const reference = columns.length > 1 ? columns.at(-1)[1] : null;
-    const heads = element("tr", {}, element("th", { scope: "col" }, "Figure"), ...columns.map(([name]) => element("th", { scope: "col" }, name)));
     const body = [];
     for (const [group, figures] of Object.entries(first.figures)) {
       const shown = common ? figures.filter(({ name }) => columns.every(([, drawing]) => Studio.figureOf(drawing, name))) : figures;
@@ -101,14 +100,13 @@
         body.push(element("tr", {}, element("th", { scope: "row" }, figure.label), ...cells));
       }
     }
-    host.replaceChildren(element("table", { class: "figures" }, element("thead", {}, heads), element("tbody", {}, ...body)));
+    host.replaceChildren(Studio.table("figures", ["Figure", ...columns.map(([name]) => name)], body));
   };
 
   Studio.drawVerdict = (host, drawing) => {
     const rows = drawing.verdict.map((figure) =>
       element("tr", { class: figure.passed ? undefined : "failed" }, element("th", { scope: "row" }, figure.label), element("td", {}, ...textOf(figure)), element("td", { class: "limit" }, figure.limit), element("td", {}, figure.passed ? "passes" : "FAILS")),
     );
-    const heads = element("tr", {}, ...["Check", "Measured", "Limit", "Result"].map((text) => element("th", { scope: "col" }, text)));
-    host.replaceChildren(element("table", { class: "figures" }, element("thead", {}, heads), element("tbody", {}, ...rows)));
+    host.replaceChildren(Studio.table("figures", ["Check", "Measured", "Limit", "Result"], rows));
   };
 })();

@@ -6,7 +6,7 @@
   const POLL_MS = 250;
   const RESTING_MS = 2000;
   const MEASURING = "Measuring … The first answer takes some seconds.";
-  const at = (id) => document.getElementById(id);
+  const at = Studio.byId;
   const UNTICKED = at("alignment").textContent;
   // Of the camera that is shown.
   let [number, about, names, session] = [0, null, [], null];
@@ -54,8 +54,8 @@
     at("session").hidden = false;
     at("opening").open = false;
     overlay = new Studio.Overlay(at("overlay"), about, answer.outlines);
-    sharpness = new Studio.Sharpness(at("sharpness"), names, about.grid);
-    histogram = new Studio.Histogram(at("histogram"), BINS);
+    sharpness = Studio.sharpness(at("sharpness"), names, about.grid);
+    histogram = Studio.histogram(at("histogram"), BINS);
     pictures = new Studio.Pictures(about);
     [nearest, farthest] = [Math.max(about.near_mm, about.least_focus_mm + 1), about.far_mm * 2];
     focus.value = valueOf(about.reference_mm);
@@ -72,31 +72,23 @@
     [taken, taking] = [0, null];
   };
 
-  let ordered = Promise.resolve();
-  let waiting = false;
+  const refocus = Studio.newest(() => order("focus", { depth_mm: depthOf(focus.value) }));
   focus.addEventListener("input", () => {
     focusText();
-    if (waiting) return;
-    waiting = true;
-    ordered = ordered.then(() => {
-      waiting = false;
-      return order("focus", { depth_mm: depthOf(focus.value) });
-    });
+    refocus();
   });
 
   let pointer = null;
   let [hasMoved, resting] = [false, false];
   at("depth").addEventListener("pointermove", (event) => {
-    const box = event.target.getBoundingClientRect();
-    pointer = [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
+    pointer = Studio.placeOf(event);
     hasMoved = true;
     if (resting) Studio.poll();
     resting = false;
   });
   at("depth").addEventListener("pointerleave", () => { pointer = null; });
   at("depth").addEventListener("click", async (event) => {
-    const box = event.target.getBoundingClientRect();
-    const depth = await depthAt((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
+    const depth = await depthAt(...Studio.placeOf(event));
     if (depth === null) return;
     focus.value = valueOf(depth);
     focusText();
@@ -139,9 +131,9 @@
   let taking = null; // the hint before a picture that is being taken
 
   const showMeters = (status) => {
-    sharpness.show(status.sharpness);
+    sharpness(status.sharpness);
     if (!status.exposure) return;
-    histogram.show(status.exposure.histogram);
+    histogram(status.exposure.histogram);
     at("advice").textContent = `exposure: ${status.exposure.advice}`;
   };
 
@@ -175,7 +167,7 @@
     allowButtons(status, calibrating);
     at("record").classList.toggle("on", status.recording !== null);
     at("record").textContent = status.recording ? "Stop recording" : "Record";
-    if (status.recording) at("recorded").textContent = `recording ${status.recording[0]}: ${status.recording[1]} frames${status.recording[2] ? `, ${status.recording[2]} lost` : ""}`;
+    if (status.recording) at("recorded").textContent = `recording ${status.recording}: ${status.recorded} frames${status.not_recorded ? `, ${status.not_recorded} lost` : ""}`;
     else if (status.lines.length) at("recorded").textContent = status.lines[status.lines.length - 1];
     if (session.board) showHint(status);
   };

@@ -54,48 +54,33 @@
   };
 
   Studio.drawTilts = (host, alignment) => {
-    const head = element("tr", {}, ...["Mirror", "by edges", "σ, right / down", "by points of the scene", "σ, right / down"].map((text) => element("th", {}, text)));
+    const heads = ["Mirror", "by edges", "σ, right / down", "by points of the scene", "σ, right / down"];
     const rows = alignment.names.map((name, k) => {
       const scene = alignment.scene.length ? tilt(alignment.scene[k]) : ["", ""];
-      return element("tr", {}, element("th", { scope: "row" }, name), ...[...tilt(alignment.edges[k]), ...scene].map((text) => element("td", {}, text)));
+      return Studio.row(name, [...tilt(alignment.edges[k]), ...scene]);
     });
-    host.replaceChildren(element("table", {}, element("thead", {}, head), element("tbody", {}, ...rows)));
+    host.replaceChildren(Studio.table("", heads, rows));
   };
 
-  Studio.Sharpness = class {
-    constructor(host, names, grid) {
-      host.style.gridTemplateColumns = `repeat(${grid[1]}, 1fr)`;
-      host.replaceChildren();
-      this.cells = names.map((name) => {
-        const text = element("span", {}, name);
-        const bar = element("i");
-        const cell = element("div", {}, bar, text);
-        host.append(cell);
-        return { bar, text, name };
-      });
-    }
-
-    show(values) {
-      values.forEach((value, k) => {
-        const { bar, text, name } = this.cells[k];
-        const isKnown = value !== null;
-        bar.style.transform = `scaleY(${isKnown ? value.toFixed(3) : 0})`;
-        text.textContent = isKnown ? `${name}: ${(100 * value).toFixed(0)} %` : `${name}: –`;
-      });
-    }
+  // Bars for the sharpness of mirrors, in a host; the function returned shows values, null if unknown.
+  Studio.sharpness = (host, names, grid) => {
+    host.style.gridTemplateColumns = `repeat(${grid[1]}, 1fr)`;
+    const cells = names.map((name) => element("div", {}, element("i"), element("span", {}, name)));
+    host.replaceChildren(...cells);
+    return (values) => values.forEach((value, k) => {
+      const [bar, text] = cells[k].children;
+      bar.style.transform = `scaleY(${(value ?? 0).toFixed(3)})`;
+      text.textContent = `${names[k]}: ${value === null ? "–" : `${(100 * value).toFixed(0)} %`}`;
+    });
   };
 
-  Studio.Histogram = class {
-    constructor(host, bins) {
-      this.bars = Array.from({ length: bins }, () => element("i"));
-      host.replaceChildren(...this.bars);
-    }
-
-    show(parts) {
+  // Bars of a histogram in a host; the function returned shows the parts of its bins.
+  Studio.histogram = (host, bins) => {
+    const bars = Array.from({ length: bins }, () => element("i"));
+    host.replaceChildren(...bars);
+    return (parts) => {
       const max = Math.max(...parts, 1e-6);
-      parts.forEach((part, k) => {
-        this.bars[k].style.transform = `scaleY(${Math.sqrt(part / max).toFixed(3)})`;
-      });
-    }
+      parts.forEach((part, k) => (bars[k].style.transform = `scaleY(${Math.sqrt(part / max).toFixed(3)})`));
+    };
   };
 })();

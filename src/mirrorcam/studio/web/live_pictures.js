@@ -16,7 +16,7 @@
       this.failed = false;
       for (const kind of KINDS) {
         const [width, height] = about.sizes_px[kind];
-        const canvas = document.getElementById(kind);
+        const canvas = Studio.byId(kind);
         Object.assign(canvas, { width, height });
         this.follow(kind, canvas);
       }
@@ -26,7 +26,7 @@
 
     // Pictures are requested only while the tab is shown.
     see() {
-      this.visible = document.visibilityState !== "hidden" && !document.getElementById("camera").hidden;
+      this.visible = document.visibilityState !== "hidden" && !Studio.byId("camera").hidden;
       this.wake();
     }
 

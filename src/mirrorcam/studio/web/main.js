@@ -1,8 +1,7 @@
 "use strict";
 // The studio's page: sends changed requests, and draws their responses.
 (() => {
-  const { element } = Studio;
-  const byId = (id) => document.getElementById(id);
+  const { byId, element } = Studio;
   const start = JSON.parse(byId("start").textContent);
   const source = Studio.source;
   Studio.defaults = start.defaults;
@@ -155,7 +154,7 @@
   };
 
   // ---- requests ------------------------------------------------------------------------------------------------
-  const requests = { exact: 0, drawn: 0, busy: false, next: null, shown: null, timer: null };
+  const requests = { exact: 0, drawn: 0, shown: null, timer: null };
   const PREVIEWS = { parabola: "Preview: the faceted parabola", preview: "Preview" };
 
   const showSolving = () => {
@@ -179,14 +178,8 @@
     showSolving();
   };
 
-  // Previews are requested one at a time; of those waiting only the newest follows. A preview that arrives after an
-  // exact design is not drawn.
-  const preview = async (spec, touchedAt) => {
-    if (requests.busy) {
-      requests.next = [spec, touchedAt];
-      return;
-    }
-    requests.busy = true;
+  // A preview that arrives after an exact design is not drawn.
+  const preview = Studio.newest(async (spec, touchedAt) => {
     const drawnBefore = requests.drawn;
     try {
       const answer = await source.preview(spec);
@@ -201,13 +194,8 @@
       }
     } catch (error) {
       if (!error.refused) lost(error); // the exact design says why
-    } finally {
-      requests.busy = false;
-      const next = requests.next;
-      requests.next = null;
-      if (next) preview(...next);
     }
-  };
+  });
 
   const lost = (error) => {
     if (error.name !== "AbortError") say("failed", `No answer from the studio: ${error.message}`);
@@ -233,7 +221,7 @@
       return;
     }
     if (serial !== requests.exact) return;
-    requests.next = null; // a preview would replace the answer
+    preview.forget(); // it would replace the answer
     performance.measure("solve", { start: requests.startedAt, end: performance.now() });
     solving(false);
     if (!answer) {
@@ -365,7 +353,7 @@
   });
   Studio.designer = { history, state };
   Studio.view = view;
-  const sight = byId("subject") ? new Studio.Sight(byId, () => history.spec) : null;
+  const sight = byId("subject") ? new Studio.Sight(() => history.spec) : null;
   if (byId("target")) Studio.findTargets(byId("target-form"), byId("target-note"), byId("targets"), () => history.spec, (spec) => history.settle(spec), () => exact() && followNearby(history.spec, requests.exact));
   const map = new Studio.DesignMap(byId("map"), (spec) => history.settle(spec));
   refresh = Studio.makeControls(byId("controls"), start.controls, history);

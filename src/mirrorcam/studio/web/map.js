@@ -86,11 +86,7 @@
       const up = (value) => HEIGHT - BOTTOM - ((value - low) / (high - low)) * (HEIGHT - BOTTOM - TOP);
       const [xLabel, yLabel] = [x, y].map((start) => `${of(start).label}, ${of(start).unit}`);
       const root = svg("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, role: "group", "aria-label": `${yLabel} over ${xLabel}` });
-      const text = (content, place) => {
-        const node = svg("text", { class: "tick", ...place });
-        node.textContent = content;
-        root.append(node);
-      };
+      const text = (content, place) => root.append(svg("text", { class: "tick", ...place }, content));
       for (const tick of ticks(low, high, 5)) {
         root.append(svg("path", { d: path([[LEFT, up(tick)], [width - RIGHT, up(tick)]], false), class: "rule" }));
         text(short(tick), { x: LEFT - 6, y: up(tick), "text-anchor": "end", "dominant-baseline": "middle" });
@@ -107,8 +103,7 @@
     mark({ spec, changes, misses }, place, label) {
       const views = spec.pattern?.positions.length ?? spec.rows * spec.cols;
       const here = `${Object.keys(changes).length ? "" : " here"}${misses?.length ? " misses" : ""}${Studio.otherMirrors(changes) ? " recut" : ""}`;
-      const mark = svg("circle", { ...place, class: `point shade${Math.min(SHADES, Math.ceil(Math.sqrt(views)))}${here}`, role: "button", "aria-label": label }, svg("title"));
-      mark.firstChild.textContent = label;
+      const mark = svg("circle", { ...place, class: `point shade${Math.min(SHADES, Math.ceil(Math.sqrt(views)))}${here}`, role: "button", "aria-label": label }, svg("title", {}, label));
       const go = () => this.go(spec);
       mark.addEventListener("click", go);
       mark.addEventListener("keydown", (event) => {

@@ -9,6 +9,7 @@
     host.replaceChildren(root);
     return root;
   };
+  const line = (points, attributes) => svg("path", { d: path(points, false), ...attributes });
   // Sizes on the screen, independent of the units of the drawing.
   const unit = (width) => width / 100;
 
@@ -17,21 +18,15 @@
     const u = unit(width);
     const length = ticks(0, width / 3, 2).at(-1) || width / 5;
     const [x, y] = [left + u * 3, top + height - u * 3];
-    root.append(svg("path", { d: path([[x, y], [x + length, y]], false), class: "measure", "stroke-width": u * 0.5 }));
-    const text = svg("text", { x: x + length + u, y, class: "tick", "font-size": u * 3.2, "dominant-baseline": "middle" });
-    text.textContent = `${number(length)} mm`;
-    root.append(text);
+    const place = { x: x + length + u, y, class: "tick", "font-size": u * 3.2, "dominant-baseline": "middle" };
+    root.append(line([[x, y], [x + length, y]], { class: "measure", "stroke-width": u * 0.5 }), svg("text", place, `${number(length)} mm`));
   };
 
   Studio.drawSensor = (host, drawing, compared) => {
     const [width, height] = drawing.sensor_px;
     const margin = width * 0.012;
-    const root = frame(host, `Sensor of ${width} x ${height} px with ${drawing.mirrors.length} sub-images`, [
-      -margin,
-      -margin,
-      width + 2 * margin,
-      height + 2 * margin,
-    ]);
+    const label = `Sensor of ${width} x ${height} px with ${drawing.mirrors.length} sub-images`;
+    const root = frame(host, label, [-margin, -margin, width + 2 * margin, height + 2 * margin]);
     const u = unit(width);
     root.append(svg("rect", { x: -0.5, y: -0.5, width, height, class: "sensor", "stroke-width": u * 0.3 }));
     for (const mirror of compared?.mirrors ?? []) {
@@ -50,31 +45,36 @@
     const size = Math.min(u * 2.6, (u * 22) / Math.sqrt(drawing.mirrors.length));
     for (const { name, outline_px: outline } of drawing.mirrors) {
       const [left, top, right, bottom] = bounds(outline);
-      const text = svg("text", { x: (left + right) / 2, y: (top + bottom) / 2, class: "on", "font-size": size });
-      text.textContent = name;
-      root.append(text);
+      root.append(svg("text", { x: (left + right) / 2, y: (top + bottom) / 2, class: "on", "font-size": size }, name));
     }
   };
 
-  Studio.drawCoverage = (host, drawing, depth, compared) => {
+  // A box of 3:2 around points, larger than them by a factor.
+  const around = (points, factor) => {
+    const [left, top, right, bottom] = bounds(points);
+    const side = Math.max(right - left, (bottom - top) * 1.5, 1) * factor;
+    return [(left + right - side) / 2, (top + bottom - side / 1.5) / 2, side, side / 1.5];
+  };
+
+  // What each view sees on the plane at a depth, and what all see.
+  const seenAt = (drawing, depth) => {
     const seen = Studio.footprints(drawing, depth).filter((polygon) => polygon.length > 2);
-    const seenByAll = seen.length === drawing.mirrors.length;
-    const common = seenByAll ? Studio.intersection(seen) : [];
+    return [seen, seen.length === drawing.mirrors.length ? Studio.intersection(seen) : []];
+  };
+
+  Studio.drawCoverage = (host, drawing, depth, compared) => {
+    const [seen, common] = seenAt(drawing, depth);
     // The scale is fixed by the farthest depth, so that the field visibly grows with depth.
     const far = 1.25 * drawing.depths_mm.at(-1);
     const all = [...Studio.footprints(drawing, far).flat(), ...seen.flat()];
-    const [left, top, right, bottom] = all.length ? bounds(all) : [-1, -1, 1, 1];
-    const side = Math.max(right - left, (bottom - top) * 1.5) * 1.06;
-    const box = [(left + right - side) / 2, (top + bottom - side / 1.5) / 2, side, side / 1.5];
+    const box = around(all.length ? all : [[-1, -1], [1, 1]], 1.06);
     const root = frame(host, `What each view sees at ${number(depth)} mm, and what all see`, box);
-    const u = unit(side);
+    const u = unit(box[2]);
     for (const polygon of seen) {
       root.append(svg("path", { d: path(polygon), class: "footprint", "stroke-width": u * 0.25 }));
     }
     if (compared) {
-      const theirs = Studio.footprints(compared, depth).filter((polygon) => polygon.length > 2);
-      const shared = theirs.length === compared.mirrors.length ? Studio.intersection(theirs) : [];
-      root.append(svg("path", { d: path(shared), class: "ghost", "stroke-width": u * 0.5 }));
+      root.append(svg("path", { d: path(seenAt(compared, depth)[1]), class: "ghost", "stroke-width": u * 0.5 }));
     }
     root.append(svg("path", { d: path(common), class: "common solid", "stroke-width": u * 0.5 }));
     ruler(root, box);
@@ -83,22 +83,17 @@
 
   Studio.drawCameras = (host, drawing, compared) => {
     const flat = ([x, y]) => [x, y];
-    const [centres, grid] = [drawing.centres_mm.map(flat), drawing.grid_mm.map(flat)];
-    const [left, top, right, bottom] = bounds([...centres, ...grid, ...(compared?.centres_mm ?? []).map(flat)]);
-    const side = Math.max(right - left, (bottom - top) * 1.5, 1) * 1.25;
-    const box = [(left + right - side) / 2, (top + bottom - side / 1.5) / 2, side, side / 1.5];
+    const [centres, grid, others] = [drawing.centres_mm, drawing.grid_mm, compared?.centres_mm ?? []].map((points) => points.map(flat));
+    const box = around([...centres, ...grid, ...others], 1.25);
     const root = frame(host, "Virtual cameras, seen along the views, on the grid that fits them best", box);
-    const u = unit(side);
-    for (const [i, j] of drawing.neighbours) {
-      root.append(svg("path", { d: path([grid[i], grid[j]], false), class: "grid", "stroke-width": u * 0.3 }));
-    }
-    for (const [x, y] of (compared?.centres_mm ?? []).map(flat)) {
+    const u = unit(box[2]);
+    for (const [i, j] of drawing.neighbours) root.append(line([grid[i], grid[j]], { class: "grid", "stroke-width": u * 0.3 }));
+    for (const [x, y] of others) {
       root.append(svg("circle", { cx: x, cy: y, r: u * 1.1, class: "ghost", "stroke-width": u * 0.35 }));
     }
     centres.forEach((centre, k) => {
-      root.append(svg("path", { d: path([grid[k], centre], false), class: "off", "stroke-width": u * 0.5 }));
-      const circle = { cx: centre[0], cy: centre[1], r: u * (k === drawing.central ? 1.7 : 1.2), class: "view" };
-      root.append(svg("circle", circle));
+      root.append(line([grid[k], centre], { class: "off", "stroke-width": u * 0.5 }));
+      root.append(svg("circle", { cx: centre[0], cy: centre[1], r: u * (k === drawing.central ? 1.7 : 1.2), class: "view" }));
     });
     ruler(root, box);
   };
@@ -125,10 +120,8 @@
     const y = (value) => height - bottom - (level(value) / 1.05) * (height - bottom - top);
     const marks = scale === "log" ? roundNumbers(min, max) : ticks(0, max, 4);
     for (const tick of marks) {
-      root.append(svg("path", { d: path([[left, y(tick)], [width - right, y(tick)]], false), class: "rule" }));
-      const text = svg("text", { x: left - 5, y: y(tick), class: "tick", "text-anchor": "end", "dominant-baseline": "middle" });
-      text.textContent = format(tick);
-      root.append(text);
+      const place = { x: left - 5, y: y(tick), class: "tick", "text-anchor": "end", "dominant-baseline": "middle" };
+      root.append(line([[left, y(tick)], [width - right, y(tick)]], { class: "rule" }), svg("text", place, format(tick)));
     }
     const inside = [20, 50, 100, 200, 300, 500, 700, 1000, 2000, 5000, 10000].filter((d) => d >= depths[0] && d <= depths.at(-1));
     // From the last tick, which has the unit; ticks without room before the next are omitted.
@@ -136,20 +129,15 @@
     round.forEach((depth, i) => {
       const last = i === round.length - 1;
       const anchor = last && x(depth) > width - 40 ? { x: width - 2, "text-anchor": "end" } : { x: x(depth), "text-anchor": "middle" };
-      const text = svg("text", { ...anchor, y: height - 7, class: "tick" });
-      text.textContent = last ? `${depth} mm` : depth;
-      root.append(text);
+      root.append(svg("text", { ...anchor, y: height - 7, class: "tick" }, last ? `${depth} mm` : depth));
     });
-    for (const depth of drawing.depths_mm) {
-      root.append(svg("path", { d: path([[x(depth), top], [x(depth), height - bottom]], false), class: "working" }));
-    }
-    if (at >= depths[0] && at <= depths.at(-1)) {
-      root.append(svg("path", { d: path([[x(at), top], [x(at), height - bottom]], false), class: "here" }));
-    }
+    const upright = (depth, kind) => root.append(line([[x(depth), top], [x(depth), height - bottom]], { class: kind }));
+    for (const depth of drawing.depths_mm) upright(depth, "working");
+    if (at >= depths[0] && at <= depths.at(-1)) upright(at, "here");
     for (const { values: along, name, depths: own = depths } of lines) {
       const points = along.map((value, i) => (value === null ? null : [x(own[i]), y(value)]));
       const shown = points.filter((point) => point && point[0] >= left - 0.5 && point[0] <= width - right + 0.5);
-      root.append(svg("path", { d: path(shown, false), class: `curve ${name}` }));
+      root.append(line(shown, { class: `curve ${name}` }));
     }
   };
 })();

@@ -1,36 +1,42 @@
 "use strict";
 // Simulated pictures of the design: a frame, its views, a refocused picture, and the depth estimated from them.
 (() => {
+  const { byId } = Studio;
+
   Studio.Sight = class {
-    constructor(byId, spec) {
-      Object.assign(this, { byId, spec, latest: 0, focusing: false, next: null });
+    constructor(spec) {
+      Object.assign(this, { spec, latest: 0 });
+      const refocus = Studio.newest((depth) => this.refocus(depth));
       byId("subject").addEventListener("change", () => this.look());
-      byId("sight-focus").addEventListener("input", () => this.focus());
+      byId("sight-focus").addEventListener("input", ({ target }) => {
+        this.showDepth(Math.exp(target.valueAsNumber));
+        refocus(Math.exp(target.valueAsNumber));
+      });
     }
 
     get subject() {
-      return this.byId("subject").value;
+      return byId("subject").value;
     }
 
     set(id, picture) {
-      const image = this.byId(id);
+      const image = byId(id);
       image.src = picture;
       image.classList.remove("old");
     }
 
     say(text) {
-      this.byId("sight-note").textContent = text;
+      byId("sight-note").textContent = text;
     }
 
     // First the frame, then what is decoded from it; outdated responses are not shown.
     async look() {
       const serial = (this.latest += 1);
       const body = { spec: this.spec(), subject: this.subject };
-      for (const id of ["sight-frame", "sight-views", "sight-refocused", "sight-measured"]) this.byId(id).classList.add("old");
-      this.byId("sight-focus").disabled = true;
+      for (const id of ["sight-frame", "sight-views", "sight-refocused", "sight-measured"]) byId(id).classList.add("old");
+      byId("sight-focus").disabled = true;
       const cancel = () => ["/frame", "/decoded"].forEach(Studio.cancel);
       this.work?.end();
-      const work = (this.work = Studio.working(this.byId("sight-note"), "1 of 2: rendering the frame", cancel));
+      const work = (this.work = Studio.working(byId("sight-note"), "1 of 2: rendering the frame", cancel));
       try {
         const startedAt = performance.now();
         const frame = await Studio.postNewest("/frame", body);
@@ -43,7 +49,7 @@
         this.set("sight-views", decoded.views);
         this.set("sight-refocused", decoded.refocused);
         this.set("sight-measured", decoded.depth);
-        const slider = this.byId("sight-focus");
+        const slider = byId("sight-focus");
         slider.min = Math.log(decoded.near_mm);
         slider.max = Math.log(decoded.far_mm);
         slider.step = (slider.max - slider.min) / 200;
@@ -55,36 +61,24 @@
       } catch (error) {
         if (serial !== this.latest) return;
         this.say(error.name === "AbortError" ? "Cancelled. " : error.message);
-        this.byId("sight-note").append(Studio.element("button", { type: "button", onclick: () => this.look() }, "Start again"));
+        byId("sight-note").append(Studio.element("button", { type: "button", onclick: () => this.look() }, "Start again"));
       } finally {
         work.end();
       }
     }
 
     showDepth(depth) {
-      this.byId("sight-focus-text").textContent = `${Studio.number(depth)} mm`;
-      this.byId("sight-focus").setAttribute("aria-valuetext", `${Studio.number(depth)} mm`);
+      byId("sight-focus-text").textContent = `${Studio.number(depth)} mm`;
+      byId("sight-focus").setAttribute("aria-valuetext", `${Studio.number(depth)} mm`);
     }
 
-    async focus() {
-      const depth = Math.exp(this.byId("sight-focus").valueAsNumber);
-      this.showDepth(depth);
-      if (this.focusing) {
-        this.next = depth;
-        return;
-      }
-      this.focusing = true;
+    async refocus(depth) {
       const serial = this.latest;
       try {
         const { picture } = await Studio.post("/refocused", { spec: this.spec(), subject: this.subject, depth_mm: depth });
         if (serial === this.latest) this.set("sight-refocused", picture);
       } catch (error) {
         if (serial === this.latest) this.say(error.message);
-      } finally {
-        this.focusing = false;
-        const waiting = this.next !== null;
-        this.next = null;
-        if (waiting) this.focus();
       }
     }
   };

@@ -1,7 +1,7 @@
 "use strict";
 // Responses from the atlas of solved designs in the page, without a server.
 (() => {
-  const { axes, designs } = JSON.parse(document.getElementById("atlas").textContent);
+  const { axes, designs } = JSON.parse(Studio.byId("atlas").textContent);
   const nearest = (values, value) => values.reduce((best, other) => (Math.abs(other - value) < Math.abs(best - value) ? other : best));
   const nearestValues = (spec) => Object.entries(axes).map(([name, values]) => nearest(values, spec[name]));
 

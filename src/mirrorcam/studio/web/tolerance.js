@@ -18,10 +18,9 @@
         svg("rect", { x: x(median) - 0.75, y: 2, width: 1.5, height: 12, class: "median" }),
         svg("rect", { x: x(design) - 0.75, y: 0, width: 1.5, height: 16, class: "design" }),
       );
-      return element("tr", {}, element("th", { scope: "row" }, label), element("td", { class: "spread" }, picture), element("td", {}, text));
+      return Studio.row(label, [picture, text]);
     });
     const hidden = study.hidden ? ` In ${Studio.percent(study.hidden)} of them a mirror hides part of another.` : "";
-    const table = element("table", { class: "figures tolerance" }, element("tbody", {}, ...rows));
-    host.replaceChildren(table, element("p", { class: "key" }, `${study.assumed}.${hidden}`));
+    host.replaceChildren(element("table", { class: "figures tolerance" }, element("tbody", {}, ...rows)), element("p", { class: "key" }, `${study.assumed}.${hidden}`));
   };
 })();

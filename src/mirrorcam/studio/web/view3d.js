@@ -90,10 +90,8 @@
       return new THREE.LineSegments(geometry, material);
     }
 
-    edges(solid) {
-      const count = solid.length / 2;
-      const ring = (first) => solid.slice(first, first + count).flatMap((p, i, all) => [p, all[(i + 1) % count]]);
-      return [...ring(0), ...ring(count), ...solid.slice(0, count).flatMap((p, i) => [p, solid[count + i]])];
+    edges(prism, material) {
+      return new THREE.LineSegments(new THREE.EdgesGeometry(prism), material);
     }
 
     ink(colour, opacity = 1) {
@@ -113,13 +111,11 @@
         new THREE.MeshStandardMaterial({
           color: colour, flatShading: true, side: THREE.DoubleSide, metalness: 0.1, roughness: 0.35, emissive: colour, emissiveIntensity: 0.35,
         });
-      const [plain, wrong] = [glass(colours.mirror), glass(colours.bad)];
-      const edges = [];
+      const [plain, wrong, edge] = [glass(colours.mirror), glass(colours.bad), this.ink(colours.ink, 0.65)];
       drawings.forEach(({ solid_mm: solid }, k) => {
-        mirrors.add(new THREE.Mesh(this.prism(solid), concerned.includes(k) ? wrong : plain));
-        edges.push(...this.edges(solid));
+        const prism = this.prism(solid);
+        mirrors.add(new THREE.Mesh(prism, concerned.includes(k) ? wrong : plain), this.edges(prism, edge));
       });
-      mirrors.add(this.lines(edges, this.ink(colours.ink, 0.65)));
       this.replace("mirrors", mirrors);
       const rays = new THREE.Group();
       rays.add(this.lines(drawings.flatMap(({ chief_mm: [a, b, c] }) => [a, b, b, c]), this.ink(colours.ray)));
@@ -150,19 +146,17 @@
 
     show(drawing, compared, depth) {
       const { colours } = this;
-      const line = (colour, opacity = 1) => this.ink(colour, opacity);
       this.bodies(drawing);
       this.replace("places", null);
       const cameras = new THREE.Group();
       const size = this.size(drawing) * 0.012;
-      const cross = (point) => this.cross(point, size);
-      cameras.add(this.lines(drawing.centres_mm.flatMap(cross), line(colours.view)));
+      cameras.add(this.lines(drawing.centres_mm.flatMap((point) => this.cross(point, size)), this.ink(colours.view)));
       const grid = drawing.neighbours.flatMap(([i, j]) => [drawing.grid_mm[i], drawing.grid_mm[j]]);
-      cameras.add(this.lines(grid, line(colours.soft, 0.6)));
+      cameras.add(this.lines(grid, this.ink(colours.soft, 0.6)));
       this.replace("cameras", cameras);
 
       const ghost = new THREE.Group();
-      if (compared) ghost.add(this.lines(compared.mirrors.flatMap(({ solid_mm: s }) => this.edges(s)), line(colours.soft, 0.55)));
+      for (const { solid_mm: solid } of compared?.mirrors ?? []) ghost.add(this.edges(this.prism(solid), this.ink(colours.soft, 0.55)));
       this.replace("compared", ghost);
 
       this.light(drawing, depth);
