@@ -31,8 +31,8 @@ GAP, LINE = 0.95, 3.2
 
 # Distance of the mark from the edges of its face, and thickness of the material behind it.
 EDGE_MM, BACKING_MM = 1.5, 1.19
-# Free distance in front of a mark, for it to be readable.
-CLEAR_VIEW_MM = 25.0
+# Free distance in front of a mark, for it to be readable; both are checked from this distance to the face on.
+CLEAR_VIEW_MM, SURFACE_MM = 25.0, 1e-3
 # Spacing of the candidate positions, and the maximum number that are checked on a face.
 SEARCH_STEP_MM, MAX_POSITIONS = 1.0, 8
 # Tolerances: the part's extent in front of an outer face, and 1 - cosine of the angle to a named plane.
@@ -201,15 +201,14 @@ def _position(
 
 
 def _is_backed(frame: FloatArray, centre: FloatArray, half: FloatArray, body: manifold3d.Manifold) -> bool:
-    """Return whether there is material behind a mark and none in front of it, by rays at a grid of points."""
-    steps = np.linspace(-1.0, 1.0, 5)
-    for x, y in np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * half + centre:
-        point = frame[:3, 3] + x * frame[:3, 0] + y * frame[:3, 1]
-        if body.ray_cast(point - 1e-3 * frame[:3, 2], point - (DEPTH_MM + BACKING_MM) * frame[:3, 2]):
-            return False
-        if body.ray_cast(point + 1e-3 * frame[:3, 2], point + CLEAR_VIEW_MM * frame[:3, 2]):
-            return False
-    return True
+    """Return whether there is material everywhere behind a mark, without a slot, and none in front of it."""
+
+    def box(low_mm: float, high_mm: float) -> manifold3d.Manifold:
+        sides = *(2.0 * half), high_mm - low_mm
+        return manifold3d.Manifold.cube(sides).translate((*(centre - half), low_mm)).transform(frame[:3])
+
+    hollow = box(-DEPTH_MM - BACKING_MM, -SURFACE_MM) - body
+    return hollow.is_empty() and (box(SURFACE_MM, CLEAR_VIEW_MM) ^ body).is_empty()
 
 
 def _loops(face: Face) -> list[FloatArray]:

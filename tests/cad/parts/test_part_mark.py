@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 from build123d import Box, GeomType, Location, Part, Plane, Pos
+from shapely import Polygon
 
 from mirrorcam.cad.parts.part_mark import (
     DEPTH_MM,
@@ -18,6 +19,7 @@ from mirrorcam.cad.parts.part_mark import (
 )
 from mirrorcam.cad.plan.part_plan import NamedFace
 from mirrorcam.cad.plan.stroke_font import STROKES
+from mirrorcam.optics.geometry.transforms import transform
 
 # Two lines of a nozzle of 0.4 mm.
 RIDGE_MM = 0.9
@@ -59,6 +61,24 @@ def test_a_mark_is_cut_as_deep_as_stated_and_no_wider_than_its_glyphs() -> None:
     assert part.volume - cut.volume == pytest.approx(DEPTH_MM / 6.0 * (areas[0] + 4.0 * areas[1] + areas[2]), rel=1e-6)
     assert {face.geom_type for face in cut.faces()} == {GeomType.PLANE}
     np.testing.assert_allclose(mark.rig_from_face[:3, 2], UP, atol=1e-9)
+
+
+def test_it_avoids_slots_behind_the_face() -> None:
+    """A slot 0.1 mm wide and 0.9 mm behind the face, as makes slicers add walls, would leave a wall of 0.5 mm."""
+
+    def backed(part: Part) -> Polygon:
+        mark = plan_mark(part, LINES, UP)
+        assert mark is not None
+        corners = shapely.get_coordinates(list(mark.outlines))
+        in_rig = transform(mark.rig_from_face, np.insert(corners, 2, 0.0, axis=1))
+        np.testing.assert_allclose(in_rig[:, 2], 2.5)
+        return shapely.box(*(in_rig[:, :2].min(axis=0) - EDGE_MM), *(in_rig[:, :2].max(axis=0) + EDGE_MM))
+
+    solid = block(60.0, 60.0, 5.0)
+    _, low, right, high = backed(solid).bounds
+    x, y = right - 0.3, (low + high) / 2.0 + 2.0
+    slotted = solid - Pos(x, y, -0.45) * Box(0.1, 2.0, 4.1)
+    assert not backed(slotted).intersects(shapely.box(x - 0.05, y - 1.0, x + 0.05, y + 1.0))
 
 
 @pytest.mark.parametrize("turned", [(0.0, 0.0, 0.0), (20.0, 35.0, 70.0)])
