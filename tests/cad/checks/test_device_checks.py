@@ -26,8 +26,10 @@ from mirrorcam.cad.checks.device_checks import (
     read_glb,
     supports_of,
 )
+from mirrorcam.cad.checks.exported_mesh import read_3mf, solid_of
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.part_plan import BuiltPart, MassProperties, PartPlan
+from mirrorcam.cad.printed_volume import printed_mm3
 from mirrorcam.core.values import Metric
 from mirrorcam.optics.geometry.layout import Layout
 
@@ -40,7 +42,9 @@ def failed(checks: dict[str, Metric]) -> set[str]:
 
 
 def built_part(plan: PartPlan, folder: Path) -> BuiltPart:
-    return BuiltPart.of(plan, folder, mass_of(trimesh.load_mesh(folder / f"{plan.name}.stl"), 1.24), {})
+    printer, printed = HARDWARE.printer, solid_of(read_3mf(folder / f"{plan.name}.3mf"))
+    density = printer.plastic_g_per_cm3 * printed_mm3(printed, printer.wall_mm) / printed.volume()
+    return BuiltPart.of(plan, folder, mass_of(trimesh.load_mesh(folder / f"{plan.name}.stl"), density), {})
 
 
 @pytest.fixture
