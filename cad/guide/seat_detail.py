@@ -34,6 +34,9 @@ DIMENSIONS_MM, LABEL_MM = 16.0, 8.0
 ARROW_MM, EXTENSIONS_MM = 5.0, (3.0, 1.0, 5.0, 7.0, 9.0)
 PARALLEL = 1e-6
 
+_Cut = tuple[float, float, Frustum, FloatArray, Frustum | None]
+"""A pad's distance from a rim and the rim's width, mm, the pad, its seat's outline (n, 3), and the rim, if any."""
+
 
 @dataclass(frozen=True)
 class SeatDetail:
@@ -61,15 +64,14 @@ def seat_detail(plan: HolderPlan | CarrierPlan, solid: Part, pad_tolerance_mm: f
     else:
         seats = [(core.top, pads) for core, pads in zip(plan.cores, plan.pads_of_mirrors, strict=True)]
         back = plan.rig_from_mount
-    box = solid.bounding_box()
-    low, high = np.array(tuple(box.min)), np.array(tuple(box.max))
-    pads = [(pad, seat) for seat, of_seat in seats for pad in of_seat if ((pad.top > low) & (pad.top < high)).all()]
+    pads = [(pad, seat) for seat, of_seat in seats for pad in of_seat]
     rims = plan.rims[::2] if isinstance(plan, HolderPlan) else ()
     beside = [found for pad, seat in pads for rim in rims if (found := _beside(pad, seat, rim))]
-    if not pads:
+    candidates = sorted(beside, key=lambda found: found[0]) or [(0.0, 0.0, *found, None) for found in pads]
+    found = next((found for found in candidates if solid.is_inside(tuple(_centre(found[2])))), None)
+    if found is None:
         return None
-    rim: Frustum | None
-    distance, width, pad, seat, rim = min(beside, key=lambda found: found[0]) if beside else (0.0, 0.0, *pads[0], None)
+    distance, width, pad, seat, rim = found
     normal = newell_normal(pad.top)
     normal = -normal * np.sign(normal @ back[:3, 2])
     centre = pad.top.mean(axis=0)
@@ -95,11 +97,15 @@ def seat_detail(plan: HolderPlan | CarrierPlan, solid: Part, pad_tolerance_mm: f
     return _cut(solid, axes, centre, window, tuple(lengths))
 
 
+def _centre(pad: Frustum) -> FloatArray:
+    return np.vstack([pad.base, pad.top]).mean(axis=0)
+
+
 def _outward(rim: Frustum) -> FloatArray:
     return np.asarray(rim.top[3] - rim.top[0])
 
 
-def _beside(pad: Frustum, seat: FloatArray, rim: Frustum) -> tuple[float, float, Frustum, FloatArray, Frustum] | None:
+def _beside(pad: Frustum, seat: FloatArray, rim: Frustum) -> _Cut | None:
     """Distance of a rim from a pad's centre, and its width, if the plane through the pad normal to the rim cuts it."""
     if abs(newell_normal(rim.top) @ newell_normal(pad.top)) < 1.0 - PARALLEL:
         return None

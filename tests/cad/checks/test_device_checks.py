@@ -68,7 +68,9 @@ def test_the_default_device_passes_and_the_assembly_is_what_its_parts_are(
     assert failed(checks) == set()
     _, _, of_build = built_default
     same = {name: of_build[name].value for name in checks if name != "device.parts_sliced"}
-    assert same == {name: check.value for name, check in checks.items() if name != "device.parts_sliced"}
+    # The build weighs the B-rep, this test the mesh.
+    again = {name: check.value for name, check in checks.items() if name != "device.parts_sliced"}
+    assert again == pytest.approx(same, rel=1e-4)
     assert supports_of(device) == {}
     assert checks["device.tips_at_deg"].value >= 10.0
     assert checks["device.tripod_turns"].value >= 3.0
