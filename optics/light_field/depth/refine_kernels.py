@@ -299,7 +299,7 @@ def _second_differences(values: Float32, y: int, weight_v: Float32, weight_u: Fl
         v[x] = weights[x] * (above[x] - two * row[x] + below[x])
 
 
-@inlined
+@compiled
 def _multiply_next_row(
     row: int,
     values: Float32,
