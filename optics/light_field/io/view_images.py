@@ -20,8 +20,8 @@ Bytes = NDArray[np.uint8]
 _PIXEL_BYTES = 7
 """Bytes per pixel of a view: three for colour, and four for the weight."""
 SEPARATOR_PX = 3
-SEPARATOR_RGB = (255, 255, 255)
-INVALID_RGB = (64, 64, 64)
+SEPARATOR_GREY = 255
+INVALID_GREY = 64
 RATIOS = (1.0, 0.7, 1.4, 0.5, 2.0)
 """Candidate ratios of horizontal to vertical distances; the one with the smallest picture is chosen."""
 LARGE_DISTANCE = 1e6
@@ -102,14 +102,15 @@ def tiled_views(light_field: LightField) -> NDArray[np.uint8]:
     samples = light_field.samples
     if samples.dtype == np.float32:
         samples = np.rint(np.clip(samples.astype(np.float32), 0.0, 1.0) * 255.0).astype(np.uint8)
-    views = np.where(light_field.valid[..., None], samples, np.array(INVALID_RGB, dtype=np.uint8))
     height, width = light_field.height_px, light_field.width_px
     corners = _tile_corners(light_field, np.array([width, height]) + SEPARATOR_PX)
     max_left, max_top = corners.reshape(-1, 2).max(axis=0)
-    picture = np.full((max_top + height, max_left + width, 3), SEPARATOR_RGB, dtype=np.uint8)
+    picture = np.full((max_top + height, max_left + width, 3), SEPARATOR_GREY, dtype=np.uint8)
     for t, s in np.ndindex(light_field.rows, light_field.cols):
         left, top = corners[t, s]
-        picture[top : top + height, left : left + width] = views[t, s]
+        tile = picture[top : top + height, left : left + width]
+        tile[:] = samples[t, s]
+        tile[~light_field.valid[t, s]] = INVALID_GREY
     return picture
 
 

@@ -18,13 +18,11 @@ from mirrorcam.core.video.live_camera import CameraPicture, Connection, LiveCame
 from mirrorcam.core.video.video import Video
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
-from mirrorcam.optics.light_field.decoder import Decoder
-from mirrorcam.optics.light_field.io.view_images import SEPARATOR_PX, tiled_views
 from mirrorcam.studio.live import session as live_session
-from mirrorcam.studio.live.session import LiveSession, ViewsPicture
+from mirrorcam.studio.live.session import LiveSession
 from mirrorcam.studio.live.streams import LiveSource
 from mirrorcam.studio.live.values import LiveRequest, Orders
-from tests.studio.live.live_sets import HEIGHT_PX, WIDTH_PX, frame, small, write_live_set
+from tests.studio.live.live_sets import HEIGHT_PX, WIDTH_PX, write_live_set
 
 
 @pytest.fixture(scope="module")
@@ -95,15 +93,6 @@ def test_the_last_frame_becomes_what_is_ordered_after_the_end_once(session: Live
     focused = session.next(replace(orders, focus_mm=230.0)).results
     assert focused is not None and set(focused.jpegs) == {"refocus"} and focused.samples is None
     assert focused.jpegs["refocus"] != shown.jpegs["refocus"]
-
-
-def test_the_views_picture_is_that_of_tiles(default_layout: Layout) -> None:
-    layout = small(default_layout)
-    light_field = Decoder(layout, width_px=100).decode(frame(layout))
-    made = ViewsPicture(light_field)
-    picture = made.of(light_field)
-    assert np.array_equal(picture, tiled_views(light_field)) and made.size_px == (picture.shape[1], picture.shape[0])
-    assert picture.shape[1] == 3 * 100 + 2 * SEPARATOR_PX
 
 
 def test_the_focus_changes_the_refocused_picture_alone(request_: LiveRequest) -> None:

@@ -14,7 +14,7 @@ from mirrorcam.core.html.templates import render
 from mirrorcam.core.images.pictures import encoded_image
 from mirrorcam.optics.light_field.depth.parallax import reference_index
 from mirrorcam.optics.light_field.features import Features
-from mirrorcam.optics.light_field.io.view_images import INVALID_RGB
+from mirrorcam.optics.light_field.io.view_images import INVALID_GREY
 from mirrorcam.optics.light_field.render.perspective import orbit
 from mirrorcam.optics.light_field.render.view_depths import AGREEMENT_PX, px_per_inverse_mm
 from mirrorcam.studio.demo.decoded_frame import BETWEEN, DecodedFrame
@@ -41,7 +41,7 @@ def demo_page(decoded: DecodedFrame, folder: Path) -> str:
     far, near = far - MARGIN * (near - far), near + MARGIN * (near - far)
     level = np.rint(np.clip((inverse - far) / (near - far), 0.0, 1.0) * LEVELS).astype(np.uint8)
     flags = [(mask * LEVELS).astype(np.uint8) for mask in (decoded.depths.measured, field.valid)]
-    shown = np.where(dense.valid[..., None], dense.samples, np.array(INVALID_RGB, np.uint8))
+    shown = np.where(dense.valid[..., None], dense.samples, np.uint8(INVALID_GREY))
     extent = np.array(list(orbit(field, CORNERS)))
     start: dict[str, Any] = {
         "size_px": [field.width_px, field.height_px],

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth import DepthEstimator, DepthMap, VideoDepth
-from mirrorcam.optics.light_field.io.view_images import INVALID_RGB
+from mirrorcam.optics.light_field.io.view_images import INVALID_GREY
 from mirrorcam.optics.light_field.light_field import LightField
 
 JPEG_QUALITY = 85
@@ -70,7 +70,7 @@ class LiveDepth:
         near, far = 1.0 / self._estimator.near_mm, 1.0 / self._estimator.far_mm
         level = np.clip(255.0 * (inverse_depth - far) / (near - far), 0.0, 255.0).astype(np.uint8)
         coloured: Any = cv2.applyColorMap(level, cv2.COLORMAP_TURBO)[..., ::-1]
-        picture = np.where(valid[..., None], coloured, np.array(INVALID_RGB, np.uint8))
+        picture = np.where(valid[..., None], coloured, np.uint8(INVALID_GREY))
         height, width = valid.shape
         centre = (slice(height // 3, -(height // 3)), slice(width // 3, -(width // 3)))
         inner = depth.depth_mm[centre][valid[centre]]

@@ -24,8 +24,7 @@ from mirrorcam.optics.alignment.meters import FocusMeter, measure_exposure, shar
 from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.light_field.decoder import Decoder
 from mirrorcam.optics.light_field.depth.estimate import DEFAULT_FAR, DEFAULT_NEAR
-from mirrorcam.optics.light_field.io.view_images import INVALID_RGB, SEPARATOR_PX, SEPARATOR_RGB, tiled_views
-from mirrorcam.optics.light_field.light_field import LightField
+from mirrorcam.optics.light_field.io.view_images import tiled_views
 from mirrorcam.optics.light_field.render.refocusing import FocalPlane, refocus, to_bytes
 from mirrorcam.studio.live.streams import LiveRecording, open_source
 from mirrorcam.studio.live.values import Answer, FrameResults, LiveRequest, Orders, PictureKind, SessionAbout
@@ -35,34 +34,6 @@ METER_S = 0.2
 """Time between measurements of focus and exposure."""
 RECENT_FRAMES, RECENT_STEP_S = 6, 0.5
 """Number of frames kept for the alignment, and time between them."""
-
-
-class ViewsPicture:
-    """Draws all views side by side, as `tiled_views` does, for light fields of one geometry."""
-
-    def __init__(self, light_field: LightField) -> None:
-        self._grid = light_field.is_grid
-        self._invalid = np.flatnonzero(~light_field.valid)
-        height, width = light_field.height_px, light_field.width_px
-        height_px, width_px = light_field.rows * (height + SEPARATOR_PX), light_field.cols * (width + SEPARATOR_PX)
-        self._picture = np.full((height_px - SEPARATOR_PX, width_px - SEPARATOR_PX, 3), SEPARATOR_RGB, np.uint8)
-        self._tile = np.array([height, width]) + SEPARATOR_PX
-        self.size_px = (self._picture.shape[1], self._picture.shape[0])
-        if not self._grid:
-            tiled = tiled_views(light_field)
-            self.size_px = (tiled.shape[1], tiled.shape[0])
-
-    def of(self, light_field: LightField) -> NDArray[np.uint8]:
-        """Return the picture (h, w, 3), whose memory is reused for the next one."""
-        if not self._grid:
-            return tiled_views(light_field)
-        samples: Any = light_field.samples
-        samples = samples.copy()
-        samples.reshape(-1, 3)[self._invalid] = INVALID_RGB
-        for t, s in np.ndindex(light_field.rows, light_field.cols):
-            top, left = self._tile * (t, s)
-            self._picture[top : top + light_field.height_px, left : left + light_field.width_px] = samples[t, s]
-        return self._picture
 
 
 class LiveSession:
@@ -79,7 +50,8 @@ class LiveSession:
         self._decoder = Decoder(self.layout, width_px=request.view_width_px)
         self._small = Decoder(self.layout, width_px=request.depth_width_px)
         blank = self._decoder.decode(np.zeros((camera.height_px, camera.width_px, 3), np.uint8))
-        self._views, self._tiles = blank, ViewsPicture(blank)
+        height, width, _ = tiled_views(blank).shape
+        self._views_px = (width, height)
         scale = request.frame_width_px / camera.width_px
         self._frame_px = (request.frame_width_px, round(camera.height_px * scale))
         self._masks = sub_image_masks(self.layout)
@@ -101,7 +73,7 @@ class LiveSession:
         views, small = self._decoder.views, self._small.views
         sizes: dict[PictureKind, tuple[int, int]] = {
             "frame": self._frame_px,
-            "views": self._tiles.size_px,
+            "views": self._views_px,
             "refocus": (views.width_px, views.height_px),
             "depth": (small.width_px, small.height_px),
         }
@@ -196,7 +168,7 @@ class LiveSession:
         if "views" in orders.kinds or "refocus" in orders.kinds:
             light_field = self._decoder.decode(frame.pixels)
             if "views" in orders.kinds:
-                jpegs["views"] = _jpeg(self._tiles.of(light_field))
+                jpegs["views"] = _jpeg(tiled_views(light_field))
             if "refocus" in orders.kinds:
                 depth = light_field.reference_depth_mm if orders.focus_mm is None else orders.focus_mm
                 jpegs["refocus"] = _jpeg(to_bytes(refocus(light_field, FocalPlane.at_depth(light_field, depth))))

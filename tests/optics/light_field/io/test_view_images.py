@@ -9,9 +9,9 @@ import numpy as np
 
 from mirrorcam.optics.geometry.arrangement import Pattern
 from mirrorcam.optics.light_field.io.view_images import (
-    INVALID_RGB,
+    INVALID_GREY,
+    SEPARATOR_GREY,
     SEPARATOR_PX,
-    SEPARATOR_RGB,
     as_bytes,
     read_rgba,
     rgb,
@@ -68,9 +68,9 @@ def test_tiles_are_ordered_views_with_separators() -> None:
         top, left = t * (HEIGHT + SEPARATOR_PX), s * (WIDTH + SEPARATOR_PX)
         tile = picture[top : top + HEIGHT, left : left + WIDTH]
         assert (tile[10:] == samples[t, s, 10:]).all()
-        assert (tile[:10] == (INVALID_RGB if (t, s) == (1, 2) else samples[t, s, :10])).all()
-    assert (picture[HEIGHT : HEIGHT + SEPARATOR_PX] == SEPARATOR_RGB).all()
-    assert (picture[:, WIDTH : WIDTH + SEPARATOR_PX] == SEPARATOR_RGB).all()
+        assert (tile[:10] == (INVALID_GREY if (t, s) == (1, 2) else samples[t, s, :10])).all()
+    assert (picture[HEIGHT : HEIGHT + SEPARATOR_PX] == SEPARATOR_GREY).all()
+    assert (picture[:, WIDTH : WIDTH + SEPARATOR_PX] == SEPARATOR_GREY).all()
 
 
 def test_tiles_of_grey_and_of_float_samples() -> None:
