@@ -63,6 +63,8 @@ def test_everything_is_accessible(
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     with browser_page(browser, size, scheme) as watched:
         watched.open(address)
+        # The page of the size before may have left the alignment on: wait for the state of the camera.
+        watched.page.wait_for_selector("#camera-status:has-text('pictures/s')", timeout=LONG_MS)
         watched.page.check("#align")
         watched.page.wait_for_selector("#tilts td", timeout=LONG_MS)
         found = axe.Axe().run(watched.page).response["violations"]
