@@ -34,8 +34,8 @@ from mirrorcam.optics.light_field.depth.photometry import (
 )
 from mirrorcam.optics.light_field.depth.refine import JUMP_PX, GradientPicture, Match, Refiner, align_to_picture_edges
 from mirrorcam.optics.light_field.depth.search import MAX_FINE_PLANES, LevelViews, PyramidLevel, search
-from mirrorcam.optics.light_field.depth.semiglobal import LowestCost
-from mirrorcam.optics.light_field.depth.sweep import range_around, tracked_range
+from mirrorcam.optics.light_field.depth.semiglobal import LowestCost, aggregate, lowest_cost
+from mirrorcam.optics.light_field.depth.sweep import Volume, full_range, range_around, tracked_range
 from mirrorcam.optics.light_field.depth.track import Track
 from mirrorcam.optics.light_field.depth.uncertainty import standard_deviation_px
 from mirrorcam.optics.light_field.depth.view_comparison import ViewComparison, rough_gain
@@ -273,18 +273,22 @@ class DepthEstimator:
             gains = [*gains[:number], gains[number] * gain, *gains[number + 1 :]]
             others[number] = others[number].multiplied(gain)
         result = self._finer_searches(pyramid, reference, others, first, track)
-        spacing = self._refiner.spacing
-        gradients = list(
-            self._run(lambda view: GradientPicture.of(view.brightness, view.interior, spacing), [reference, *others])
-        )
         earlier = None if track is None else track.planes
-        steps = self._effort.steps, self._effort.iterations
-        planes, match, smoothness = self._refiner.refined(result.planes, gradients[0], gradients[1:], *steps, earlier)
-        next_track = Track(gains, first, planes, noise, 0 if track is None else track.frame + 1)
-        if spacing > 1:
-            planes = self._enlarged(planes, pyramid, self._levels[-1], self._full)
-            match, smoothness = match.enlarged(self._full.shape), doubled(smoothness, self._full.shape)
-        return self._depth_map(planes, match, smoothness, result, reference, noise), next_track
+        planes, depth_map = self._refined(result, pyramid, reference, others, noise, earlier)
+        return depth_map, Track(gains, first, planes, noise, 0 if track is None else track.frame + 1)
+
+    def compile_ahead(self, light_field: LightField) -> None:
+        """Compile what follows the matching costs, cached for another process, which meanwhile computes them.
+
+        The light field may be small; depths are not computed.
+        """
+        reference, *others = (ViewPicture.of(light_field, index) for index in (self.reference, *self.others))
+        pyramid, level = self._pyramid(colours(light_field, self.reference)), self._levels[-1]
+        flat, ranges = np.zeros(level.shape, np.float32), full_range(level.shape, level.sweep.plane_count)
+        volume = Volume(ranges, np.zeros(ranges.size, np.uint16))
+        found = lowest_cost(aggregate(volume, pyramid[level.halvings], (flat, flat), penalties=(0, 0)), 1.0)
+        result = self._result(found, level, np.zeros(self._full.shape, np.float32), pyramid)
+        self._refined(result, pyramid, reference, others, 1.0, None)
 
     def _pyramid(self, colour: Float32) -> list[Float32]:
         """Return the reference view's colours (v, u, 3), halved ever more up to the coarsest level."""
@@ -386,6 +390,28 @@ class DepthEstimator:
         Mirrors do not change.
         """
         return range(len(self.others)) if track is None else [track.frame % len(self.others)]
+
+    def _refined(
+        self,
+        result: _SearchResult,
+        pyramid: list[Float32],
+        reference: ViewPicture,
+        others: list[ViewPicture],
+        noise: float,
+        earlier: Float32 | None,
+    ) -> tuple[Float32, DepthMap]:
+        """Return refined planes (j, i) of the last level, and the depth map; a video has `earlier` refined planes."""
+        spacing = self._refiner.spacing
+        gradients = list(
+            self._run(lambda view: GradientPicture.of(view.brightness, view.interior, spacing), [reference, *others])
+        )
+        steps = self._effort.steps, self._effort.iterations
+        planes, match, smoothness = self._refiner.refined(result.planes, gradients[0], gradients[1:], *steps, earlier)
+        full = planes
+        if spacing > 1:
+            full = self._enlarged(planes, pyramid, self._levels[-1], self._full)
+            match, smoothness = match.enlarged(self._full.shape), doubled(smoothness, self._full.shape)
+        return planes, self._depth_map(full, match, smoothness, result, reference, noise)
 
     def _depth_map(
         self,

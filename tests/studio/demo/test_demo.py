@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import os
 import re
 import subprocess
 import sys
@@ -159,3 +160,21 @@ def test_without_webgl_the_page_says_so_and_shows_the_rest(flat_browser: Any, pa
         assert "no WebGL 2" in watched.page.inner_text("#failed")
         assert drawn(watched, "refocus", {"focus": 40}).std() > 30.0
         assert watched.page.locator("#points circle").count() > 100
+
+
+@pytest.mark.slow
+def test_the_code_compiled_ahead_is_that_which_the_frame_needs(tmp_path: Path) -> None:
+    def run(call: str) -> set[str]:
+        program = (
+            "from pathlib import Path\nfrom mirrorcam.studio.demo.decoded_frame import DecodedFrame, compile_ahead\n"
+            f"{call}(Path({str(SHIPPED / 'frame.jpg')!r}), Path({str(SHIPPED / 'layout.json')!r}))"
+        )
+        environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+        subprocess.run([sys.executable, "-c", program], env=environment, check=True)
+        return {path.name for path in tmp_path.rglob("*.nbc")}
+
+    ahead, needed = run("compile_ahead"), run("DecodedFrame.of")
+    functions = {name.split("-")[0] for name in needed}
+    assert {"semiglobal._paths", "refine_kernels.conjugate_gradients"} <= {name.split("-")[0] for name in ahead}
+    # A call with other types would have compiled a function again.
+    assert len(functions) == len(needed)

@@ -24,6 +24,8 @@ WIDTH_PX = 480
 BETWEEN = 2
 """Views between adjacent ones: with fewer, a blurred background becomes separate copies."""
 STEPS = 5
+COMPILED_PX = 64
+"""Width of views that are only there to compile the code."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,3 +69,9 @@ class DecodedFrame:
         features = FeatureFinder(light_field, "ORB").find(light_field)
         progress(5, STEPS)
         return cls(read_bytes(frame, LARGEST_FRAME_BYTES), light_field, depths, dense, features)
+
+
+def compile_ahead(frame: Path, layout: Path) -> None:
+    """Compile, at the first use, the second half of what `DecodedFrame.of` needs, in another process meanwhile."""
+    light_field = Decoder(Layout.load(layout), width_px=COMPILED_PX).decode(read_image(frame))
+    DepthEstimator(light_field).compile_ahead(light_field)

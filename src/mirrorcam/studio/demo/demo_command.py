@@ -30,17 +30,26 @@ def demo(
         mirrorcam decode output/demo/frame.jpg --layout output/demo/layout.json
     """
     import webbrowser
+    from contextlib import closing
 
     from mirrorcam.core.disk.files import read_bytes, write_bytes, write_text
     from mirrorcam.core.disk.output_folder import output_folder
-    from mirrorcam.studio.demo.decoded_frame import LARGEST_FRAME_BYTES, DecodedFrame
+    from mirrorcam.core.processes.worker_pool import in_two_processes
+    from mirrorcam.studio.demo.decoded_frame import LARGEST_FRAME_BYTES, DecodedFrame, compile_ahead
     from mirrorcam.studio.demo.demo_page import demo_page
 
     source = Path(__file__).parent
-    with output_folder(out, "demo", force=force) as output:
+    inputs = source / FRAME, source / LAYOUT
+    with (
+        output_folder(out, "demo", force=force) as output,
+        in_two_processes(preload=["mirrorcam.studio.demo.decoded_frame"]) as calls,
+    ):
         output.refuse_others(PAGE, FRAME, LAYOUT)
-        with long_work("demo", "9 views, depth and features of one frame") as advance:
-            decoded = DecodedFrame.of(source / FRAME, source / LAYOUT, advance)
+        with (
+            long_work("demo", "9 views, depth and features of one frame") as advance,
+            closing(calls([(DecodedFrame.of, (*inputs, advance)), (compile_ahead, inputs)])) as results,
+        ):
+            decoded = next(results)
         with output.staged() as folder:
             for name in (FRAME, LAYOUT):
                 write_bytes(folder / name, read_bytes(source / name, LARGEST_FRAME_BYTES))
