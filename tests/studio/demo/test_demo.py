@@ -155,6 +155,15 @@ def test_everything_is_accessible(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("width", "columns"), [(1400, 3), (940, 2), (800, 2), (390, 1)])
+def test_the_panels_fill_their_rows(browser: Any, page: Path, width: int, columns: int) -> None:
+    with opened(browser, page, (width, 900)) as watched:
+        tops = watched.page.eval_on_selector_all(".panel", "all => all.map((panel) => panel.offsetTop)")
+        assert sorted(tops) == tops
+        assert [tops.count(top) for top in dict.fromkeys(tops)] == [columns] * (len(tops) // columns)
+
+
+@pytest.mark.slow
 def test_without_webgl_the_page_says_so_and_shows_the_rest(flat_browser: Any, page: Path) -> None:
     with opened(flat_browser, page) as watched:
         assert "no WebGL 2" in watched.page.inner_text("#failed")
