@@ -111,7 +111,9 @@ def brep(csg: PlanarCsg, body: Manifold) -> Solid:
     """One B-rep solid with a face for the connected triangles of each plane; raises ValueError if it is invalid."""
     mesh = body.to_mesh64()
     corners = np.array(mesh.vert_properties)
-    triangles, planes = _welded(corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id))
+    triangles, planes = _welded(
+        corners, np.asarray(mesh.tri_verts, dtype=np.int64), np.asarray(mesh.face_id, dtype=np.int64)
+    )
     faces = _faces(triangles, _planes_without_needles(corners, triangles, planes))
     faces = _without_redundant_corners(_without_spikes(corners, faces))
     corners = _moved_onto_planes(csg, corners, faces)
@@ -139,12 +141,22 @@ def _moved_onto_planes(csg: PlanarCsg, corners: FloatArray, faces: Sequence[Face
 
 
 def _welded(
-    corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.uint64]
+    corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Triangles (n, 3) and their planes (n,) with edges shorter than `CORNER_MM` collapsed.
 
-    Short edges arise where the same plane was computed twice with different rounding.
+    Short edges arise where the same plane was computed twice with different rounding. Corners that coincide need not
+    share an edge: between them may lie pairs of degenerate triangles with a common longest edge, which are flipped.
     """
+    while True:
+        triangles, planes = _without_short_edges(corners, triangles, planes)
+        if not _flip_needles(corners, triangles):
+            return triangles, planes
+
+
+def _without_short_edges(
+    corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     representative = np.arange(len(corners))
     for i in range(3):
         start, end = triangles[:, i], triangles[:, (i + 1) % 3]
@@ -161,7 +173,44 @@ def _welded(
             keep[[index, faces.pop(key)]] = False
         else:
             faces[key] = index
-    return welded[keep], planes[keep].astype(np.int64)
+    return welded[keep], planes[keep]
+
+
+def _flip_needles(corners: FloatArray, triangles: NDArray[np.int64]) -> bool:
+    """Flip, in place, the longest edges that two degenerate triangles share; return whether there are any."""
+    beyond = _beyond_longest_edge(corners, triangles)
+    edges = set(_owners(triangles))
+    flipped = False
+    for needle, other in beyond.items():
+        if needle > other or beyond.get(other) != needle:
+            continue
+        shared = set(triangles[needle].tolist()) & set(triangles[other].tolist())
+        first, second = (next(i for i in range(3) if t[i] not in shared) for t in triangles[[needle, other]])
+        apex, start, end = np.roll(triangles[needle], -first).tolist()
+        opposite = int(triangles[other][second])
+        if (apex, opposite) in edges or (opposite, apex) in edges:
+            continue
+        triangles[needle], triangles[other] = (apex, start, opposite), (apex, opposite, end)
+        edges |= {(apex, opposite), (opposite, apex)}
+        flipped = True
+    return flipped
+
+
+def _owners(triangles: NDArray[np.int64]) -> dict[tuple[int, int], int]:
+    """The triangle to the left of each directed edge."""
+    return {(int(t[i]), int(t[(i + 1) % 3])): index for index, t in enumerate(triangles) for i in range(3)}
+
+
+def _beyond_longest_edge(corners: FloatArray, triangles: NDArray[np.int64]) -> dict[int, int]:
+    """The triangle beyond the longest edge of each degenerate triangle."""
+    ends = corners[triangles]
+    sides = np.linalg.norm(np.roll(ends, -1, axis=1) - ends, axis=2)
+    doubled_areas = np.linalg.norm(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), axis=1)
+    owner, beyond = _owners(triangles), dict[int, int]()
+    for needle in np.flatnonzero(doubled_areas < CORNER_MM * sides.max(axis=1)).tolist():
+        edge = int(sides[needle].argmax())
+        beyond[needle] = owner[(int(triangles[needle][(edge + 1) % 3]), int(triangles[needle][edge]))]
+    return beyond
 
 
 def _short_edges(
@@ -178,15 +227,7 @@ def _planes_without_needles(
 
     In any other face, a degenerate triangle would connect areas that only touch.
     """
-    ends = corners[triangles]
-    sides = np.linalg.norm(np.roll(ends, -1, axis=1) - ends, axis=2)
-    doubled_areas = np.linalg.norm(np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0]), axis=1)
-    needles = np.flatnonzero(doubled_areas < CORNER_MM * sides.max(axis=1)).tolist()
-    owner = {(int(t[i]), int(t[(i + 1) % 3])): index for index, t in enumerate(triangles) for i in range(3)}
-    adjacent = {}
-    for needle in needles:
-        edge = int(sides[needle].argmax())
-        adjacent[needle] = owner[(int(triangles[needle][(edge + 1) % 3]), int(triangles[needle][edge]))]
+    adjacent = _beyond_longest_edge(corners, triangles)
     planes = planes.copy()
     while True:
         # In a row of needles, each takes the plane of the next.
@@ -199,7 +240,7 @@ def _planes_without_needles(
 
 def _faces(triangles: NDArray[np.int64], planes: NDArray[np.int64]) -> list[Face]:
     """Plane and boundary loops of every connected face, without corners at which only two faces meet."""
-    owner = {(int(corners[i]), int(corners[(i + 1) % 3])): t for t, corners in enumerate(triangles) for i in range(3)}
+    owner = _owners(triangles)
     face = np.full(len(triangles), -1)
     count = 0
     for start in range(len(triangles)):
