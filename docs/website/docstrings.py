@@ -7,13 +7,11 @@ from typing import Any
 
 from docutils import nodes
 from pydantic import BaseModel
-from pydantic_core import PydanticUndefined
 from sphinx.application import Sphinx
 from sphinx.util.docstrings import prepare_docstring
 
 BEFORE_NAPOLEON, AFTER_NAPOLEON = 100, 900
 ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
-ANNOTATED = re.compile(r"Annotated\[(\w+), [^\]]*\]")
 
 NAME_AND_TEXT = re.compile(r"(\w+(?:, \w+)*) : (.*)")
 SECTIONS = ("Parameters", "Attributes", "Raises")
@@ -35,25 +33,11 @@ def with_text_below(lines: list[str]) -> list[str]:
     return result
 
 
-def field_lines(model: type[BaseModel]) -> list[str]:
-    """A section "Parameters" in NumPy's style of the fields of a model."""
-    lines = ["", "Parameters", "----------"]
-    for name, field in model.model_fields.items():
-        annotation = next(base.__annotations__[name] for base in model.__mro__ if name in vars(base)["__annotations__"])
-        default = "" if field.default in (PydanticUndefined, None) else f", default {field.default!r}"
-        kind = ANNOTATED.sub(r"\1", str(annotation))
-        lines += [f"{field.alias or name} : {kind}{default}"]
-        lines += [f"    {field.description}"] if field.description else []
-    return lines
-
-
 def _describe(app: Sphinx, kind: str, name: str, value: Any, options: Any, lines: list[str]) -> None:
     lines[:] = with_text_below(lines)
     if kind == "class" and "Attributes" in lines:
         # The attributes of a frozen value are the parameters of its constructor.
         lines[lines.index("Attributes")] = "Parameters"
-    elif kind == "class" and issubclass(value, BaseModel):
-        lines += field_lines(value)
     # Docstrings mark `names` as in Markdown, which Sphinx would set in italics.
     lines[:] = [re.sub(r"(?<![`:])`([^`]+)`(?!`)", r"``\1``", line) for line in lines]
 

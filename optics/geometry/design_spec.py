@@ -94,7 +94,7 @@ class DesignSpec(Value):
         exclude_if=lambda pattern: pattern is None,
         description="positions of the views instead of rows and columns: hex7, hex19, ring8 or a JSON or TOML file",
     )
-    scale_mm: float = LENGTH_MM.field(80.0, "height of the central mirror above the pupil")
+    scale_mm: float = LENGTH_MM.field(80.0, "distance from the pupil to the central mirror, along the optical axis")
     fold_deg: Annotated[float, FOLD_DEG.limits] | Literal["auto"] = Field(
         default=120.0,
         description="angle from the camera's axis to the views' axis: auto, which chooses the best whole degree, or "

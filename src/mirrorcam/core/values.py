@@ -24,6 +24,7 @@ from pydantic import (
     field_validator,
     model_serializer,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, core_schema
 from pydantic_core.core_schema import ValidationInfo
 
@@ -233,6 +234,14 @@ def _adapt(schema: Any) -> None:
             pending += part
 
 
+def _described(field: FieldInfo) -> str:
+    """The description of a field, with its default if that is a number or a text."""
+    default = (
+        f"default {field.default!r}" if isinstance(field.default, int | float | str) and field.default != "" else ""
+    )
+    return ", ".join(filter(None, (field.description, default)))
+
+
 class Value(BaseModel):
     """A frozen value without unknown keys, NaN or infinities; equal if all fields are equal.
 
@@ -251,10 +260,9 @@ class Value(BaseModel):
 
     @classmethod
     def __pydantic_init_subclass__(cls, **options: Any) -> None:
-        """List the fields in the docstring, so that `help` shows their descriptions."""
-        described = {name: field for name, field in cls.model_fields.items() if field.description}
-        if described and "Attributes\n" not in (cls.__doc__ or ""):
-            lines = (f"{name}\n    {field.description}" for name, field in described.items())
+        """List the fields in the docstring, so that `help` shows their descriptions and defaults."""
+        if cls.model_fields and "Attributes\n" not in (cls.__doc__ or ""):
+            lines = (f"{name}\n    {_described(field)}".rstrip() for name, field in cls.model_fields.items())
             cls.__doc__ = "\n".join((inspect.cleandoc(cls.__doc__ or ""), "", "Attributes", "-" * 10, *lines))
 
     def __init__(self, **fields: Any) -> None:

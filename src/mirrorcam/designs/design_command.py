@@ -51,7 +51,8 @@ class DesignChanges:
         ),
     ] = None
     scale_mm: Annotated[
-        float | None, bounded(LENGTH_MM, "height of the central mirror above the pupil", unset="80")
+        float | None,
+        bounded(LENGTH_MM, "distance from the pupil to the central mirror, along the optical axis", unset="80"),
     ] = None
     fold_deg: Annotated[
         float | Literal["auto"] | None,

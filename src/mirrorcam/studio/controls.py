@@ -213,7 +213,7 @@ _VIEWS = (
         most=200,
         log=True,
         allowed=(10.0, 1000.0),
-        help="Height of the central mirror above the lens. A larger device has longer baselines, so finer depth; it "
+        help="Distance of the central mirror from the lens. A larger device has longer baselines, so finer depth; it "
         "is heavier, and its views overlap only farther away.",
     ),
     Control(
@@ -338,7 +338,7 @@ _LIMITS = (
         least=0,
         most=5,
         step=0.1,
-        help="Seen from the lens, at the height of the central mirror: room for mirrors out of position.",
+        help="Seen from the lens, at the distance of the central mirror: room for mirrors out of position.",
     ),
     Control(
         name="body_clearance_mm",
