@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mirrorcam.cad.holder.planar_csg import PlanarCsg, _planes_without_needles, brep
+from mirrorcam.cad.holder.planar_csg import PlanarCsg, _planes_without_needles, _welded, brep
 from mirrorcam.cad.plan.prisms import box
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.core.values import FloatArray
@@ -71,6 +71,15 @@ def test_corners_nearer_than_a_tenth_of_a_micrometre_are_one() -> None:
     solid = brep(csg, body)
     assert solid.is_valid
     assert min(edge.length for edge in solid.edges()) > 1e-4
+
+
+def test_corners_at_one_place_are_merged_across_two_needles() -> None:
+    """An edge of a tetrahedron, from corner 0 to 1, has corner 4 on one side and 5 on the other, at the same place."""
+    corners = np.array([[0.0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10], [4, 0, 0], [4, 0, 0]])
+    triangles = np.array([[0, 4, 2], [4, 1, 2], [0, 1, 4], [1, 0, 5], [1, 5, 3], [5, 0, 3], [0, 2, 3], [1, 3, 2]])
+    found, planes = _welded(corners, triangles, np.array([0, 0, 0, 1, 1, 1, 2, 3]))
+    assert found.tolist() == [[0, 4, 2], [4, 1, 2], [1, 4, 3], [4, 0, 3], [0, 2, 3], [1, 3, 2]]
+    assert planes.tolist() == [0, 0, 1, 1, 2, 3]
 
 
 def test_a_solid_inside_out_is_refused() -> None:
