@@ -7,6 +7,7 @@ holder's back. The mount prints parallel to the bed's sides, rotated, or cut in 
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -334,18 +335,41 @@ def _lightest(
     """The lightest profile that is stiff enough and fits the bed; raises InputError if there is none."""
     limit = hardware.mount.tilt_deg
     candidates = sorted(profiles(holder, clip, lean, hardware), key=lambda profile: profile.volume_mm3)
-    stiff: Profile | None = None
-    for profile in candidates:
+
+    @cache
+    def is_stiff(number: int) -> bool:
         # The beam has no openings and is stiffer: if it tilts too far, so do the plates.
-        if beam_tilt_deg(profile, load_g, load_at) > limit or not prints(profile, holder, hardware):
+        thin = thinned(candidates[number], THINNER_MM)
+        return (
+            beam_tilt_deg(candidates[number], load_g, load_at) <= limit
+            and bending(thin, holder, clip, load_g, load_at, hardware)[0] <= limit
+        )
+
+    # Of one depth and thickness, wider mounts are stiffer: if the narrowest is not stiff enough, bisection is faster.
+    by_section: dict[tuple[float, float], list[int]] = {}
+    for number, profile in enumerate(candidates):
+        by_section.setdefault((profile.section.skin_mm, profile.section.depth_mm), []).append(number)
+    for numbers in by_section.values():
+        numbers.sort(key=lambda number: candidates[number].section.width_mm)
+
+    @cache
+    def first_stiff(section: tuple[float, float]) -> int:
+        """The place of the narrowest stiff mount among those of a section; their number if none is."""
+        numbers = by_section[section]
+        return bisect_left(numbers, True, key=is_stiff) if is_stiff(numbers[-1]) else len(numbers)
+
+    stiff: Profile | None = None
+    for number, profile in enumerate(candidates):
+        section = profile.section.skin_mm, profile.section.depth_mm
+        place = by_section[section].index(number)
+        if not (is_stiff(number) if place == 0 else place >= first_stiff(section)):
+            continue
+        if not prints(profile, holder, hardware):
             continue
         placement = place_on_bed(profile.inner, profile.outer, hardware)
-        if placement is None and stiff is not None:
-            continue
-        if bending(thinned(profile, THINNER_MM), holder, clip, load_g, load_at, hardware)[0] <= limit:
-            if placement is not None:
-                return profile, placement
-            stiff = profile
+        if placement is not None:
+            return profile, placement
+        stiff = profile
     if stiff is None:
         printable = [profile for profile in candidates if prints(profile, holder, hardware)]
         if not printable:

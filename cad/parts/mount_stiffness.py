@@ -5,9 +5,11 @@ The modulus of a perforated strip is reduced as for a plate with holes, in close
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
-from itertools import pairwise
+from itertools import compress, pairwise
+from typing import Self
 
 import numpy as np
 from shapely import LineString, Point, Polygon, box
@@ -20,6 +22,7 @@ from mirrorcam.cad.plan.prisms import clip_loop
 from mirrorcam.cad.plan.seats import Frustum
 from mirrorcam.cad.plan.stiffness import POISSON, FoldedPlates, Section
 from mirrorcam.core.values import FloatArray
+from mirrorcam.optics.geometry.mirror_gaps import stacked
 
 # Larger than any opening and strip.
 FAR_MM = 500.0
@@ -27,22 +30,54 @@ FAR_MM = 500.0
 TOUCH_MM = 1e-6
 
 
-def softening(
-    start: FloatArray, end: FloatArray, half_width_mm: float, cuts: Iterable[Frustum | Bore | Hexagon]
-) -> float:
+@dataclass(frozen=True)
+class ThroughCuts:
+    """Openings that may go through a strip, and the corners (n, corners, 2; y and z) that contain them, seen along x.
+
+    Pockets for nuts do not, and are left out.
+    """
+
+    cuts: tuple[Frustum | Bore, ...]
+    profiles: FloatArray
+
+    @classmethod
+    def of(cls, cuts: Iterable[Frustum | Bore | Hexagon]) -> Self:
+        """Return the openings among the cuts of a part."""
+        through = tuple(cut for cut in cuts if not isinstance(cut, Hexagon))
+        return cls(through, stacked([_profile(cut) for cut in through]) if through else np.zeros((0, 1, 2)))
+
+    def meeting(self, start: FloatArray, end: FloatArray) -> Iterator[Frustum | Bore]:
+        """Yield the openings that may meet a strip: not all their corners are on one side of it, or beyond an end."""
+        length = float(np.linalg.norm(end - start))
+        y, z = (end - start) / length
+        along, left = np.moveaxis((self.profiles - start) @ np.array([[y, -z], [z, y]]), -1, 0)
+        crossing = (left.min(axis=1) < -TOUCH_MM) & (left.max(axis=1) > TOUCH_MM)
+        return compress(self.cuts, crossing & (along.min(axis=1) < length) & (along.max(axis=1) > 0.0))
+
+
+def _profile(cut: Frustum | Bore) -> FloatArray:
+    """Corners (n, 2; y and z) whose convex hull contains a cut, seen along x."""
+    if isinstance(cut, Frustum):
+        return np.vstack([cut.base, cut.top])[:, 1:]
+    axis = cut.axis[1:] / np.linalg.norm(cut.axis[1:])
+    across = (cut.radius_mm + cut.travel_mm / 2.0) * np.array([-axis[1], axis[0]])
+    return cut.mouth[1:] + np.array([-across, across, cut.depth_mm * axis - across, cut.depth_mm * axis + across])
+
+
+def softening(start: FloatArray, end: FloatArray, half_width_mm: float, cuts: ThroughCuts) -> float:
     """Ratio of a strip's compliance along its length with openings to its compliance without.
 
     The strip is a plate between two points (2,; y and z), `half_width_mm` to either side of x = 0. An ellipse with the
     axes 2 a normal to the stress and 2 b along it adds its fraction of the area times 1 + 2 a / b (Kachanov 1992,
     Effective elastic properties of cracked solids; holes without interaction). An opening of another shape counts as
-    the ellipse of the same width and length. Pockets for nuts are not through holes and are neglected.
+    the ellipse of the same width and length.
     """
     length = float(np.linalg.norm(end - start))
     band = box(-half_width_mm, -FAR_MM, half_width_mm, FAR_MM)
     strip = box(-half_width_mm, 0.0, half_width_mm, length)
     ratio = 1.0
-    for cut in cuts:
-        opening = _in_plane(cut, start, (end - start) / length) if _may_meet(cut, start, end) else None
+    for cut in cuts.meeting(start, end):
+        opening = _in_plane(cut, start, (end - start) / length)
         if opening is None or not opening.intersects(strip):
             continue
         opening = opening.intersection(band)
@@ -52,24 +87,11 @@ def softening(
     return ratio
 
 
-def _may_meet(cut: Frustum | Bore | Hexagon, start: FloatArray, end: FloatArray) -> bool:
-    """Return whether a cut may meet a strip: False if all its corners are on one side of it, or beyond one end."""
-    if not isinstance(cut, Frustum):
-        return True
-    length = float(np.linalg.norm(end - start))
-    y, z = (end - start) / length
-    local = (np.vstack([cut.base, cut.top])[:, 1:] - start) @ np.array([[y, -z], [z, y]])
-    (first, left), (last, right) = local.min(axis=0), local.max(axis=0)
-    return bool(left < -TOUCH_MM and right > TOUCH_MM and first < length and last > 0.0)
-
-
-def _in_plane(cut: Frustum | Bore | Hexagon, start: FloatArray, tangent: FloatArray) -> Polygon | None:
+def _in_plane(cut: Frustum | Bore, start: FloatArray, tangent: FloatArray) -> Polygon | None:
     """Section of a cut by the plane that x spans with a line from a point along a tangent, both (2,; y and z).
 
     Coordinates are x and the distance along the line; None if the cut does not meet the plane.
     """
-    if isinstance(cut, Hexagon):
-        return None
     if isinstance(cut, Frustum):
         loop = np.array([(-FAR_MM, -FAR_MM), (FAR_MM, -FAR_MM), (FAR_MM, FAR_MM), (-FAR_MM, FAR_MM)])
         for normal, offset in zip(*cut.half_spaces, strict=True):
@@ -186,7 +208,8 @@ def mount_compliance(
         *((start, end, section.web_mm) for start, end in webs.webs),
     ]
     half_width = section.width_mm / 2.0
-    ratios = np.array([softening(start, end, half_width, cuts) for start, end, _ in strips])
+    through = ThroughCuts.of(cuts)
+    ratios = np.array([softening(start, end, half_width, through) for start, end, _ in strips])
     plates = FoldedPlates(
         strips=np.array([(edges.at(start), edges.at(end)) for start, end, _ in strips]),
         edges=np.array(edges.points),

@@ -13,7 +13,7 @@ import pytest
 from mirrorcam.cad.assembly.device_plan import Device
 from mirrorcam.cad.parts.mount import Profile, beam_tilt_deg, head_screws, profiles
 from mirrorcam.cad.parts.mount_openings import openings
-from mirrorcam.cad.parts.mount_stiffness import disc_on_solid, mount_compliance, softening
+from mirrorcam.cad.parts.mount_stiffness import ThroughCuts, disc_on_solid, mount_compliance, softening
 from mirrorcam.cad.plan.fasteners import Bore, Hexagon
 from mirrorcam.cad.plan.hardware import HARDWARE
 from mirrorcam.cad.plan.prisms import box
@@ -31,32 +31,34 @@ def hole(z_mm: float, *, travel_mm: float = 0.0, flat: bool = True) -> Bore:
 
 def test_a_round_hole_adds_three_times_its_fraction_of_the_area() -> None:
     expected = 1.0 + 3.0 * np.pi * 9.0 / AREA
-    assert softening(START, END, HALF, [hole(20.0)]) == pytest.approx(expected, rel=1e-3)
-    two = softening(START, END, HALF, [hole(10.0), hole(30.0)])
+    assert softening(START, END, HALF, ThroughCuts.of([hole(20.0)])) == pytest.approx(expected, rel=1e-3)
+    two = softening(START, END, HALF, ThroughCuts.of([hole(10.0), hole(30.0)]))
     assert two - 1.0 == pytest.approx(2.0 * (expected - 1.0), rel=1e-2)
 
 
 def test_a_slot_along_the_stress_softens_less_than_its_area_would() -> None:
-    slot = softening(START, END, HALF, [hole(20.0, travel_mm=8.0)])
+    slot = softening(START, END, HALF, ThroughCuts.of([hole(20.0, travel_mm=8.0)]))
     assert slot == pytest.approx(1.0 + (np.pi * 9.0 + 48.0) / AREA * (1.0 + 2.0 * 6.0 / 14.0), rel=1e-3)
 
 
 def test_a_roof_makes_a_hole_wider() -> None:
-    roofed, flat = (softening(START, END, HALF, [hole(20.0, flat=flat)]) for flat in (False, True))
+    roofed, flat = (softening(START, END, HALF, ThroughCuts.of([hole(20.0, flat=flat)])) for flat in (False, True))
     assert roofed > flat
 
 
 def test_a_window_normal_to_the_stress() -> None:
     window = box((-10.0, 0.0, 10.0), (10.0, 10.0, 15.0))
-    assert softening(START, END, HALF, [window]) == pytest.approx(1.0 + 100.0 / AREA * (1.0 + 2.0 * 20.0 / 5.0))
+    assert softening(START, END, HALF, ThroughCuts.of([window])) == pytest.approx(
+        1.0 + 100.0 / AREA * (1.0 + 2.0 * 20.0 / 5.0)
+    )
 
 
 def test_a_hole_over_the_end_of_strips_is_shared_by_both() -> None:
     halves = [
-        softening(start, end, HALF, [hole(20.0)]) - 1.0
+        softening(start, end, HALF, ThroughCuts.of([hole(20.0)])) - 1.0
         for start, end in ((START, np.array([5.0, 20.0])), (np.array([5.0, 20.0]), END))
     ]
-    whole = softening(START, END, HALF, [hole(20.0)]) - 1.0
+    whole = softening(START, END, HALF, ThroughCuts.of([hole(20.0)])) - 1.0
     assert sum(halves) == pytest.approx(2.0 * whole, rel=1e-2)  # of strips half as long
 
 
@@ -64,9 +66,9 @@ def test_an_oblique_strip_is_cut_over_more_of_its_length() -> None:
     """At 45 deg a round bore is an ellipse with its long axis along the stress."""
     start, end = np.array([0.0, 0.0]), np.array([10.0, 10.0])
     expected = 1.0 + np.pi * 9.0 * np.sqrt(2.0) / (np.hypot(10.0, 10.0) * 50.0) * (1.0 + 2.0 / np.sqrt(2.0))
-    assert softening(start, end, HALF, [Bore(np.array([0.0, -1.0, 5.0]), ALONG_Y, 3.0, 20.0, UP, ceiling_mm=20.0)]) == (
-        pytest.approx(expected, rel=1e-3)
-    )
+    assert softening(
+        start, end, HALF, ThroughCuts.of([Bore(np.array([0.0, -1.0, 5.0]), ALONG_Y, 3.0, 20.0, UP, ceiling_mm=20.0)])
+    ) == (pytest.approx(expected, rel=1e-3))
 
 
 def test_openings_that_are_blind_or_outside_do_not_soften() -> None:
@@ -75,7 +77,7 @@ def test_openings_that_are_blind_or_outside_do_not_soften() -> None:
     touching = box((-10.0, 5.0, 10.0), (10.0, 10.0, 15.0))
     aside, beyond = box((-10.0, 6.0, 10.0), (10.0, 10.0, 15.0)), box((-10.0, 0.0, 50.0), (10.0, 10.0, 60.0))
     along = Bore(np.array([0.0, 5.0, -5.0]), np.array([0.0, 0.0, 1.0]), 3.0, 10.0, UP)
-    assert softening(START, END, HALF, [nut, short, touching, aside, beyond, along]) == 1.0
+    assert softening(START, END, HALF, ThroughCuts.of([nut, short, touching, aside, beyond, along])) == 1.0
 
 
 G = 9.80665e-3
