@@ -133,7 +133,7 @@ def spacer_mm(layout: Layout, hardware: Hardware) -> float:
     if len(layout.mirrors) < 2 or hardware.holder.mirrors == "screws":
         return 0.0
     layer = PRINT_SETTINGS.layer_mm
-    spacer = round(np.floor(smallest_gap_mm(layout) / layer + 1e-6) * layer, 3)
+    spacer = round(np.floor(smallest_gap_mm(layout.mirrors) / layer + 1e-6) * layer, 3)
     return spacer if spacer >= hardware.printer.floor_mm else 0.0
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, model_validator
+from pydantic import Field, ModelWrapValidatorHandler, model_validator
 from shapely import LinearRing, Polygon
 
 from mirrorcam.core.bounds import LENGTH_MM, OFFSET_MM, REFRACTIVE_INDEX
@@ -64,8 +64,16 @@ class Mirror(Value):
         default_factory=lambda: np.zeros(3), validate_default=True, exclude_if=lambda curvature: not np.any(curvature)
     )
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
+    @model_validator(mode="wrap")
+    @classmethod
+    def _checked_once(cls, given: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        mirror = handler(given)
+        if mirror is not given:  # a layout is given mirrors that are checked
+            mirror._check()
+        return mirror
+
+    def _check(self) -> None:
+        """Raise ValueError unless the outline is a convex polygon in front of the camera, on a nearly flat plane."""
         if self.distance_mm < 1e-3:
             raise ValueError(f"virtual centre {self.virtual_centre_in_rig_mm.tolist()} coincides with the pupil")
         if self.is_second_surface and self.distance_mm <= self.front_mm:
@@ -97,7 +105,6 @@ class Mirror(Value):
             raise ValueError("outline has no area, expected a convex polygon")
         if not (areas > -1e-9 * scale).all() and not (areas < 1e-9 * scale).all():
             raise ValueError("outline is not convex, expected a convex polygon")
-        return self
 
     @classmethod
     def from_plane(

@@ -12,7 +12,6 @@ from scipy.optimize import nnls
 from shapely import Polygon
 
 from mirrorcam.core.values import FloatArray
-from mirrorcam.optics.geometry.layout import Layout
 from mirrorcam.optics.geometry.mirror import Mirror
 
 
@@ -69,11 +68,11 @@ def pairs_closer_than(mirrors: Sequence[Mirror], gap_mm: float) -> list[tuple[in
     return [(int(i), int(j)) for i, j in candidates if hull_distance(corners[i], corners[j]) < gap_mm]
 
 
-def smallest_gap_mm(layout: Layout) -> float:
+def smallest_gap_mm(mirrors: Sequence[Mirror]) -> float:
     """Smallest distance between the solids of any two mirrors, mm; 0 if two meet, infinite for a single mirror."""
-    corners = [mirror.solid.corners_in_rig_mm for mirror in layout.mirrors]
+    corners = [mirror.solid.corners_in_rig_mm for mirror in mirrors]
     first, second = np.triu_indices(len(corners), 1)
-    bounds = _min_gaps_mm(layout.mirrors)[first, second]
+    bounds = _min_gaps_mm(mirrors)[first, second]
     smallest = float("inf")
     for k in np.argsort(bounds, kind="stable"):
         if bounds[k] >= smallest:

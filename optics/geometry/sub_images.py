@@ -6,7 +6,7 @@ Depths count from the pupil along the view axis. Regions at a depth are polygons
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
@@ -122,6 +122,8 @@ class FieldsOfView:
     directions: FloatArray
     corner_slices: dict[int, slice]
     sub_images: tuple[Polygon, ...]
+    _regions: dict[float, tuple[Polygon, list[Polygon]]] = field(default_factory=dict, init=False, repr=False)
+    """The results of `common_region`, which many figures need at the same depths."""
 
     def footprints(self, depth_mm: float) -> list[Polygon]:
         """The region of the plane at a depth that each view sees; empty if it sees none.
@@ -143,9 +145,11 @@ class FieldsOfView:
 
     def common_region(self, depth_mm: float) -> tuple[Polygon, list[Polygon]]:
         """The region of the plane at a depth that all views see, which may be empty, and the footprint of each."""
-        footprints = self.footprints(depth_mm)
-        region = shapely.intersection_all(footprints)
-        return (region if isinstance(region, Polygon) else Polygon()), footprints
+        if depth_mm not in self._regions:
+            footprints = self.footprints(depth_mm)
+            region = shapely.intersection_all(footprints)
+            self._regions[depth_mm] = (region if isinstance(region, Polygon) else Polygon()), footprints
+        return self._regions[depth_mm]
 
     def pixel_efficiency(self, region: Polygon, depth_mm: float) -> float:
         """Fraction of the sensor's pixels that see a region of the plane at a depth, over all sub-images."""

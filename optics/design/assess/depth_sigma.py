@@ -53,13 +53,16 @@ ANGLES, RADII, MAX_RADIUS = 16, 24, 3.5
 DEPTH_UNKNOWN = "it would exceed the depth itself: the views are too blurred, or too close together, to measure depth"
 
 
-def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict[str, Metric]:
+def depth_sigma_metrics(
+    views: FieldsOfView, depths_mm: Sequence[float], grid_points: int = GRID_POINTS
+) -> dict[str, Metric]:
     """Expected standard deviation of depth at each depth: the mean over the region common to all views.
 
-    `views` are the unvignetted fields of view. Depths at which they have no common region are omitted; a standard
-    deviation greater than the depth is reported as unknown.
+    The mean is taken over a square grid of points, `grid_points` along each side. `views` are the unvignetted fields of
+    view. Depths at which they have no common region are omitted; a standard deviation greater than the depth is
+    reported as unknown.
     """
-    sigmas = {depth_mm: mean_depth_sigma_mm(views, depth_mm) for depth_mm in depths_mm}
+    sigmas = {depth_mm: mean_depth_sigma_mm(views, depth_mm, grid_points) for depth_mm in depths_mm}
     return {
         f"depth_sigma_{depth_mm:g}mm": Metric(
             value=sigma, unit="mm", reason="" if math.isfinite(sigma) else DEPTH_UNKNOWN
@@ -69,13 +72,13 @@ def depth_sigma_metrics(views: FieldsOfView, depths_mm: Sequence[float]) -> dict
     }
 
 
-def mean_depth_sigma_mm(views: FieldsOfView, depth_mm: float) -> float | None:
+def mean_depth_sigma_mm(views: FieldsOfView, depth_mm: float, grid_points: int = GRID_POINTS) -> float | None:
     """Mean of the expected standard deviation of depth, mm, over the common region; None if that is empty.
 
     None also for a single view, which shows no depth. Infinite if it would exceed the depth, because the bound holds
     only for small errors and is astronomical for blurred views.
     """
-    points = _points(views, depth_mm)
+    points = _points(views, depth_mm, grid_points)
     if len(points) == 0 or len(views.layout.mirrors) == 1:
         return None
     sigma = float(depth_sigma_mm(views.layout, points).mean())
@@ -116,13 +119,13 @@ def depth_sigma_mm(layout: Layout, points_in_view_mm: FloatArray) -> FloatArray:
     return sigma
 
 
-def _points(views: FieldsOfView, depth_mm: float) -> FloatArray:
+def _points(views: FieldsOfView, depth_mm: float, grid_points: int) -> FloatArray:
     """Points (n, 3) of the common region at a depth, in view axes."""
     region, _ = views.common_region(depth_mm)
     if region.is_empty:
         return np.zeros((0, 3))
     left, low, right, high = region.bounds
-    fractions = (np.arange(GRID_POINTS) + 0.5) / GRID_POINTS
+    fractions = (np.arange(grid_points) + 0.5) / grid_points
     x, y = (grid.ravel() for grid in np.meshgrid(left + fractions * (right - left), low + fractions * (high - low)))
     inside = shapely.contains_xy(region, x, y)
     return np.column_stack([x, y, np.full(len(x), depth_mm)])[inside]

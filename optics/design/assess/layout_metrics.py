@@ -12,7 +12,7 @@ from shapely import Polygon, union_all
 from mirrorcam.core.errors import InputError
 from mirrorcam.core.values import FloatArray, Metric
 from mirrorcam.optics.design.assess.chief_rays import apparent_offset_mm
-from mirrorcam.optics.design.assess.depth_sigma import depth_sigma_metrics
+from mirrorcam.optics.design.assess.depth_sigma import GRID_POINTS, depth_sigma_metrics
 from mirrorcam.optics.design.assess.focus import focus_metrics
 from mirrorcam.optics.geometry.camera import Camera
 from mirrorcam.optics.geometry.layout import Layout
@@ -201,7 +201,7 @@ def _sizes(layout: Layout) -> dict[str, Metric]:
         "largest_area_mm2": Metric(value=max(areas), unit="mm²"),
     }
     if len(layout.mirrors) > 1:
-        sizes["smallest_gap_mm"] = Metric(value=smallest_gap_mm(layout), unit="mm", lower_is_better=False)
+        sizes["smallest_gap_mm"] = Metric(value=smallest_gap_mm(layout.mirrors), unit="mm", lower_is_better=False)
     return sizes
 
 
@@ -218,7 +218,13 @@ def _plate_offsets(layout: Layout, depths_mm: Sequence[float]) -> dict[str, Metr
     }
 
 
-def evaluate(layout: Layout, depths_mm: Sequence[float], unvignetted: FieldsOfView | None = None) -> dict[str, Metric]:
+def evaluate(
+    layout: Layout,
+    depths_mm: Sequence[float],
+    unvignetted: FieldsOfView | None = None,
+    *,
+    grid_points: int = GRID_POINTS,
+) -> dict[str, Metric]:
     """Figures of merit of a layout, as defined in docs/conventions.md.
 
     Parameters
@@ -226,6 +232,7 @@ def evaluate(layout: Layout, depths_mm: Sequence[float], unvignetted: FieldsOfVi
     layout : layout of any kind.
     depths_mm : working depths; the field of view is measured at the farthest.
     unvignetted : the layout's `fields_of_view` for its camera's pupil, if already computed.
+    grid_points : points along each side of the grid over which the standard deviation of depth is averaged.
 
     Returns
     -------
@@ -248,6 +255,6 @@ def evaluate(layout: Layout, depths_mm: Sequence[float], unvignetted: FieldsOfVi
     metrics |= _depth_range(views, depths_mm)
     metrics |= focus_metrics(views, depths_mm)
     metrics |= _disparities(layout, depths_mm)
-    metrics |= depth_sigma_metrics(usable, depths_mm)
+    metrics |= depth_sigma_metrics(usable, depths_mm, grid_points)
     metrics |= _sizes(layout)
     return metrics | _plate_offsets(layout, depths_mm)

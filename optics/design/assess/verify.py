@@ -103,7 +103,7 @@ def verify(layout: Layout, spec: DesignSpec) -> dict[str, Metric]:
     if len(mirrors) > 1:
         gap_mm = smallest_sub_image_gap(mirrors) * spec.scale_mm
         minima["smallest_seen_gap_mm"] = (gap_mm, spec.seen_gap_mm, LENGTH_TOLERANCE_MM, "mm")
-        minima["smallest_gap_mm"] = (smallest_gap_mm(layout), spec.spacing_mm, LENGTH_TOLERANCE_MM, "mm")
+        minima["smallest_gap_mm"] = (smallest_gap_mm(layout.mirrors), spec.spacing_mm, LENGTH_TOLERANCE_MM, "mm")
     for name, (value, requested, tolerance, unit) in minima.items():
         limit = max(requested - tolerance, 0.0)
         verdict[name] = Metric(value=float(value), unit=unit, limit=limit, lower_is_better=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,7 @@ class Seed:
         return np.asarray(np.linalg.norm(np.diff(np.array(faces)[:, :3], axis=1), axis=-1))
 
 
+@lru_cache(maxsize=64)
 def sensor_rectangle(camera: Camera) -> FloatArray:
     """The largest axis-aligned rectangle ((u_low, v_low), (u_high, v_high)), normalized, inside the sensor.
 
@@ -85,6 +86,7 @@ def sensor_rectangle(camera: Camera) -> FloatArray:
         raise InputError(
             f"camera {camera.name}: distortion {camera.distortion.tolist()} is not monotonic on the sensor"
         )
+    rectangle.setflags(write=False)
     return rectangle
 
 
@@ -261,10 +263,10 @@ def layout_of(spec: DesignSpec, mirrors: tuple[Mirror, ...], made_by: dict[str, 
         raise InfeasibleDesign("spacing", str(error)) from None
 
 
-def _parabola_with_gap(spec: DesignSpec, gap: float) -> Layout:
+def _parabola_with_gap(spec: DesignSpec, gap: float) -> tuple[Mirror, ...]:
     corners = tiles(spec.replaced(sides=4), gap)
     centres = parabola_centres(corners.mean(axis=1), spec.scale_mm, spec.view_from_rig)
-    return layout_of(spec, mirrors_of(spec, centres, corners), {"made_by": "optics.design.seeds.faceted_parabola"})
+    return mirrors_of(spec, centres, corners)
 
 
 def faceted_parabola(spec: DesignSpec) -> Layout:
@@ -276,17 +278,18 @@ def faceted_parabola(spec: DesignSpec) -> Layout:
     low, high = sensor_rectangle(spec.camera)
     max_gap = float(((high - low) / np.maximum(tile_positions(spec.arrangement).max(axis=0), 1)).min())
 
+    @cache
     def excess_mm(gap: float) -> float:
         return smallest_gap_mm(_parabola_with_gap(spec, gap)) - spec.spacing_mm
 
-    low_gap, high_gap = 1e-7, 0.98 * max_gap
-    if excess_mm(low_gap) >= 0:
-        return _parabola_with_gap(spec, low_gap)
-    missing_mm = -excess_mm(high_gap)
-    if missing_mm > 0:
-        raise InfeasibleDesign(
-            "spacing",
-            f"facets {spec.spacing_mm:g} mm apart do not fit the parabola at scale {spec.scale_mm:g} mm: "
-            f"they are {missing_mm:.3g} mm too close at any size",
-        )
-    return _parabola_with_gap(spec, brentq(excess_mm, low_gap, high_gap, xtol=1e-7) + 2e-7)
+    gap, high_gap = 1e-7, 0.98 * max_gap
+    if excess_mm(gap) < 0:
+        missing_mm = -excess_mm(high_gap)
+        if missing_mm > 0:
+            raise InfeasibleDesign(
+                "spacing",
+                f"facets {spec.spacing_mm:g} mm apart do not fit the parabola at scale {spec.scale_mm:g} mm: "
+                f"they are {missing_mm:.3g} mm too close at any size",
+            )
+        gap = brentq(excess_mm, gap, high_gap, xtol=1e-7) + 2e-7
+    return layout_of(spec, _parabola_with_gap(spec, gap), {"made_by": "optics.design.seeds.faceted_parabola"})

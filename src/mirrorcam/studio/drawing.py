@@ -13,7 +13,7 @@ from mirrorcam.core.errors import InputError
 from mirrorcam.core.figures.figure_labels import LABELS
 from mirrorcam.core.figures.figure_texts import NONE, label_text, limit_text, sentence_case, value_text
 from mirrorcam.core.values import FloatArray, Metric
-from mirrorcam.optics.design.assess.depth_sigma import mean_depth_sigma_mm
+from mirrorcam.optics.design.assess.depth_sigma import GRID_POINTS, mean_depth_sigma_mm
 from mirrorcam.optics.design.assess.layout_metrics import evaluate, fitted_grid
 from mirrorcam.optics.design.assess.monte_carlo import study
 from mirrorcam.optics.design.assess.verify import verify
@@ -51,6 +51,8 @@ NEUTRAL = ("best_focus_mm",)
 """Figures of which neither the lower nor the higher is better."""
 
 CURVE_POINTS, COARSE_CURVE_POINTS = 33, 9
+COARSE_GRID_POINTS = 5
+"""Points along each side of the grid over which the standard deviation of depth is averaged in previews."""
 MAX_DEPTH_RATIO = 2.2
 """Largest depth of the curves, relative to the farthest working depth."""
 MM_DECIMALS, PX_DECIMALS, RAY_DECIMALS = 2, 1, 5
@@ -59,13 +61,15 @@ MM_DECIMALS, PX_DECIMALS, RAY_DECIMALS = 2, 1, 5
 def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawing:
     """Return the drawing of a layout for a spec, with the figures of the layout if it has them.
 
-    Previews, drawn while a slider moves, have no checks and coarser curves. Raises InputError if a working depth is
-    nearer than the mirrors.
+    Previews, drawn while a slider moves, have no checks, coarser curves and a rougher standard deviation of depth.
+    Raises InputError if a working depth is nearer than the mirrors.
     """
     depths_mm = sorted(spec.depths_mm)
     views = fields_of_view(layout, layout.camera.pupil)
-    metrics = layout.metrics or evaluate(layout, depths_mm, views)
-    verdict = layout.verdict or ({} if kind != "exact" else verify(layout, spec))
+    coarse = kind != "exact"
+    grid_points = COARSE_GRID_POINTS if coarse else GRID_POINTS
+    metrics = layout.metrics or evaluate(layout, depths_mm, views, grid_points=grid_points)
+    verdict = layout.verdict or ({} if coarse else verify(layout, spec))
     grid, spacings = fitted_grid(layout)
     return DesignDrawing(
         kind=kind,
@@ -89,7 +93,7 @@ def design_drawing(layout: Layout, spec: DesignSpec, kind: Kind) -> DesignDrawin
         grid_mm=_rounded(grid.reshape(-1, 3), MM_DECIMALS),
         neighbours=layout.arrangement.neighbours,
         central=layout.central_index,
-        curves=_curves(layout, views, spacings, depths_mm, coarse=kind != "exact"),
+        curves=_curves(layout, views, spacings, depths_mm, coarse=coarse),
         figures=_with_fields(grouped_figures(metrics), views, depths_mm) | {DEVICE: device_figures(layout)},
         verdict=[_figure(name, metric) for name, metric in verdict.items()],
     )

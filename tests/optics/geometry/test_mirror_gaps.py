@@ -57,11 +57,14 @@ def test_smallest_gap_counts_the_thickness_of_mirrors() -> None:
         mirrors=(mirror_seeing((-60, -19, 60, 120), 80.0), mirror_seeing((19, 60, 60, 120), 80.0)),
     )
     gap_mm = 2.0 * 19.0 / 380.0 * float(flat.mirrors[0].outline_in_rig_mm[:, 2].min())
-    assert smallest_gap_mm(flat) == pytest.approx(gap_mm)
-    assert smallest_gap_mm(with_thickness(flat, 4.0)) == pytest.approx(gap_mm)
+    assert smallest_gap_mm(flat.mirrors) == pytest.approx(gap_mm)
+    assert smallest_gap_mm(with_thickness(flat, 4.0).mirrors) == pytest.approx(gap_mm)
     parabola = faceted_parabola(DesignSpec(rows=1, cols=2, spacing_mm=3.0))
     in_front = [mirror.replaced(surface="second") for mirror in with_thickness(parabola, 4.0).mirrors]
-    assert hull_distance(*(mirror.solid.corners_in_rig_mm for mirror in in_front)) < smallest_gap_mm(parabola) - 0.5
+    assert (
+        hull_distance(*(mirror.solid.corners_in_rig_mm for mirror in in_front))
+        < smallest_gap_mm(parabola.mirrors) - 0.5
+    )
 
 
 def with_thickness(layout: Layout, thickness_mm: float) -> Layout:
@@ -71,7 +74,7 @@ def with_thickness(layout: Layout, thickness_mm: float) -> Layout:
 def test_the_smallest_gap_is_that_of_the_closest_pair(default_layout: Layout) -> None:
     solids = [mirror.solid.corners_in_rig_mm for mirror in default_layout.mirrors]
     gaps = {(i, j): hull_distance(solids[i], solids[j]) for i, j in combinations(range(len(solids)), 2)}
-    assert smallest_gap_mm(default_layout) == min(gaps.values())
+    assert smallest_gap_mm(default_layout.mirrors) == min(gaps.values())
     for gap_mm in (0.5, 1.2, 5.0, 30.0):
         assert pairs_closer_than(default_layout.mirrors, gap_mm) == sorted(p for p, gap in gaps.items() if gap < gap_mm)
     assert len(pairs_closer_than(default_layout.mirrors, 30.0)) > 10

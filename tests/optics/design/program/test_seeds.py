@@ -180,7 +180,7 @@ def test_parabola_of_any_size_is_in_order(rows: int, cols: int, scale_mm: float)
     x, y, _ = np.moveaxis(layout.virtual_centres_in_view_mm, -1, 0)
     assert (np.diff(x, axis=1) > 0).all(), "columns run to the right of the view"
     assert (np.diff(y, axis=0) > 0).all(), "rows run down the view"
-    assert smallest_gap_mm(layout) == pytest.approx(1.0, abs=1e-3)
+    assert smallest_gap_mm(layout.mirrors) == pytest.approx(1.0, abs=1e-3)
     for k in range(rows * cols):
         assert_allclose(
             layout.mirrors[k].outline_in_rig_mm @ layout.mirrors[k].normal_in_rig, -layout.mirrors[k].distance_mm
