@@ -358,7 +358,7 @@ def test_files_of_a_design_are_saved_and_opened_again(page: Watched, studio: tup
     page.page.click("#build-tab")
 
     def saved(button: str) -> Path:
-        with page.page.expect_download() as download:
+        with page.page.expect_download(timeout=120_000) as download:  # a report takes long: it studies devices as built
             page.page.click(f"[data-file={button}]")
         path = tmp_path / download.value.suggested_filename
         download.value.save_as(path)
