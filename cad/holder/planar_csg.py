@@ -157,6 +157,7 @@ def _welded(
 def _without_short_edges(
     corners: FloatArray, triangles: NDArray[np.int64], planes: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Triangles and their planes after one pass over the edges shorter than `CORNER_MM`, which collapse."""
     representative = np.arange(len(corners))
     for i in range(3):
         start, end = triangles[:, i], triangles[:, (i + 1) % 3]

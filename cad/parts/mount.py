@@ -369,7 +369,7 @@ def _lightest(
         placement = place_on_bed(profile.inner, profile.outer, hardware)
         if placement is not None:
             return profile, placement
-        stiff = profile
+        stiff = stiff or profile
     if stiff is None:
         printable = [profile for profile in candidates if prints(profile, holder, hardware)]
         if not printable:

@@ -148,8 +148,8 @@ def test_fields_are_described_in_the_docstring_and_given_ones_shown() -> None:
 
         width_mm: float = Field(default=1.0, description="extent along x")
 
-    assert str(Described.__doc__).startswith("A thing.\n\nAttributes\n----------\npoint\n")
-    assert str(Described.__doc__).endswith("\nwidth_mm\n    extent along x, default 1.0")
+    fields = "point\nsize_mm\n    default 1.0\nnotes\nwidth_mm\n    extent along x, default 1.0"
+    assert Described.__doc__ == f"A thing.\n\nAttributes\n----------\n{fields}"
     assert repr(Described(point=[0, 0, 0])).endswith("Described(point=array([0., 0., 0.]))")
 
 

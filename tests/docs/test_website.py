@@ -245,7 +245,8 @@ def test_formulas_are_drawn_by_the_browser_and_fields_are_described(site: Path) 
     assert "$" not in re.sub(r"<(script|style).*?</\1>", "", theory, flags=re.DOTALL)
     names = (site / "reference" / "names.html").read_text(encoding="utf-8")
     fields = re.sub(r"<[^>]+>", "", names)
-    assert re.search(r"scale_mm \(float\) . distance from the pupil to the central mirror.*, default 80\.0", fields)
+    description = "distance from the pupil to the central mirror, along the optical axis, 0.001 to 100000, default 80.0"
+    assert re.search(rf"scale_mm \(float\) . {re.escape(description)}", fields)
     assert "TypeAliasForwardRef" not in names
     assert " at 0x" not in names
 
